@@ -1,0 +1,63 @@
+"""What a person at a terminal sees: tables and progress; plain and silent in a pipe."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TypeVar
+
+Item = TypeVar("Item")
+
+
+def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> None:
+    """Print a table on standard output, columns of numbers to the right: framed on a terminal, bare in a pipe.
+
+    In a pipe no cell is wrapped or cut, however long the line.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    cells = [[str(cell) for cell in row] for row in rows]
+    on_terminal = sys.stdout.isatty()
+    table = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, title_justify="left")
+    table.title = Text(title, style="bold") if title else None
+    for column, header in enumerate(headers):
+        numeric = bool(cells) and all(_is_number(row[column]) for row in cells)
+        table.add_column(header, justify="right" if numeric else "left", overflow="fold")
+    for row in cells:
+        table.add_row(*(Text(cell) for cell in row))
+    Console(width=None if on_terminal else 100_000).print(table)
+
+
+@contextmanager
+def stage(description: str) -> Iterator[None]:
+    """Say on a terminal what is going on while the block runs; nothing is left on the screen afterwards."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(description):
+        yield
+
+
+def track(items: Sequence[Item], description: str) -> Iterator[Item]:
+    """The items one by one, with a progress bar on a terminal."""
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    from rich.console import Console
+    from rich.progress import track as rich_track
+
+    yield from rich_track(items, description=description, console=Console(stderr=True), transient=True)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", ""))
+    except ValueError:
+        return cell in ("", "-")
+    return True

@@ -1,0 +1,82 @@
+"""Plugins found by entry points and loaded on first use; one that is broken never hides another.
+
+A distribution offers a plugin by a line in its ``pyproject.toml``::
+
+    [project.entry-points."elvis.commands"]
+    hello = "my_package.hello:hello"
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+
+from elvis.formats.errors import ElvisError
+
+#: group of entry points -> what one of them names
+GROUPS = {
+    "elvis.commands": "a click command",
+    "elvis.converters": "a conversion plugin",
+    "elvis.volumes": "a runtime plugin",
+    "elvis.devices": "a device",
+}
+#: our own plugins come first, so that no other distribution can take their names away
+_OWN = "elvis-viz"
+
+
+class PluginError(ElvisError):
+    """A plugin that does not exist, does not load, or is not what its group asks for."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """An entry point that may not have been loaded yet.
+
+    distribution  its name and version, as ``elvis-viz 0.1.0``
+    """
+
+    group: str
+    name: str
+    distribution: str
+    entry_point: EntryPoint
+
+    def load(self) -> object:
+        """The object that the entry point names; whatever goes wrong in its import is a PluginError that says so."""
+        try:
+            return self.entry_point.load()
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise PluginError(f"{self} does not load: {reason}") from error
+
+    def __str__(self) -> str:
+        return f"{self.group} plugin {self.name!r} ({self.entry_point.value} of {self.distribution})"
+
+
+def plugins(group: str) -> dict[str, Plugin]:
+    """The plugins of a group by name, sorted; of several under one name, ours, else that of the first distribution."""
+    chosen: dict[str, Plugin] = {}
+    for plugin in every_plugin(group):
+        chosen.setdefault(plugin.name, plugin)
+    return chosen
+
+
+def every_plugin(group: str) -> list[Plugin]:
+    """All plugins of a group, also those that share a name; the one that counts comes first."""
+    found = [_plugin(point) for point in entry_points(group=group)]
+    return sorted(found, key=lambda p: (p.name, not p.distribution.startswith(_OWN + " "), p.distribution))
+
+
+def load(group: str, name: str) -> object:
+    """The object that plugin ``name`` of ``group`` names.
+
+    Raises PluginError where there is none, naming those that exist, and where it does not load.
+    """
+    known = plugins(group)
+    if name not in known:
+        raise PluginError(f"there is no {group} plugin {name!r}; there are: {', '.join(known) or 'none'}")
+    return known[name].load()
+
+
+def _plugin(point: EntryPoint) -> Plugin:
+    owner = f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
+    return Plugin(point.group, point.name, owner, point)
