@@ -11,7 +11,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
 from elvis.formats.errors import FormatError
-from elvis.formats.quadrature import jacobi_roots
+from elvis.formats.quadrature import line_nodes
 
 
 class PointsType(IntEnum):
@@ -64,63 +64,57 @@ class PointsType(IntEnum):
 
     @property
     def is_triangular(self) -> bool:
-        """Whether the nodes lie on a triangle; all families that `nodes` knows lie on a line."""
+        """Whether the nodes lie on a triangle."""
         return self in (self.TRIANGLE_ELECTROSTATIC, self.TRIANGLE_FEKETE, self.TRIANGLE_EVENLY_SPACED)
 
 
 #: names in files, by number
 _LABELS = (
-    "NoPointsType GaussGaussLegendre GaussRadauMLegendre GaussRadauPLegendre GaussLobattoLegendre GaussGaussChebyshev "
-    "GaussRadauMChebyshev GaussRadauPChebyshev GaussLobattoChebyshev GaussRadauMAlpha0Beta1 GaussRadauMAlpha0Beta2 "
-    "GaussRadauMAlpha1Beta0 GaussRadauMAlpha2Beta0 GaussKronrodLegendre GaussRadauKronrodMLegendre "
-    "GaussRadauKronrodMAlpha1Beta0 GaussLobattoKronrodLegendre PolyEvenlySpaced FourierEvenlySpaced "
-    "FourierSingleModeSpaced BoundaryLayerPoints BoundaryLayerPointsRev NodalTriElec NodalTriFekete "
-    "NodalTriEvenlySpaced NodalTetEvenlySpaced NodalTetElec NodalPrismEvenlySpaced NodalPrismElec NodalTriSPI "
-    "NodalTetSPI NodalPrismSPI NodalQuadElec NodalHexElec"
-).split()
+    "NoPointsType",
+    "GaussGaussLegendre",
+    "GaussRadauMLegendre",
+    "GaussRadauPLegendre",
+    "GaussLobattoLegendre",
+    "GaussGaussChebyshev",
+    "GaussRadauMChebyshev",
+    "GaussRadauPChebyshev",
+    "GaussLobattoChebyshev",
+    "GaussRadauMAlpha0Beta1",
+    "GaussRadauMAlpha0Beta2",
+    "GaussRadauMAlpha1Beta0",
+    "GaussRadauMAlpha2Beta0",
+    "GaussKronrodLegendre",
+    "GaussRadauKronrodMLegendre",
+    "GaussRadauKronrodMAlpha1Beta0",
+    "GaussLobattoKronrodLegendre",
+    "PolyEvenlySpaced",
+    "FourierEvenlySpaced",
+    "FourierSingleModeSpaced",
+    "BoundaryLayerPoints",
+    "BoundaryLayerPointsRev",
+    "NodalTriElec",
+    "NodalTriFekete",
+    "NodalTriEvenlySpaced",
+    "NodalTetEvenlySpaced",
+    "NodalTetElec",
+    "NodalPrismEvenlySpaced",
+    "NodalPrismElec",
+    "NodalTriSPI",
+    "NodalTetSPI",
+    "NodalPrismSPI",
+    "NodalQuadElec",
+    "NodalHexElec",
+)
 _FROM_LABEL = {label: PointsType(number) for number, label in enumerate(_LABELS)}
-
-#: Gauss-Jacobi families: alpha, beta, whether -1 is a node, whether +1 is a node
-_JACOBI: dict[PointsType, tuple[float, float, bool, bool]] = {
-    PointsType.GAUSS_LEGENDRE: (0, 0, False, False),
-    PointsType.RADAU_M_LEGENDRE: (0, 0, True, False),
-    PointsType.RADAU_P_LEGENDRE: (0, 0, False, True),
-    PointsType.LOBATTO_LEGENDRE: (0, 0, True, True),
-    PointsType.GAUSS_CHEBYSHEV: (-0.5, -0.5, False, False),
-    PointsType.RADAU_M_CHEBYSHEV: (-0.5, -0.5, True, False),
-    PointsType.RADAU_P_CHEBYSHEV: (-0.5, -0.5, False, True),
-    PointsType.LOBATTO_CHEBYSHEV: (-0.5, -0.5, True, True),
-    PointsType.RADAU_M_ALPHA0_BETA1: (0, 1, True, False),
-    PointsType.RADAU_M_ALPHA0_BETA2: (0, 2, True, False),
-    PointsType.RADAU_M_ALPHA1_BETA0: (1, 0, True, False),
-    PointsType.RADAU_M_ALPHA2_BETA0: (2, 0, True, False),
-}
 
 
 @cache
 def nodes(family: PointsType, count: int) -> Floats:
     """(count,) nodes of a family on the line, ascending in [-1, 1].
 
-    FormatError for a family that isn't on the line or whose nodes depend on more than their number, and where the
-    family has no rule of so few nodes.  Node z_i of a Gauss-Jacobi family: the prescribed end points and the roots of
-    the Jacobi polynomial whose weight each end point raises by one (Karniadakis and Sherwin, appendix B).
+    FormatError for a family that isn't on the line or isn't supported, and where it has no rule of so few nodes.
     """
-    if family in _JACOBI:
-        return frozen_floats(_gauss_jacobi_nodes(family, count))
-    if family is PointsType.POLY_EVENLY_SPACED and count > 1:
-        return frozen_floats(np.linspace(-1.0, 1.0, count))
-    if family is PointsType.FOURIER_EVENLY_SPACED and count > 0:
-        return frozen_floats(-1.0 + 2.0 * np.arange(count) / count)
-    raise FormatError(f"expected a family of nodes on the line, found {count} nodes of {family.label}")
-
-
-def _gauss_jacobi_nodes(family: PointsType, count: int) -> Floats:
-    alpha, beta, low, high = _JACOBI[family]
-    inner = count - low - high
-    if inner < 0 or count == 0:
-        raise FormatError(f"expected at least {max(1, low + high)} nodes of {family.label}, found {count}")
-    roots = jacobi_roots(inner, alpha + high, beta + low)
-    return np.concatenate([[-1.0] * low, roots, [1.0] * high])
+    return frozen_floats(line_nodes(family.label, count))
 
 
 @cache
@@ -128,7 +122,8 @@ def triangle_nodes(family: PointsType, count: int) -> Floats:
     """(count (count + 1) / 2, 2) nodes xi on the reference triangle for ``count`` nodes an edge.
 
     In the order of files: vertices; inner nodes of edges v0v1, v1v2, v2v0; interior.  FormatError for other families
-    and where the tables (ten digits, 2 to 14 nodes an edge) end; evenly spaced nodes exist for every count >= 2.
+    and where the tables have no entry (2 to 14 nodes an edge, ten digits; no Fekete nodes for 11, where the published
+    table repeats a node); evenly spaced nodes exist for every count >= 2.
     """
     if family is PointsType.TRIANGLE_EVENLY_SPACED and count > 1:
         return frozen_floats(_evenly_spaced_triangle(count))
