@@ -24,7 +24,7 @@ def jacobi_roots(count: int, alpha: float, beta: float) -> Floats:
     """(count,) ascending roots of P_count^{alpha,beta}: Golub-Welsch eigenvalues, polished by Newton's method."""
     if count == 0:
         return np.empty(0)
-    roots: Floats = np.linalg.eigvalsh(_jacobi_matrix(count, alpha, beta))
+    roots = np.linalg.eigvalsh(_jacobi_matrix(count, alpha, beta)).astype(np.float64)
     for _ in range(3):
         values, slopes = jacobi_with_derivative(count, alpha, beta, roots)
         roots = roots - values[-1] / slopes[-1]
