@@ -1,8 +1,8 @@
 """The ``elvis`` command: subcommands from the entry points ``elvis.commands``, one way of ending for all of them.
 
-Exit status: 0 when all went well, 2 after a usage error, 130 after an interrupt, 1 after any other failure; one sentence
-on standard error goes with each failure.  A command is a ``click.Command`` whose module imports the heavy things inside
-its functions, because ``elvis --help`` loads them all.
+Exit status: 0 when all went well, 2 after a usage error, 130 after an interrupt, 1 after any other failure; one
+sentence on standard error goes with each failure.  A command is a ``click.Command`` whose module imports the heavy
+things inside its functions, because ``elvis --help`` loads them all.
 """
 
 from __future__ import annotations

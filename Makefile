@@ -1,0 +1,43 @@
+# The two commands of the README are `make demo` and `make test`.  Each sets everything up first, once.
+
+RUN   := .venv/bin/python
+AREAS := formats plugins converters renderer reference
+READY := .venv/.ready
+
+.PHONY: help demo test lint bench setup clean
+
+help:
+	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
+	@echo "make test    set up, then lint, check the types and run every test"
+	@echo "make lint    ruff and mypy alone"
+	@echo "make bench   the benchmarks, a printed table"
+	@echo "make setup   set up again, also the system packages"
+	@echo "make clean   remove everything that these commands made"
+
+demo: $(READY)
+	@$(RUN) examples/demo.py
+
+test: lint
+	@$(RUN) -m pytest
+
+lint: $(READY)
+	@$(RUN) -m ruff check
+	@$(RUN) -m ruff format --check
+	@$(RUN) -m mypy $(AREAS)
+
+bench: $(READY)
+	@$(RUN) -m pip install --quiet --editable '.[benchmark]'
+	@$(RUN) benchmarks/run.py
+
+setup:
+	@rm -f $(READY)
+	@$(MAKE) --no-print-directory $(READY)
+
+clean:
+	rm -rf .venv out dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamp is newer than what it depends on once everything is installed; then nothing is done again.
+$(READY): pyproject.toml tools/setup.sh tools/vulkan.sh
+	@sh tools/setup.sh
+	@touch $@

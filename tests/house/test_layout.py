@@ -1,0 +1,40 @@
+"""The house stands as it should: areas, namespace, what may not be written into a file."""
+
+import re
+
+import pytest
+
+AREAS = ("formats", "plugins", "converters", "renderer", "reference")
+
+#: written so that this file does not match itself
+REGISTRIES = re.compile(
+    r"py[p]i\.org|python[h]osted|deb\.d[e]bian|archive\.u[b]untu|crates\.i[o]\b|npm[j]s|proxy\.gol[a]ng|repo1?\.mav[e]n",
+    re.I,
+)
+MACHINE_PATHS = re.compile(r"(?<![\w.~-])/(?:wor[k]|roo[t]|hom[e])/\w")
+
+
+def test_no_module_hides_the_areas(root):
+    assert not list(root.glob("*/elvis/__init__.py"))
+
+
+@pytest.mark.parametrize("area", AREAS)
+def test_every_area_has_its_page_and_its_types(root, area):
+    assert (root / area / "README.md").is_file()
+    assert (root / area / "elvis" / area / "py.typed").is_file()
+    assert [folder.name for folder in (root / area / "elvis").iterdir() if folder.name != "__pycache__"] == [area]
+
+
+@pytest.mark.parametrize("pattern", [REGISTRIES, MACHINE_PATHS], ids=["registry", "machine path"])
+def test_files_name_no_registry_and_no_machine(root, project_files, pattern):
+    found = []
+    for path in project_files:
+        text = path.read_bytes().decode(errors="ignore")
+        found += [f"{path.relative_to(root)}: {match.group()}" for match in pattern.finditer(text)]
+    assert not found
+
+
+def test_the_patterns_catch_what_they_should():
+    assert REGISTRIES.search("https://" + "py" + "pi.org/simple")
+    assert MACHINE_PATHS.search("see /" + "work/main")
+    assert not MACHINE_PATHS.search("framework/main ../work/x")

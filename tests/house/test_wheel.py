@@ -1,0 +1,93 @@
+"""What is installed is what was tested: the wheel in an environment of its own, used from an empty folder."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+
+import pytest
+
+#: tests that need no more of the checkout than their own files
+AGAINST_THE_WHEEL = ("tests/plugins", "tests/formats")
+
+
+def run(command, **options):
+    process = subprocess.run(command, capture_output=True, text=True, timeout=600, **options)
+    assert process.returncode == 0, process.stdout[-3000:] + process.stderr[-3000:]
+    return process.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(root, tmp_path_factory):
+    """The built wheel."""
+    folder = tmp_path_factory.mktemp("dist")
+    run([sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, root], cwd=folder)
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def environment(wheel, tmp_path_factory):
+    """The ``bin`` of an environment that holds the wheel; the packages it depends on come from this environment.
+
+    A path in a ``.pth`` file adds that folder but not the ``.pth`` files in it, so the editable install stays outside.
+    """
+    folder = tmp_path_factory.mktemp("environment")
+    run([sys.executable, "-m", "venv", "--without-pip", folder])
+    python = folder / "bin" / "python"
+    ask = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    site = run([python, "-c", ask]).strip()
+    paths = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+    with open(os.path.join(site, "dependencies.pth"), "w") as file:
+        file.write("\n".join(sorted(paths)) + "\n")
+    run([sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", "--no-index", wheel])
+    return folder / "bin"
+
+
+def test_every_file_of_the_areas_is_in_the_wheel(root, wheel, project_files):
+    inside = set(zipfile.ZipFile(wheel).namelist())
+    wanted = {
+        path.relative_to(root).as_posix().partition("/")[2]
+        for path in project_files
+        if path.relative_to(root).parts[1:2] == ("elvis",)
+    }
+    assert not wanted - inside
+    assert any(name.endswith(".slang") for name in wanted)
+    assert sum(name.endswith("py.typed") for name in wanted) == 5
+
+
+def test_nothing_else_is_in_the_wheel(wheel):
+    strays = {name for name in zipfile.ZipFile(wheel).namelist() if not name.startswith(("elvis/", "elvis_viz-"))}
+    assert not strays
+
+
+def test_the_installed_modules_are_those_of_the_wheel(environment, tmp_path):
+    code = "import elvis.formats.errors as e, elvis.plugins as p; print(e.__file__); print(p.__file__)"
+    for line in run([environment / "python", "-c", code], cwd=tmp_path).splitlines():
+        assert line.startswith(str(environment.parent))
+
+
+def test_every_module_of_the_wheel_imports(environment, tmp_path):
+    code = (
+        "import elvis, importlib, pkgutil\n"
+        "for module in pkgutil.walk_packages(elvis.__path__, 'elvis.'): importlib.import_module(module.name)"
+    )
+    run([environment / "python", "-W", "error", "-c", code], cwd=tmp_path)
+
+
+def test_every_command_shows_its_help(environment, tmp_path):
+    listing = run([environment / "elvis", "--help"], cwd=tmp_path)
+    names = [line.split()[0] for line in listing.partition("Commands:\n")[2].splitlines() if line[2:3].strip()]
+    assert {"info", "norms", "probe", "plugins"} <= set(names)
+    for name in names:
+        assert "Usage: elvis" in run([environment / "elvis", name, "--help"], cwd=tmp_path)
+
+
+def test_the_tests_pass_against_the_wheel(root, environment, tmp_path):
+    configuration = tmp_path / "pytest.ini"
+    configuration.write_text("[pytest]\naddopts = --import-mode=importlib\nfilterwarnings = error\n")
+    where = ["-c", configuration, "--rootdir", tmp_path, "-p", "no:cacheprovider"]
+    chosen = [root / folder for folder in AGAINST_THE_WHEEL]
+    environ = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "PYTHONPATH"))}
+    run([environment / "python", "-m", "pytest", "-q", "-x", *where, *chosen], cwd=tmp_path, env=environ)

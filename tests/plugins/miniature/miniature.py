@@ -1,0 +1,46 @@
+"""A tiny distribution that offers commands: good ones, one that fails in every way, and some that never load."""
+
+import click
+
+from elvis.formats.errors import ElvisError
+
+
+@click.command("hello", short_help="Greet.")
+@click.option("--name", default="world")
+def hello(name):
+    """Greet NAME."""
+    click.echo(f"hello {name}")
+
+
+@click.command("fail", short_help="Fail.")
+@click.argument("how")
+def fail(how):
+    """Fail in the way asked for."""
+    failures = {
+        "format": ElvisError("wing.xml: VERTEX 3:\n expected 3 numbers,\tfound \x1b[31m2"),
+        "file": FileNotFoundError(2, "No such file or directory", "/nowhere/wing.xml"),
+        "memory": MemoryError("Unable to allocate 8 TiB"),
+        "interrupt": KeyboardInterrupt(),
+        "bug": KeyError("jacobian"),
+        "wordless": AssertionError(),
+    }
+    raise failures[how]
+
+
+@click.command("warn", short_help="Warn.")
+def warn():
+    """Warn as a library would."""
+    import warnings
+
+    warnings.warn("old API", DeprecationWarning, stacklevel=1)
+    warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+
+
+@click.command("flood", short_help="Print much.")
+def flood():
+    """Print more than a pipe holds."""
+    for number in range(200_000):
+        click.echo(number)
+
+
+not_a_command = "text"

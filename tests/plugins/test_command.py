@@ -1,0 +1,179 @@
+"""The ``elvis`` command as a process: its exit statuses, its one sentence, its manners in a pipe."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
+
+
+@pytest.fixture
+def elvis(miniature):
+    """Run ``elvis`` with the miniature distribution installed."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(miniature), *sys.path])}
+    environment.pop("ELVIS_DEBUG", None)
+
+    def run(*arguments, **options):
+        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
+        environ = environment | options.pop("env", {})
+        return subprocess.run([*ELVIS, *arguments], env=environ, timeout=60, **options)
+
+    return run
+
+
+def one_sentence(process):
+    """The single line on standard error, without the name of the program; an interrupt ends the line before it."""
+    lines = process.stderr.strip().splitlines()
+    assert len(lines) == 1, process.stderr
+    assert lines[0].startswith("elvis: error: ")
+    return lines[0].removeprefix("elvis: error: ")
+
+
+def test_help_lists_every_command_even_broken_ones(elvis):
+    process = elvis("--help")
+    assert process.returncode == 0
+    assert process.stderr == ""
+    for name in ("plugins", "hello", "fail"):
+        assert f"\n  {name} " in process.stdout
+    for name in ("raises", "absent", "text"):
+        assert f"\n  {name} " in process.stdout
+    assert process.stdout.count("(does not load, see elvis plugins)") == 3
+
+
+def test_no_arguments_print_the_help(elvis):
+    assert elvis().stdout == elvis("--help").stdout
+
+
+def test_version_is_that_of_the_distribution(elvis):
+    from importlib.metadata import version
+
+    assert elvis("--version").stdout == f"elvis {version('elvis-viz')}\n"
+
+
+def test_a_command_of_another_distribution_runs(elvis):
+    assert elvis("hello", "--name", "you").stdout == "hello you\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["helo"], "there is no command 'helo'; did you mean hello? (see elvis --help)"),
+        (["xyzzy"], "there is no command 'xyzzy' (see elvis --help)"),
+        (["fail"], "Missing argument 'HOW' (see elvis fail --help)"),
+    ],
+)
+def test_usage_errors(elvis, arguments, sentence):
+    process = elvis(*arguments)
+    assert process.returncode == 2
+    assert one_sentence(process) == sentence
+
+
+def test_an_unknown_option_names_it(elvis):
+    process = elvis("hello", "--nam", "you")
+    assert process.returncode == 2
+    assert "--nam" in one_sentence(process)
+
+
+@pytest.mark.parametrize(
+    ("how", "status", "sentence"),
+    [
+        ("format", 1, "wing.xml: VERTEX 3: expected 3 numbers, found ?[31m2"),
+        ("file", 1, "/nowhere/wing.xml: No such file or directory"),
+        ("memory", 1, "there is not enough memory: Unable to allocate 8 TiB"),
+        ("interrupt", 130, "interrupted"),
+        ("bug", 1, "unexpected KeyError: 'jacobian'; this is a fault of the program, --debug shows where"),
+        ("wordless", 1, "unexpected AssertionError; this is a fault of the program, --debug shows where"),
+    ],
+)
+def test_failures_end_in_one_sentence(elvis, how, status, sentence):
+    process = elvis("fail", how)
+    assert process.returncode == status
+    assert one_sentence(process) == sentence
+    assert process.stdout == ""
+
+
+@pytest.mark.parametrize("arguments", [["--debug", "fail", "format"], ["fail", "format", "--debug"]])
+def test_debug_shows_the_traceback(elvis, arguments):
+    process = elvis(*arguments)
+    assert process.returncode == 1
+    assert process.stderr.startswith("Traceback")
+    assert "elvis: error: wing.xml" in process.stderr
+
+
+def test_debug_by_the_environment(elvis):
+    assert "Traceback" in elvis("fail", "bug", env={"ELVIS_DEBUG": "1"}).stderr
+    assert "Traceback" not in elvis("fail", "bug", env={"ELVIS_DEBUG": "0"}).stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("raises", "licence"), ("absent", "no_such_module"), ("text", "not a click")]
+)
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["a", "--b", "c"]])
+def test_a_broken_command_says_why(elvis, name, reason, arguments):
+    process = elvis(name, *arguments)
+    assert process.returncode == 1
+    assert reason in one_sentence(process)
+
+
+def test_warnings_of_libraries_stay_inside(elvis):
+    process = elvis("warn")
+    assert (process.returncode, process.stderr) == (0, "")
+
+
+def test_warnings_are_shown_on_request(elvis):
+    assert "overflow" in elvis("warn", env={"PYTHONWARNINGS": "default"}).stderr
+
+
+def test_a_reader_that_leaves_early_hears_nothing(elvis):
+    reading, writing = os.pipe()
+    os.close(reading)
+    process = elvis("flood", stdout=writing)
+    os.close(writing)
+    assert process.stderr == ""
+    assert process.returncode == 1
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no /dev/full")
+def test_a_full_disk_is_said_once(elvis):
+    with open("/dev/full", "w") as full:
+        process = elvis("hello", stdout=full)
+    assert process.returncode == 1
+    assert one_sentence(process) == "No space left on device"
+
+
+def test_plugins_lists_each_with_its_state(elvis):
+    rows = json.loads(elvis("plugins", "--json").stdout)
+    state = {(row["kind"], row["name"], row["distribution"]): row["state"] for row in rows}
+    assert state["commands", "hello", "miniature 1.2"] == "ok"
+    assert state["commands", "raises", "miniature 1.2"] == "RuntimeError: the licence of raises has expired"
+    assert state["commands", "plugins", "miniature 1.2"].startswith("hidden")
+    assert state["volumes", "fourier", "miniature 1.2"] == "ok"
+
+
+def test_plugins_in_a_pipe_is_bare_text(elvis):
+    lines = elvis("plugins").stdout.splitlines()
+    assert lines[0].split() == ["kind", "name", "distribution", "object", "state"]
+    assert any(line.split() == ["commands", "hello", "miniature", "1.2", "miniature:hello", "ok"] for line in lines)
+    assert all(ord(character) < 128 for line in lines for character in line)
+
+
+def test_plugins_on_a_terminal_is_framed(elvis):
+    leader, follower = pty.openpty()
+    process = elvis("plugins", stdout=follower, stderr=follower, env={"TERM": "xterm", "COLUMNS": "160"})
+    os.close(follower)
+    shown = b""
+    while chunk := _read(leader):
+        shown += chunk
+    assert process.returncode == 0
+    assert "─".encode() in shown
+
+
+def _read(leader):
+    try:
+        return os.read(leader, 65536)
+    except OSError:  # the other end is closed
+        return b""

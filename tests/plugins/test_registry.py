@@ -1,0 +1,59 @@
+import pytest
+
+from elvis.plugins import registry
+from elvis.plugins.registry import PluginError
+
+
+@pytest.fixture(autouse=True)
+def _installed(miniature):
+    pass
+
+
+def test_a_plugin_of_another_distribution_is_found_and_loaded():
+    assert registry.load("elvis.volumes", "fourier") == "text"
+    assert registry.plugins("elvis.volumes")["fourier"].distribution == "miniature 1.2"
+
+
+def test_names_are_sorted():
+    names = list(registry.plugins("elvis.commands"))
+    assert names == sorted(names)
+
+
+def test_nothing_is_imported_before_it_is_asked_for():
+    import sys
+
+    registry.plugins("elvis.commands")
+    assert "miniature" not in sys.modules
+
+
+def test_broken_plugins_leave_the_others_alone():
+    found = registry.plugins("elvis.commands")
+    assert {"absent", "raises", "hello"} <= set(found)
+    assert found["hello"].load().name == "hello"
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("raises", "RuntimeError: the licence of raises has expired"),
+        ("absent", "ModuleNotFoundError: No module named 'no_such_module_anywhere'"),
+    ],
+)
+def test_a_broken_plugin_says_which_and_why(name, reason):
+    with pytest.raises(PluginError) as failure:
+        registry.load("elvis.commands", name)
+    assert f"'{name}'" in str(failure.value)
+    assert "miniature 1.2" in str(failure.value)
+    assert reason in str(failure.value)
+
+
+def test_an_unknown_plugin_is_answered_with_the_known_ones():
+    with pytest.raises(PluginError, match=r"no elvis\.volumes plugin 'nurbs'; there are: .*fourier"):
+        registry.load("elvis.volumes", "nurbs")
+
+
+def test_our_own_plugin_wins_and_the_other_is_still_listed():
+    assert registry.plugins("elvis.commands")["plugins"].distribution.startswith("elvis-viz ")
+    sharing = [p.distribution for p in registry.every_plugin("elvis.commands") if p.name == "plugins"]
+    assert len(sharing) == 2
+    assert sharing[1] == "miniature 1.2"
