@@ -19,11 +19,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
     existing file keeps its mode; pipes and devices such as ``/dev/stdout`` are written directly, for want of a rename.
     Raises ElvisError where ``path`` is a folder, or lies in none that exists.
     """
-    target = Path(os.path.realpath(path))
-    if _is_special(target):
-        yield target
+    if _is_special(Path(path)):
+        yield Path(path)
         return
 
+    target = Path(os.path.realpath(path))
     beside = _reserved_beside(target, Path(path))
     try:
         yield beside
@@ -44,8 +44,8 @@ def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
 
 
-def _is_special(target: Path) -> bool:
-    return target.exists() and not target.is_file() and not target.is_dir()
+def _is_special(path: Path) -> bool:
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _reserved_beside(target: Path, named: Path) -> Path:

@@ -1,0 +1,101 @@
+import os
+import stat
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from elvis.formats.columns import csv_lines, write_columns
+from elvis.formats.errors import ElvisError
+from elvis.formats.output import replacing, write_text
+
+
+def test_the_file_appears_whole_and_nothing_beside_it(tmp_path):
+    with replacing(tmp_path / "out.csv") as beside:
+        assert beside.parent == tmp_path
+        assert beside.suffix == ".csv"
+        beside.write_text("half")
+        assert not (tmp_path / "out.csv").exists()
+    assert (tmp_path / "out.csv").read_text() == "half"
+    assert os.listdir(tmp_path) == ["out.csv"]
+
+
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
+def test_a_failure_leaves_the_old_file_and_nothing_beside_it(tmp_path, failure):
+    (tmp_path / "out.csv").write_text("old")
+
+    def fail():
+        with replacing(tmp_path / "out.csv") as beside:
+            beside.write_text("half")
+            raise failure
+
+    with pytest.raises(failure):
+        fail()
+    assert (tmp_path / "out.csv").read_text() == "old"
+    assert os.listdir(tmp_path) == ["out.csv"]
+
+
+def test_the_mode_is_that_of_the_old_file_or_of_a_new_one(tmp_path):
+    old, new, plain = tmp_path / "old", tmp_path / "new", tmp_path / "plain"
+    old.write_text("")
+    old.chmod(0o640)
+    plain.write_text("")
+    write_text(old, "x")
+    write_text(new, "x")
+    assert stat.S_IMODE(old.stat().st_mode) == 0o640
+    assert new.stat().st_mode == plain.stat().st_mode
+
+
+def test_a_link_keeps_pointing_where_it_did(tmp_path):
+    (tmp_path / "link").symlink_to("target")
+    write_text(tmp_path / "link", "text")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text() == "text"
+
+
+@pytest.mark.parametrize(("path", "reason"), [("no/out.csv", "there is no folder"), (".", "it is a folder")])
+def test_impossible_places_are_said(tmp_path, path, reason):
+    with pytest.raises(ElvisError, match=reason):
+        write_text(tmp_path / path, "")
+
+
+def test_devices_are_written_directly():
+    code = "from elvis.formats.output import write_text; write_text('/dev/stdout', 'text')"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "text"
+
+
+@pytest.fixture
+def columns():
+    random = np.random.default_rng(1)
+    values = random.standard_normal(5000) * 10.0 ** random.integers(-300, 300, 5000)
+    values[7] = np.nan
+    return {"point": np.arange(5000), "u": values, "file": -values, "d(u,x)": values / 3}
+
+
+def test_archives_read_back_bit_by_bit(tmp_path, columns):
+    write_columns(tmp_path / "out.npz", columns)
+    with np.load(tmp_path / "out.npz") as archive:
+        assert list(archive) == list(columns)
+        for name, array in columns.items():
+            assert archive[name].dtype == array.dtype
+            np.testing.assert_array_equal(archive[name], array)
+
+
+def test_tables_read_back_bit_by_bit(tmp_path, columns):
+    write_columns(tmp_path / "out.csv", columns)
+    lines = (tmp_path / "out.csv").read_text().splitlines()
+    assert lines[0] == 'point,u,file,"d(u,x)"'
+    table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    np.testing.assert_array_equal(table.T, list(columns.values()))
+    assert lines[1].startswith("0,")
+
+
+def test_an_empty_table_has_its_header():
+    assert list(csv_lines({"point": np.arange(0)})) == ["point\n"]
+
+
+def test_other_suffixes_are_refused(tmp_path):
+    with pytest.raises(ElvisError, match=r"ends in \.csv or \.npz, found \.xlsx"):
+        write_columns(tmp_path / "out.xlsx", {})
+    assert not os.listdir(tmp_path)
