@@ -110,20 +110,26 @@ def _listed(modes: tuple[int, ...]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Plan:
-    """What is known before any point: mode j is the product over directions i of factor ``index[i][j]``."""
+class ProductPlan:
+    """What is known before any point: mode j is the product over directions i of factor ``index[i][j]``.
 
-    modes: Ints  # (m, d) indices of the spatial modes
+    modes    (m, d)  indices of the modes of the shape, homogeneous directions left out
+    factors  distinct factor functions of each direction
+    index    (m,)    for each direction, the factor of each mode
+    """
+
+    modes: Ints
     factors: tuple[f.Factors, ...]
     index: tuple[Ints, ...]
 
 
 @lru_cache(maxsize=256)
-def _plan(expansion: Expansion) -> _Plan:
+def product_plan(expansion: Expansion) -> ProductPlan:
+    """The modes as products of factors; FormatError for an expansion that cannot be."""
     check(expansion)
     modes = _spatial_modes(expansion.shape, expansion.modes)
     pairs = [_direction(expansion, modes, i) for i in range(expansion.shape.dimension)]
-    return _Plan(modes, tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
+    return ProductPlan(modes, tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
 
 
 def _spatial_modes(shape: Shape, counts: tuple[int, ...]) -> Ints:
@@ -185,12 +191,12 @@ def _corrected(shape: Shape, modes: Ints, i: int) -> Bools:
 def mode_count(expansion: Expansion) -> int:
     """Number of coefficients of one element, over all planes; FormatError for an expansion that cannot be."""
     planes = expansion.homogeneous
-    return len(_plan(expansion).modes) * (len(planes.z_ids) if planes else 1)
+    return len(product_plan(expansion).modes) * (len(planes.z_ids) if planes else 1)
 
 
 def mode_indices(expansion: Expansion) -> Ints:
     """(m, d) indices of the modes in coefficient order; homogeneous directions give Fourier numbers, last."""
-    modes, planes = _plan(expansion).modes, expansion.homogeneous
+    modes, planes = product_plan(expansion).modes, expansion.homogeneous
     if planes is None:
         return modes
     numbers = np.array(_numbers(planes), np.int64).T
@@ -238,9 +244,9 @@ def values_and_gradients(expansion: Expansion, points: Floats) -> tuple[Floats, 
     return _outer(plane, spatial), np.stack(columns, axis=1)
 
 
-def _split(expansion: Expansion, points: Floats) -> tuple[_Plan, Floats, Floats]:
+def _split(expansion: Expansion, points: Floats) -> tuple[ProductPlan, Floats, Floats]:
     """The plan, the spatial and the homogeneous coordinates."""
-    plan, coordinates = _plan(expansion), np.asarray(points, np.float64)
+    plan, coordinates = product_plan(expansion), np.asarray(points, np.float64)
     expected = dimension(expansion)
     if coordinates.ndim != 2 or coordinates.shape[1] != expected:
         raise ElvisError(f"expected points (n, {expected}), found an array of shape {coordinates.shape}")
