@@ -56,8 +56,8 @@ fi
 
 if name=$(device); then
     say "Vulkan device: $name"
-else
+elif reason=$(.venv/bin/python -c 'import slangpy' 2>&1); then
     say "going on without Vulkan, on slang's cpu device"
-    .venv/bin/python -c 'import slangpy' 2>/dev/null ||
-        say "slangpy itself does not load ($(.venv/bin/python -c 'import slangpy' 2>&1 | tail -n 1)); it needs $LIBRARIES"
+else
+    say "going on, but nothing can draw: slangpy needs $LIBRARIES ($(echo "$reason" | tail -n 1))"
 fi
