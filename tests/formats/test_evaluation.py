@@ -1,0 +1,60 @@
+"""Evaluation in batches is plain summation over modes."""
+
+import numpy as np
+import pytest
+
+from elvis.formats import evaluation
+from elvis.formats.bases import Basis
+from elvis.formats.dataset import Expansion
+from elvis.formats.expansion import mode_count, values, values_and_gradients
+from elvis.formats.shapes import Shape
+
+EXPANSIONS = [
+    Expansion(Shape.TRIANGLE, (Basis.MODIFIED_A, Basis.MODIFIED_B), (3, 5)),
+    Expansion(Shape.HEXAHEDRON, (Basis.GLL_LAGRANGE,) * 3, (3, 2, 4)),
+]
+
+
+@pytest.fixture(params=EXPANSIONS, ids=lambda e: e.shape.label)
+def case(request, monkeypatch):
+    """An expansion, coefficients of 5 elements with 3 components, 40 points and their elements; small batches."""
+    monkeypatch.setattr(evaluation, "_BATCH", 1000)
+    random = np.random.default_rng(0)
+    expansion = request.param
+    points = random.uniform(-1, 0, (40, expansion.shape.dimension))
+    return expansion, random.normal(size=(5, 3, mode_count(expansion))), points, random.integers(0, 5, 40)
+
+
+def test_many_elements_at_the_same_points(case):
+    expansion, coefficients, points, _ = case
+    table, slopes = values_and_gradients(expansion, points)
+    expected = np.einsum("ecm,nm->ecn", coefficients, table)
+    assert np.allclose(evaluation.evaluate(expansion, coefficients, points), expected, rtol=0, atol=1e-13)
+    found, gradients = evaluation.evaluate_with_gradients(expansion, coefficients, points)
+    assert np.allclose(found, expected, rtol=0, atol=1e-13)
+    assert np.allclose(gradients, np.einsum("ecm,ndm->ecnd", coefficients, slopes), rtol=0, atol=1e-12)
+
+
+def test_an_element_for_each_point(case):
+    expansion, coefficients, points, rows = case
+    table, slopes = values_and_gradients(expansion, points)
+    expected = np.einsum("ncm,nm->nc", coefficients[rows], table)
+    assert np.allclose(evaluation.evaluate_at(expansion, coefficients, rows, points), expected, rtol=0, atol=1e-13)
+    found, gradients = evaluation.evaluate_at_with_gradients(expansion, coefficients, rows, points)
+    assert np.allclose(found, expected, rtol=0, atol=1e-13)
+    assert np.allclose(gradients, np.einsum("ncm,ndm->ncd", coefficients[rows], slopes), rtol=0, atol=1e-12)
+
+
+def test_scalar_fields_have_no_component_axis(case):
+    expansion, coefficients, points, rows = case
+    field = coefficients[:, 0]
+    assert evaluation.evaluate(expansion, field, points).shape == (5, 40)
+    found = evaluation.evaluate_at(expansion, field, rows, points)
+    assert np.allclose(found, (field[rows] * values(expansion, points)).sum(axis=1), rtol=0, atol=1e-13)
+    assert evaluation.evaluate_at_with_gradients(expansion, field, rows, points)[1].shape == points.shape
+
+
+def test_no_points_give_no_values(case):
+    expansion, coefficients, points, rows = case
+    assert evaluation.evaluate(expansion, coefficients, points[:0]).shape == (5, 3, 0)
+    assert evaluation.evaluate_at(expansion, coefficients, rows[:0], points[:0]).shape == (0, 3)
