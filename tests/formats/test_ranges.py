@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from elvis.formats.bases import Basis
+from elvis.formats.collapse import uncollapse
+from elvis.formats.dataset import Expansion, Homogeneous
+from elvis.formats.evaluation import evaluate
+from elvis.formats.expansion import mode_count
+from elvis.formats.ranges import value_range
+from elvis.formats.shapes import Shape
+
+A, B, C, PYR = Basis.MODIFIED_A, Basis.MODIFIED_B, Basis.MODIFIED_C, Basis.MODIFIED_PYR_C
+BASES = {
+    Shape.SEGMENT: (A,),
+    Shape.TRIANGLE: (A, B),
+    Shape.QUADRILATERAL: (A, A),
+    Shape.TETRAHEDRON: (A, B, C),
+    Shape.PYRAMID: (A, A, PYR),
+    Shape.PRISM: (A, A, B),
+    Shape.HEXAHEDRON: (A, A, A),
+}
+EVERY_SPACE = [(shape, n) for shape in Shape for n in (2, 3, 5, 8)]
+
+
+def elements(shape, n, count=20):
+    expansion = Expansion(shape, BASES[shape], (n,) * shape.dimension)
+    return expansion, np.random.default_rng(n).standard_normal((count, mode_count(expansion)))
+
+
+def grid(shape, n):
+    line = np.linspace(-1, 1, n)
+    points = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+    return uncollapse(shape, points)
+
+
+def test_every_shape_is_here():
+    assert set(BASES) == set(Shape)
+
+
+@pytest.mark.parametrize(("shape", "n"), EVERY_SPACE)
+def test_no_value_leaves_the_range(shape, n):
+    expansion, coefficients = elements(shape, n)
+    found = value_range([(expansion, coefficients)])
+    values = evaluate(expansion, coefficients, grid(shape, 17))
+    assert found.lower - 1e-12 <= values.min()
+    assert values.max() <= found.upper + 1e-12
+
+
+@pytest.mark.parametrize(("shape", "n"), EVERY_SPACE)
+def test_the_bounds_are_nearly_attained(shape, n):
+    found = value_range([elements(shape, n)])
+    spread = found.greatest - found.least
+    assert 0 <= found.upper - found.greatest <= 1e-7 * spread
+    assert 0 <= found.least - found.lower <= 1e-7 * spread
+
+
+def test_blocks_of_several_shapes_make_one_range():
+    blocks = [elements(shape, 4) for shape in Shape]
+    apart = [value_range([block]) for block in blocks]
+    together = value_range(blocks)
+    spread = together.greatest - together.least
+    assert together.upper == pytest.approx(max(part.upper for part in apart), abs=1e-7 * spread)
+    assert together.lower == pytest.approx(min(part.lower for part in apart), abs=1e-7 * spread)
+
+
+def test_many_equal_extremes_stay_bounded_in_time_and_certain():
+    expansion, coefficients = elements(Shape.HEXAHEDRON, 6, count=1)
+    found = value_range([(expansion, np.repeat(coefficients, 3000, axis=0))])
+    single = value_range([(expansion, coefficients)])
+    assert found.upper >= single.greatest
+    assert found.upper < single.greatest + 100 * (single.greatest - single.least)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_elements_that_are_not_finite_are_left_out(bad):
+    expansion, coefficients = elements(Shape.TRIANGLE, 4)
+    spoiled = np.vstack([coefficients, np.full((1, coefficients.shape[1]), bad)])
+    assert value_range([(expansion, spoiled)]) == value_range([(expansion, coefficients)])
+
+
+def test_nothing_has_no_range():
+    expansion, coefficients = elements(Shape.TRIANGLE, 4)
+    assert value_range([]) is None
+    assert value_range([(expansion, coefficients[:0])]) is None
+    assert value_range([(expansion, coefficients * np.nan)]) is None
+
+
+def test_fourier_directions_are_bounded_too():
+    planes = Homogeneous((Basis.FOURIER,), (2.0,), (0, 1, 2, 3))
+    expansion = Expansion(Shape.TRIANGLE, (A, B, Basis.FOURIER)[:2], (4, 4), planes)
+    coefficients = np.random.default_rng(3).standard_normal((9, mode_count(expansion)))
+    found = value_range([(expansion, coefficients)])
+    points = np.column_stack([np.tile(grid(Shape.TRIANGLE, 9), (11, 1)), np.repeat(np.linspace(-1, 1, 11), 81)])
+    values = evaluate(expansion, coefficients, points)
+    assert found.lower <= values.min()
+    assert values.max() <= found.upper
+    assert found.lower <= found.least <= found.greatest <= found.upper
