@@ -1,0 +1,128 @@
+"""HDF5 geometry, versions 1 and 2 (format notes 1.9)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.mesh import MEMBERS
+from elvis.formats.nektar import hdf5, idlist
+from elvis.formats.nektar.composites import parse_tokens
+from elvis.formats.nektar.geometry_compressed import owned
+from elvis.formats.nektar.idlist import IdList
+from elvis.formats.nektar.raw import RawComposite, RawCurves, RawGeometry
+from elvis.formats.shapes import Shape
+
+if TYPE_CHECKING:
+    import h5py  # type: ignore[import-untyped]
+
+GREATEST_VERSION = 2
+
+#: names of the datasets of each shape
+NAMES = {
+    Shape.SEGMENT: "SEG",
+    Shape.TRIANGLE: "TRI",
+    Shape.QUADRILATERAL: "QUAD",
+    Shape.TETRAHEDRON: "TET",
+    Shape.PYRAMID: "PYR",
+    Shape.PRISM: "PRISM",
+    Shape.HEXAHEDRON: "HEX",
+}
+
+
+def is_geometry(file: h5py.File) -> bool:
+    """Whether an HDF5 file holds a mesh."""
+    root = hdf5.group(file, "NEKTAR")
+    return root is not None and hdf5.group(root, "GEOMETRY") is not None
+
+
+def read_geometry(path: Path, dimension: int | None = None, space: int | None = None) -> RawGeometry:
+    """The mesh of an HDF5 file; where dimensions aren't given they are the least that hold it."""
+    with hdf5.opened(path) as file:
+        geometry = hdf5.required_group(hdf5.required_group(file, "NEKTAR"), "GEOMETRY")
+        version = hdf5.version(geometry, GREATEST_VERSION)
+        mesh, maps = hdf5.required_group(geometry, "MESH"), hdf5.required_group(geometry, "MAPS")
+        vertex_ids, vertices = _vertices(mesh, maps)
+        tables = dict(_tables(mesh, maps))
+        dimension = dimension or max((shape.dimension for shape in tables), default=3)
+        return RawGeometry(
+            str(path),
+            dimension,
+            space or max(dimension, _extent(vertices)),
+            vertex_ids,
+            vertices,
+            {shape: table for shape, table in tables.items() if shape.dimension <= dimension},
+            _curves(mesh, maps, "CURVE_EDGE"),
+            _curves(mesh, maps, "CURVE_FACE"),
+            _composites(mesh, maps),
+            _domains(mesh, maps, version),
+        )
+
+
+def _vertices(mesh: h5py.Group, maps: h5py.Group) -> tuple[Ints, Floats]:
+    ids, points = hdf5.ints(maps, "VERT"), hdf5.floats(mesh, "VERT", 3)
+    if ids is None or points is None or len(ids) != len(points):
+        raise FormatError("expected VERT in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+    return ids, points
+
+
+def _tables(mesh: h5py.Group, maps: h5py.Group) -> list[tuple[Shape, tuple[Ints, Ints]]]:
+    found = []
+    for shape, name in NAMES.items():
+        members, ids = hdf5.ints(mesh, name, MEMBERS[shape]), hdf5.ints(maps, name)
+        if members is None and ids is None:
+            continue
+        if members is None or ids is None or len(ids) != len(members):
+            raise FormatError(f"expected {name} in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+        if len(ids):
+            found.append((shape, (ids, members)))
+    return found
+
+
+def _extent(points: Floats) -> int:
+    """The number of coordinates up to the last that isn't zero throughout."""
+    return next((count for count in (3, 2) if points[:, count - 1].any()), 1)
+
+
+def _curves(mesh: h5py.Group, maps: h5py.Group, name: str) -> RawCurves:
+    """Curved edges or faces: rows of number of points, family, offset into the nodes."""
+    table, entities = hdf5.ints(mesh, name, 3), hdf5.ints(maps, name)
+    if table is None or entities is None or not len(table):
+        return RawCurves.none()
+    nodes = hdf5.floats(mesh, "CURVE_NODES", 3)
+    if nodes is None or len(entities) != len(table):
+        raise FormatError(f"expected {name} in MESH and MAPS and CURVE_NODES, found otherwise", place=mesh.name)
+    counts = table[:, 0].copy()
+    return RawCurves(entities, table[:, 1].copy(), counts, nodes[owned(counts, table[:, 2], len(nodes))])
+
+
+def _composites(mesh: h5py.Group, maps: h5py.Group) -> tuple[RawComposite, ...]:
+    texts, ids = hdf5.strings(mesh, "COMPOSITE") or [], hdf5.ints(maps, "COMPOSITE")
+    if len(texts) != (0 if ids is None else len(ids)):
+        raise FormatError("expected COMPOSITE in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+    if ids is None:
+        return ()
+    names = _composite_names(maps, len(texts))
+    return tuple((id, parse_tokens(text), name) for id, text, name in zip(ids.tolist(), texts, names, strict=True))
+
+
+def _composite_names(maps: h5py.Group, count: int) -> list[str | None]:
+    """Names that this project keeps in an attribute, for want of a place in the format."""
+    values = np.ravel(maps["COMPOSITE"].attrs.get("NAME", []))
+    if len(values) != count:
+        return [None] * count
+    return [hdf5.text(value) or None for value in values]
+
+
+def _domains(mesh: h5py.Group, maps: h5py.Group, version: int) -> dict[int, IdList]:
+    """Domain id -> list of composites; version 1 has one domain and no ids."""
+    texts = hdf5.strings(mesh, "DOMAIN") or []
+    ids = hdf5.ints(maps, "DOMAIN") if version > 1 else None
+    numbers = range(len(texts)) if ids is None else ids.tolist()
+    if len(numbers) != len(texts):
+        raise FormatError("expected DOMAIN in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+    return {id: idlist.parse(text) for id, text in zip(numbers, texts, strict=True)}

@@ -1,0 +1,123 @@
+"""Numbers in text, in bulk: whole sections are turned into arrays without a Python object a number."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.nektar.xml import Buffer
+
+Number = TypeVar("Number", np.float64, np.int64)
+
+_CHUNK = 1 << 22
+_END_TAG = re.compile(rb"</[A-Z]\s*>")
+_WORD = re.compile(rb"\S{1,40}")
+
+
+def floats(text: bytes) -> Floats:
+    """(n,) numbers separated by blanks; FormatError where one is malformed."""
+    return _parsed(text, np.float64)
+
+
+def ints(text: bytes) -> Ints:
+    """(n,) whole numbers separated by blanks; FormatError where one is malformed."""
+    return _parsed(text, np.int64)
+
+
+def _parsed(text: bytes, kind: type[Number]) -> NDArray[Number]:
+    if not text.strip():
+        return np.empty(0, kind)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)
+            return np.fromstring(text, kind, sep=" ")
+    except (DeprecationWarning, ValueError):
+        raise FormatError(f"expected a number, found {_first_bad(text, kind)!r}") from None
+
+
+def _first_bad(text: bytes, kind: type[Number]) -> str:
+    for word in _WORD.finditer(text):
+        try:
+            kind(word[0].decode("ascii", "replace"))
+        except (ValueError, OverflowError):
+            return word[0].decode("ascii", "replace")
+    return text[:20].decode("ascii", "replace")
+
+
+def rows(section: Buffer, start: int, stop: int, widths: Mapping[str, int]) -> dict[str, Ints]:
+    """Entries ``<T ID="4">0 1 2</T>`` of whole numbers: by tag an (n, 1 + width) array of id and members.
+
+    ``widths`` gives the number of members for each tag that may occur.  FormatError for anything else in the section.
+    """
+    found: dict[str, list[Ints]] = {tag: [] for tag in widths}
+    for chunk in chunks(section, start, stop):
+        for code, tag in enumerate(widths, 1):
+            chunk = _opening(tag).sub(b" -%d \\1 " % code, chunk)
+        numbers = section_numbers(chunk, np.int64)
+        starts = np.flatnonzero(numbers < 0)
+        lengths = np.diff(starts, append=len(numbers))
+        if len(numbers) and (not len(starts) or starts[0] != 0):
+            raise FormatError(f"expected entries with an ID, found {numbers[0]}")
+        for code, (tag, width) in enumerate(widths.items(), 1):
+            mine = numbers[starts] == -code
+            _check_lengths(tag, width, numbers, starts[mine], lengths[mine])
+            found[tag].append(numbers[starts[mine, None] + np.arange(1, width + 2)])
+        if not np.all(numbers[starts] >= -len(widths)):
+            raise FormatError(f"expected ids from 0 up, found {numbers.min()}")
+    return {tag: _joined(parts, widths[tag] + 1) for tag, parts in found.items()}
+
+
+def vertex_rows(section: Buffer, start: int, stop: int) -> tuple[Ints, Floats]:
+    """Entries ``<V ID="4">x y z</V>``: ids (n,) and points (n, 3); errors as `rows`."""
+    ids: list[Ints] = []
+    points: list[Floats] = []
+    for chunk in chunks(section, start, stop):
+        numbers = section_numbers(_opening("V").sub(rb" nan \1 ", chunk), np.float64)
+        starts = np.flatnonzero(np.isnan(numbers))
+        if len(numbers) and (not len(starts) or starts[0] != 0):
+            raise FormatError(f"expected entries <V ID=…>, found {numbers[0]}")
+        _check_lengths("V", 3, numbers, starts, np.diff(starts, append=len(numbers)))
+        table = numbers.reshape(-1, 5)
+        ids.append(table[:, 1].astype(np.int64))
+        points.append(table[:, 2:].copy())
+    return np.concatenate(ids or [np.empty(0, np.int64)]), np.concatenate(points or [np.empty((0, 3))])
+
+
+def _joined(parts: list[Ints], width: int) -> Ints:
+    return np.concatenate(parts) if parts else np.empty((0, width), np.int64)
+
+
+def _opening(tag: str) -> re.Pattern[bytes]:
+    return re.compile(rb"<%s\s[^<>]*?\bID\s*=\s*[\"']\s*([0-9]+)\s*[\"'][^<>]*>" % tag.encode())
+
+
+def section_numbers(chunk: bytes, kind: type[Number]) -> NDArray[Number]:
+    """Numbers of a piece of a section once its opening tags are replaced; FormatError for any tag that is left."""
+    text = _END_TAG.sub(b" ", chunk)
+    if (wrong := text.find(b"<")) >= 0:
+        raise FormatError(f"expected entries with an ID, found {text[wrong : wrong + 40].decode('ascii', 'replace')!r}")
+    return _parsed(text, kind)
+
+
+def _check_lengths(tag: str, width: int, numbers: NDArray[Number], starts: Ints, lengths: Ints) -> None:
+    wrong = np.flatnonzero(lengths != width + 2)
+    if len(wrong):
+        start, length = starts[wrong[0]], lengths[wrong[0]]
+        entry = f"<{tag} ID={numbers[start + 1]:.0f}>" if length > 1 else f"<{tag}>"
+        raise FormatError(f"expected {width} numbers in {entry}, found {max(length - 2, 0)}")
+
+
+def chunks(section: Buffer, start: int, stop: int) -> Iterator[bytes]:
+    """The section in pieces that end with an entry."""
+    while start < stop:
+        end = section.find(b"</", min(start + _CHUNK, stop), stop)
+        end = section.find(b">", end, stop) + 1 if end >= 0 else stop
+        yield bytes(memoryview(section)[start : end or stop])
+        start = end or stop

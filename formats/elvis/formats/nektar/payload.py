@@ -1,0 +1,123 @@
+"""Payloads: numbers as base64 of a zlib stream of little-endian 8-byte items (format notes 1.7).
+
+Both directions go in steps, so that no second copy of a payload is ever held.  Decoding is bounded: by the size that
+the reader expects, or by the ratio that meshes can reach at most.
+"""
+
+from __future__ import annotations
+
+import binascii
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.errors import FormatError
+from elvis.formats.nektar.sources import ALWAYS_ALLOWED, GREATEST_RATIO
+
+ENCODING = "B64Z-LittleEndian"
+
+#: no deflate stream holds more than this many bytes for each of its own
+_DEFLATE_RATIO = 1032
+_STEP = 1 << 20
+_BLANKS = b" \t\r\n\f\v\0"
+_ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
+
+
+def decode_exactly(text: memoryview, items: int) -> NDArray[np.uint8]:
+    """(8 items,) bytes of a payload that must hold so many items, as an array of bytes.
+
+    FormatError where the text is no base64, the stream is damaged or ends early, or holds another number of items.
+    """
+    size = 8 * items
+    if size > possible_bytes(text):
+        raise FormatError(f"expected {items} numbers, found {len(text)} characters, too few to hold them")
+    out, filled = np.empty(size, np.uint8), 0
+    for piece in _inflated(text):
+        if filled + len(piece) > size:
+            raise FormatError(f"expected {items} numbers, found more")
+        out[filled : filled + len(piece)] = np.frombuffer(piece, np.uint8)
+        filled += len(piece)
+    if filled != size:
+        raise FormatError(f"expected {items} numbers, found {_items(filled)}")
+    return out
+
+
+def decode(text: memoryview, width: int) -> NDArray[np.uint8]:
+    """(n, 8 width) bytes of a payload of records of ``width`` items each; errors as `decode_exactly`."""
+    out, limit = bytearray(), ALWAYS_ALLOWED + GREATEST_RATIO * len(text)
+    for piece in _inflated(text):
+        out += piece
+        if len(out) > limit:
+            raise FormatError(f"the data grow beyond {GREATEST_RATIO} times their size, which no mesh does")
+    if len(out) % (8 * width):
+        raise FormatError(f"expected records of {width} numbers, found {_items(len(out))} in all")
+    return np.frombuffer(out, np.uint8).reshape(-1, 8 * width)
+
+
+def possible_bytes(text: memoryview) -> int:
+    """The most bytes that a payload of this many characters can hold."""
+    return _DEFLATE_RATIO * len(text)
+
+
+def encode(array: NDArray[np.generic]) -> Iterator[bytes]:
+    """Base64 of the zlib stream of an array's bytes, in pieces, on one line, without padding characters.
+
+    NUL bytes behind the stream bring its length to a multiple of three; readers ignore them.
+    """
+    compressor, carry = zlib.compressobj(), b""
+    view = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+    for start in range(0, len(view), _STEP):
+        carry += compressor.compress(view[start : start + _STEP])
+        whole = len(carry) // 3 * 3
+        yield binascii.b2a_base64(carry[:whole], newline=False)
+        carry = carry[whole:]
+    carry += compressor.flush()
+    yield binascii.b2a_base64(carry + b"\0" * (-len(carry) % 3), newline=False)
+
+
+def _items(size: int) -> str:
+    return f"{size // 8}" if size % 8 == 0 else f"{size} bytes"
+
+
+def _inflated(text: memoryview) -> Iterator[bytes]:
+    """The bytes of the zlib stream, in pieces; what follows the stream is ignored."""
+    decompressor = zlib.decompressobj()
+    try:
+        for block in _decoded(text):
+            rest = block
+            while not decompressor.eof:
+                piece = decompressor.decompress(rest, _STEP)
+                rest = decompressor.unconsumed_tail
+                if piece:
+                    yield piece
+                elif not rest:
+                    break
+    except zlib.error as error:
+        raise FormatError(f"the zlib stream is damaged ({error})") from error
+    if not decompressor.eof:
+        raise FormatError("the zlib stream ends early")
+
+
+def _decoded(text: memoryview) -> Iterator[bytes]:
+    """The bytes that base64 stands for, in pieces; blanks are skipped, padding may be missing."""
+    carry = b""
+    for start in range(0, len(text), _STEP):
+        carry += bytes(text[start : start + _STEP]).translate(None, _BLANKS)
+        if start + _STEP >= len(text):
+            carry = _without_padding(carry)
+        if wrong := carry.translate(None, _ALPHABET):
+            raise FormatError(f"expected base64, found the character {chr(wrong[0])!r}")
+        whole = len(carry) // 4 * 4
+        yield binascii.a2b_base64(carry[:whole])
+        carry = carry[whole:]
+    if len(carry) == 1:
+        raise FormatError("the base64 text ends early")
+    if carry:
+        yield binascii.a2b_base64(carry + b"=" * (4 - len(carry)))
+
+
+def _without_padding(tail: bytes) -> bytes:
+    stripped = tail.rstrip(b"=")
+    return stripped if len(tail) - len(stripped) < 3 else tail

@@ -1,0 +1,170 @@
+"""Sections of field files: elements of one shape and set of bases with the coefficients of all fields.
+
+The two codecs of fields agree on this; `pieces` cuts a section into parts of one number of modes each.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.bases import Basis
+from elvis.formats.dataset import Expansion, Homogeneous
+from elvis.formats.errors import FormatError
+from elvis.formats.nektar.counts import check_bases, coefficient_counts
+from elvis.formats.nektar.expansions import split
+from elvis.formats.shapes import Shape
+
+_SHAPE = re.compile(r"(\w+?)(?:-HomogenousExp([12])D)?(-Strips)?")
+_FOURIER = frozenset({Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM})
+_ROWS_AT_ONCE = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """What the attributes of a section say.
+
+    names        of the fields
+    modes        (1, d) where all elements agree, else (n, d), of the shape's own directions
+    homogeneous  None where there is no Fourier direction
+    """
+
+    names: tuple[str, ...]
+    shape: Shape
+    bases: tuple[Basis, ...]
+    modes: Ints
+    homogeneous: Homogeneous | None
+
+    def counts(self, elements: int) -> Ints:
+        """(elements,) coefficients of each element and field, all planes or lines together."""
+        planes = 1 if self.homogeneous is None else len(self.homogeneous.z_ids)
+        return np.broadcast_to(coefficient_counts(self.shape, self.modes) * planes, elements)
+
+    def check_elements(self, elements: int) -> None:
+        """FormatError where orders are given element by element for another number of elements."""
+        if len(self.modes) not in (1, elements):
+            raise FormatError(f"expected orders of {elements} elements, found {len(self.modes)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A section read: element ids (n,) and values, field by field, element by element."""
+
+    space: Space
+    element_ids: Ints
+    values: Floats
+    file: str
+    place: str
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Elements of one expansion: coefficients (fields, n, m)."""
+
+    names: tuple[str, ...]
+    expansion: Expansion
+    element_ids: Ints
+    coefficients: Floats
+
+
+def read_space(
+    fields: tuple[str, ...],
+    shape_label: str,
+    bases: tuple[Basis, ...],
+    modes: Ints,
+    homogeneous: tuple[tuple[float, ...], tuple[int, ...], tuple[int, ...], tuple[int, ...]],
+) -> Space:
+    """The space that the attributes describe.
+
+    modes        (1, d) or (n, d), Fourier directions included
+    homogeneous  lengths, y ids, z ids, strips
+    FormatError where they contradict each other, or are unknown to the format.
+    """
+    shape, directions = _shape(shape_label)
+    if not fields or len(set(fields)) < len(fields) or not all(fields):
+        raise FormatError(f"expected names of fields, each once, found {','.join(fields) or 'none'}")
+    if len(bases) != shape.dimension + directions:
+        raise FormatError(f"expected {shape.dimension + directions} bases for {shape_label}, found {len(bases)}")
+    if modes.shape[1] != len(bases):
+        raise FormatError(f"expected {len(bases)} numbers of modes, found {modes.shape[1]}")
+    check_bases(shape, bases[: shape.dimension])
+    fourier = _homogeneous(bases[shape.dimension :], modes[0, shape.dimension :], *homogeneous) if directions else None
+    return Space(fields, shape, bases[: shape.dimension], modes[:, : shape.dimension], fourier)
+
+
+def _shape(label: str) -> tuple[Shape, int]:
+    """The shape and its number of Fourier directions."""
+    found = _SHAPE.fullmatch(label.strip())
+    try:
+        if found:
+            return Shape.from_label(found[1]), int(found[2] or 0)
+    except KeyError:
+        pass
+    raise FormatError(f"expected a shape, found {label[:60]!r}")
+
+
+def _homogeneous(
+    bases: tuple[Basis, ...],
+    modes: Ints,
+    lengths: tuple[float, ...],
+    y_ids: tuple[int, ...],
+    z_ids: tuple[int, ...],
+    strips: tuple[int, ...],
+) -> Homogeneous:
+    if wrong := [basis.label for basis in bases if basis not in _FOURIER]:
+        raise FormatError(f"expected Fourier bases in homogeneous directions, found {wrong[0]}")
+    if len(lengths) != len(bases) or not all(0 < length < np.inf for length in lengths):
+        raise FormatError(f"expected {len(bases)} lengths above zero, found {', '.join(map(str, lengths)) or 'none'}")
+    if len(bases) == 1 and not z_ids and 0 < modes[0] <= 1 << 20:
+        z_ids = tuple(range(int(modes[0])))  # files from before the ids were written
+    if not z_ids or len(set(zip(y_ids, z_ids, strict=False) if y_ids else z_ids)) < len(z_ids):
+        raise FormatError(f"expected ids of Fourier modes, each once, found {len(z_ids)}")
+    if len(bases) == 2 and len(y_ids) != len(z_ids):
+        raise FormatError(f"expected as many y ids as z ids, found {len(y_ids)} and {len(z_ids)}")
+    return Homogeneous(bases, lengths, z_ids, y_ids if len(bases) == 2 else (), strips)
+
+
+def read_bases(labels: str) -> tuple[Basis, ...]:
+    """Bases of a comma-separated list of names."""
+    try:
+        return tuple(Basis.from_label(label) for label in split(labels))
+    except KeyError as error:
+        raise FormatError(f"expected names of bases, found {error.args[0]!r}") from None
+
+
+def pieces(section: Section) -> Iterator[Piece]:
+    """The section by numbers of modes, in the order of first appearance; uniform sections are not copied."""
+    space, elements = section.space, len(section.element_ids)
+    distinct, first, group = np.unique(space.modes, axis=0, return_index=True, return_inverse=True)
+    counts = space.counts(elements)
+    if not elements:
+        return
+    if len(distinct) == 1:
+        values = section.values.reshape(len(space.names), elements, int(counts[0]))
+        yield Piece(space.names, _expansion(space, distinct[0]), section.element_ids, values)
+        return
+
+    starts = np.cumsum(counts) - counts
+    fields = section.values.reshape(len(space.names), -1)
+    for index in np.argsort(first):
+        rows = np.flatnonzero(group.reshape(-1) == index)
+        gathered = _gather(fields, starts[rows], int(counts[rows[0]]))
+        yield Piece(space.names, _expansion(space, distinct[index]), section.element_ids[rows], gathered)
+
+
+def _expansion(space: Space, modes: Ints) -> Expansion:
+    return Expansion(space.shape, space.bases, tuple(modes.tolist()), space.homogeneous)
+
+
+def _gather(fields: Floats, starts: Ints, width: int) -> Floats:
+    """(fields, n, width) values from ``starts`` on."""
+    out = np.empty((len(fields), len(starts), width))
+    for low in range(0, len(starts), _ROWS_AT_ONCE):
+        places = starts[low : low + _ROWS_AT_ONCE, None] + np.arange(width)
+        for field, target in zip(fields, out, strict=True):
+            np.take(field, places, out=target[low : low + _ROWS_AT_ONCE])
+    return out

@@ -1,0 +1,65 @@
+"""Bytes of files: whole, unpacked where they are gzipped, with a bound on what they may grow to."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+from elvis.formats.errors import FormatError
+from elvis.formats.nektar.xml import Buffer
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+GZIP_SIGNATURE = b"\x1f\x8b"
+
+#: data of meshes and text shrink at most so far; what grows more on unpacking is refused
+GREATEST_RATIO = 200
+ALWAYS_ALLOWED = 1 << 24
+_STEP = 1 << 20
+
+
+def first_bytes(path: Path) -> bytes:
+    """The first eight bytes of a file; FormatError where it can't be read or isn't a plain file."""
+    try:
+        if not path.is_file():
+            raise FormatError("is no file" if path.exists() else "there is no such file", file=path)
+        with path.open("rb") as file:
+            return file.read(8)
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", file=path) from error
+
+
+def load(path: Path) -> Buffer:
+    """All bytes of a file, unpacked where it is gzipped."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", file=path) from error
+    return _unpacked(raw, path) if raw.startswith(GZIP_SIGNATURE) else raw
+
+
+def _unpacked(raw: bytes, path: Path) -> bytearray:
+    """The content of all members of a gzip file, one after another."""
+    out, limit = bytearray(), ALWAYS_ALLOWED + GREATEST_RATIO * len(raw)
+    try:
+        while raw:
+            raw = _member(raw, out, limit, path).lstrip(b"\0")
+    except zlib.error as error:
+        raise FormatError(f"the gzip data are damaged ({error})", file=path) from error
+    return out
+
+
+def _member(raw: bytes, out: bytearray, limit: int, path: Path) -> bytes:
+    """Append one member to ``out``; the bytes after it."""
+    decompressor, rest, start = zlib.decompressobj(wbits=31), b"", 0
+    while not decompressor.eof:
+        if not rest:
+            rest, start = raw[start : start + _STEP], start + _STEP
+        piece = decompressor.decompress(rest, _STEP)
+        rest = decompressor.unconsumed_tail
+        out += piece
+        if len(out) > limit:
+            message = f"the gzip data grow beyond {GREATEST_RATIO} times their size, which no data of this format do"
+            raise FormatError(message, file=path)
+        if not (piece or rest or start < len(raw)):
+            raise FormatError("the gzip data end early", file=path)
+    return decompressor.unused_data + raw[start:]

@@ -1,0 +1,211 @@
+"""XML as the format's own tools write it: elements are spans of the file's bytes, nothing large becomes a tree.
+
+The files of the field break rules of strict XML (blank lines before the declaration, ``--`` in comments, stray control
+characters, bare ampersands), and hold most of their bytes in a few payloads and in millions of like entries.  Children
+are therefore found on demand, by their tags alone, and contents are handed out as bytes.  Document type declarations
+are refused, so no entity is ever expanded; the five of XML itself and character references are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+from elvis.formats.errors import FormatError
+
+Buffer: TypeAlias = bytes | bytearray
+
+_NAME = re.compile(rb"[A-Za-z_:][\w:.\-]*")
+_ATTRIBUTE = re.compile(rb"""([A-Za-z_:][\w:.\-]*)\s*=\s*("[^"]*"|'[^']*')""")
+_MARK = re.compile(rb"""[<>"']""")
+_DECLARATION = re.compile(rb"<!(?!--|\[CDATA\[)")
+_SPECIAL = re.compile(rb"<!--|<!\[CDATA\[")
+_REFERENCE = re.compile(r"&(lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9a-fA-F]{1,6});")
+_NAMED = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """An element of a document; its content is ``data[start:stop]`` and holds no comments."""
+
+    tag: str
+    data: Buffer
+    opening: slice  # of the attributes in data
+    start: int
+    stop: int
+    file: str
+
+    @cached_property
+    def attributes(self) -> dict[str, str]:
+        """Attributes by name, references resolved."""
+        body = bytes(self.data[self.opening])
+        return {_decode(name): unescape(_decode(value[1:-1])) for name, value in _ATTRIBUTE.findall(body)}
+
+    @property
+    def content(self) -> memoryview:
+        """Everything between the tags, without a copy."""
+        return memoryview(self.data)[self.start : self.stop]
+
+    @property
+    def text(self) -> str:
+        """The content as text, stripped, references resolved."""
+        return unescape(_decode(self.data[self.start : self.stop])).strip()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing but blanks between the tags."""
+        return not self.data[self.start : min(self.stop, self.start + 4096)].strip() and self.stop - self.start < 4096
+
+    @property
+    def place(self) -> str:
+        """Where the element stands, for messages."""
+        return f"line {_line(self.data, self.opening.start)}, <{self.tag}>"
+
+    def children(self) -> Iterator[Element]:
+        """The elements directly inside, in file order; FormatError where their tags don't match."""
+        return _elements(self.data, self.start, self.stop, self.file)
+
+    def find(self, tag: str) -> Element | None:
+        """The first child of this tag, None where there is none."""
+        return next((child for child in self.children() if child.tag == tag), None)
+
+    def error(self, message: str) -> FormatError:
+        """An error at this element."""
+        return FormatError(message, file=self.file, place=self.place)
+
+    def required(self, name: str) -> str:
+        """An attribute that must be there."""
+        if name not in self.attributes:
+            raise self.error(f"expected an attribute {name}, found none")
+        return self.attributes[name]
+
+
+def parse(data: Buffer, file: str) -> list[Element]:
+    """The elements at the top of a document; several are legal in old files.
+
+    FormatError for what is not XML, or holds a document type or entity declaration, or ends within an element.
+    """
+    if not data.lstrip(b"\xef\xbb\xbf\0\t\n\r\f\v ")[:1] == b"<":
+        raise FormatError("expected XML or HDF5, found " + _description(data), file=file)
+    declaration = _DECLARATION.search(data)
+    cleaned = _without_comments(data, file) if _SPECIAL.search(data) else data
+    if declaration and (found := _DECLARATION.search(cleaned)):
+        line = _line(cleaned, found.start())
+        raise FormatError("declarations of document types and entities are refused", file=file, place=f"line {line}")
+    return list(_elements(cleaned, 0, len(cleaned), file))
+
+
+def unescape(text: str) -> str:
+    """``text`` with the references of XML resolved; any other ampersand stands for itself."""
+    return _REFERENCE.sub(_referenced, text) if "&" in text else text
+
+
+def _referenced(match: re.Match[str]) -> str:
+    name = match[1]
+    if name in _NAMED:
+        return _NAMED[name]
+    code = int(name[2:], 16) if name[1] == "x" else int(name[1:])
+    return chr(code) if code < 0xD800 or 0xDFFF < code < 0x110000 else match[0]
+
+
+def _without_comments(data: Buffer, file: str) -> bytes:
+    """The document with comments blanked (line ends kept) and CDATA sections turned into escaped text."""
+    pieces: list[bytes | memoryview] = []
+    view, position = memoryview(data), 0
+    while found := _SPECIAL.search(data, position):
+        is_comment = found[0] == b"<!--"
+        end = data.find(b"-->" if is_comment else b"]]>", found.end())
+        if end < 0:
+            raise FormatError(f"the file ends inside {_decode(found[0])}", file=file, place=f"byte {found.start()}")
+        inner = bytes(view[found.end() : end])
+        kept = b"\n" * inner.count(b"\n") if is_comment else inner.replace(b"&", b"&amp;").replace(b"<", b"&lt;")
+        pieces += [view[position : found.start()], kept]
+        position = end + 3
+    pieces.append(view[position:])
+    return b"".join(pieces)
+
+
+def _elements(data: Buffer, start: int, stop: int, file: str) -> Iterator[Element]:
+    position = start
+    while (opening := data.find(b"<", position, stop)) >= 0:
+        if data[opening + 1 : opening + 2] == b"?":
+            position = _after(data, b"?>", opening, stop, file)
+            continue
+        name = _NAME.match(data, opening + 1, stop)
+        if name is None:
+            found = _decode(data[opening : opening + 20])
+            raise FormatError(f"expected an element, found {found!r}", file=file, place=_at(data, opening))
+
+        # an element ends at its own tag, or at the closing tag that matches it
+        tag, end = name[0], _tag_end(data, name.end(), stop, file)
+        attributes, inner, position = slice(name.end(), end), end + 1, end + 1
+        if data[end - 1 : end] == b"/":
+            yield Element(_decode(tag), data, attributes, inner, inner, file)
+        else:
+            closing, position = _closing(data, tag, inner, stop, file)
+            yield Element(_decode(tag), data, attributes, inner, closing, file)
+
+
+def _tag_end(data: Buffer, start: int, stop: int, file: str) -> int:
+    """Position of the ``>`` that ends the tag; quoted values may hold one."""
+    position = start
+    while mark := _MARK.search(data, position, stop):
+        if mark[0] == b">":
+            return mark.start()
+        position = data.find(mark[0], mark.end(), stop) + 1
+        if mark[0] == b"<" or position == 0:
+            break
+    raise FormatError("expected the end of a tag, found none", file=file, place=_at(data, start))
+
+
+def _closing(data: Buffer, tag: bytes, start: int, stop: int, file: str) -> tuple[int, int]:
+    """Where the content ends, and where the closing tag does; elements of the same tag may be nested in between."""
+    same = re.compile(rb"<(/?)" + re.escape(tag) + rb"(?=[\s/>])")
+    position, depth = start, 1
+    while found := same.search(data, position, stop):
+        end = _tag_end(data, found.end(), stop, file)
+        position = end + 1
+        if found[1]:
+            depth -= 1
+        elif data[end - 1 : end] != b"/":
+            depth += 1
+        if depth == 0:
+            return found.start(), position
+    message = f"expected </{_decode(tag)}>, found the end of the {'file' if stop == len(data) else 'enclosing element'}"
+    raise FormatError(message, file=file, place=_at(data, start))
+
+
+def _after(data: Buffer, mark: bytes, start: int, stop: int, file: str) -> int:
+    position = data.find(mark, start, stop)
+    if position < 0:
+        raise FormatError(f"expected {_decode(mark)}, found the end", file=file, place=_at(data, start))
+    return position + len(mark)
+
+
+def _at(data: Buffer, position: int) -> str:
+    return f"line {_line(data, position)}"
+
+
+def _line(data: Buffer, position: int) -> int:
+    return data.count(b"\n", 0, position) + 1
+
+
+def _decode(raw: bytes | bytearray) -> str:
+    return raw.decode("utf-8", "replace")
+
+
+def _description(data: Buffer) -> str:
+    return f"{len(data)} bytes that begin {bytes(data[:8])!r}" if data.strip() else "an empty file"
+
+
+@contextmanager
+def located(element: Element) -> Iterator[None]:
+    """Errors of the block name this element's file and place, where they name none themselves."""
+    try:
+        yield
+    except FormatError as error:
+        raise error.within(element.file, element.place) from error

@@ -1,0 +1,173 @@
+"""Reading the native format: any number of files and folders, told apart by what they hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.mesh import Mesh
+from elvis.formats.nektar import expansions, fields, fields_hdf5, fields_xml, geometry_hdf5, geometry_xml, hdf5, xml
+from elvis.formats.nektar.assembly import assemble
+from elvis.formats.nektar.partition import unite
+from elvis.formats.nektar.raw import RawGeometry
+from elvis.formats.nektar.sections import Section
+from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, load
+from elvis.formats.nektar.xml import Element
+
+_MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
+_FIELD_PIECE = re.compile(r"P\d+\.fld")
+_PARTITIONS = ("Partition", "MultipleFldFiles")
+
+
+def read(*paths: str | Path) -> Dataset:
+    """The dataset in ``paths``: files and folders of a mesh and, where given, of its fields, in any order.
+
+    Meshes: XML with text or compressed sections, gzipped or not, split over several files or partitioned; HDF5 with
+    or without its XML.  Fields: XML, HDF5, folders of parallel runs; several field files are united.  What a file is,
+    its content decides.
+
+    Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where no mesh is given.
+    """
+    if not paths:
+        raise ElvisError("expected files to read, found none")
+    try:
+        reader = _Reader()
+        for path in paths:
+            reader.add(Path(path))
+        return reader.dataset([str(path) for path in paths])
+    except MemoryError as error:
+        raise ElvisError(f"{paths[0]}: there is not enough memory to read the data") from error
+
+
+class _Reader:
+    """Collects what files hold; fields are decoded at once, a mesh when it is known which of several holds."""
+
+    def __init__(self) -> None:
+        self._tags: dict[str, Element] = {}
+        self._geometries: list[Element] = []
+        self._bare: list[Path] = []
+        self._sections: list[Section] = []
+        self._mesh_metadata: dict[str, str] = {}
+        self._field_metadata: dict[str, str] = {}
+
+    def add(self, path: Path) -> None:
+        """Take in a file or a folder."""
+        if path.is_dir():
+            self._add_folder(path)
+        elif first_bytes(path) == HDF5_SIGNATURE:
+            self._add_hdf5(path)
+        else:
+            self._add_xml(path)
+
+    def dataset(self, names: list[str]) -> Dataset:
+        """All that was taken in; FormatError where there is no mesh."""
+        rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
+        mesh = self._mesh(names)
+        found = fields.assemble(self._sections, mesh)
+        metadata = {**self._mesh_metadata, **self._field_metadata}
+        return Dataset(mesh, found, _time(metadata), metadata, rules)
+
+    def _add_folder(self, folder: Path) -> None:
+        names = sorted(entry.name for entry in folder.iterdir())
+        mesh_pieces = [name for name in names if _MESH_PIECE.fullmatch(name)]
+        field_pieces = [name for name in names if _FIELD_PIECE.fullmatch(name)]
+        if not mesh_pieces and not field_pieces and "Info.xml" not in names:
+            raise FormatError("expected P0000000.xml, or Info.xml and P0000000.fld, found neither", file=folder)
+        for name in mesh_pieces:
+            self._add_xml(folder / name, is_piece=True)
+        if "Info.xml" in names:
+            self._add_xml(folder / "Info.xml")
+        else:
+            for name in field_pieces:
+                self.add(folder / name)
+
+    def _add_hdf5(self, path: Path) -> None:
+        with hdf5.opened(path) as file:
+            is_geometry = geometry_hdf5.is_geometry(file)
+        if is_geometry:
+            self._bare.append(path)
+            return
+        sections, metadata = fields_hdf5.read_fields(path)
+        self._sections += sections
+        self._field_metadata.update(metadata)
+
+    def _add_xml(self, path: Path, is_piece: bool = False) -> None:
+        for root in xml.parse(load(path), str(path)):
+            if root.tag != "NEKTAR":
+                raise FormatError(f"expected a root <NEKTAR>, found <{root.tag}>", file=path)
+            children = list(root.children())
+            tags = {child.tag for child in children}
+            metadata = {}
+            for child in children:
+                if child.tag == "ELEMENTS":
+                    self._sections.append(fields_xml.read_section(child))
+                elif child.tag == "Metadata":
+                    metadata.update(fields_xml.read_metadata(child))
+                elif child.tag in _PARTITIONS:
+                    self._add_partition(path.parent, child)
+                else:
+                    self._merge(child, is_piece)
+            is_field = tags & {"ELEMENTS", *_PARTITIONS}
+            (self._field_metadata if is_field else self._mesh_metadata).update(metadata)
+
+    def _add_partition(self, folder: Path, entry: Element) -> None:
+        """One piece of the fields of a parallel run, named by its Info.xml."""
+        name = entry.required("FileName")
+        if Path(name).name != name:
+            raise entry.error(f"expected the name of a file in the same folder, found {name!r}")
+        kept = dict(self._field_metadata)
+        self.add(folder / name)
+        self._field_metadata = kept
+
+    def _merge(self, child: Element, is_piece: bool) -> None:
+        """A section of the session: it replaces an earlier one, unless it is empty; pieces of a mesh are collected."""
+        if child.tag != "GEOMETRY":
+            if child.tag not in self._tags or not child.is_empty:
+                self._tags[child.tag] = child
+            return
+        if child.is_empty and "HDF5FILE" not in child.attributes and self._geometries:
+            return
+        numbers = [piece.attributes.get("PARTITION") for piece in self._geometries]
+        number = child.attributes.get("PARTITION")
+        if not (is_piece or (number is not None and None not in numbers and number not in numbers)):
+            self._geometries.clear()
+        self._geometries.append(child)
+
+    def _mesh(self, names: list[str]) -> Mesh:
+        pieces = list(self._raw_geometries())
+        if not pieces:
+            raise FormatError(f"no geometry among {', '.join(names)}; give the mesh file too")
+        self._geometries.clear()
+        self._tags.clear()
+        return assemble(unite(pieces))
+
+    def _raw_geometries(self) -> Iterator[RawGeometry]:
+        if not self._geometries and len(self._bare) > 1:
+            raise FormatError(f"expected one mesh, found {self._bare[0]} and {self._bare[1]}")
+        if not self._geometries:
+            yield from (geometry_hdf5.read_geometry(path) for path in self._bare)
+        for element in self._geometries:
+            if "HDF5FILE" in element.attributes:
+                yield geometry_hdf5.read_geometry(self._hdf5_file(element), *geometry_xml.dimensions(element))
+            else:
+                yield geometry_xml.read_geometry(element)
+
+    def _hdf5_file(self, element: Element) -> Path:
+        """The HDF5 file that a mesh names: beside the XML, in the working folder, or among the files given."""
+        name = element.attributes["HDF5FILE"]
+        given = [path for path in self._bare if path.name == Path(name).name] or self._bare
+        for path in (Path(element.file).parent / name, Path(name), *given):
+            if path.is_file():
+                return path
+        raise element.error(f"expected the file {name} beside it or in the working folder, found none")
+
+
+def _time(metadata: dict[str, str]) -> float | None:
+    """The time in the metadata, None where there is none that is a number."""
+    try:
+        return float(metadata["Time"])
+    except (KeyError, ValueError):
+        return None
