@@ -2,14 +2,22 @@
 
 from elvis.formats import read
 dataset = read("wing.xml", "wing.fld")
+
+Names are imported from their modules when they are first used, so that importing one module stays cheap.
 """
 
-from elvis.formats.bases import Basis
-from elvis.formats.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.mesh import Composite, Curves, Entities, Mesh
-from elvis.formats.reading import read
-from elvis.formats.shapes import Shape
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from elvis.formats.bases import Basis
+    from elvis.formats.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
+    from elvis.formats.errors import ElvisError, FormatError
+    from elvis.formats.mesh import Composite, Curves, Entities, Mesh
+    from elvis.formats.reading import read
+    from elvis.formats.shapes import Shape
 
 __all__ = [
     "Basis",
@@ -28,3 +36,19 @@ __all__ = [
     "Shape",
     "read",
 ]
+
+_MODULES = {
+    "bases": ("Basis",),
+    "dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
+    "errors": ("ElvisError", "FormatError"),
+    "mesh": ("Composite", "Curves", "Entities", "Mesh"),
+    "reading": ("read",),
+    "shapes": ("Shape",),
+}
+
+
+def __getattr__(name: str) -> object:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f"elvis.formats.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
