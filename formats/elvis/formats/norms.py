@@ -1,0 +1,196 @@
+"""Norms of coordinates and fields, by the quadrature that Nektar++ itself uses (format notes 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.bases import Basis
+from elvis.formats.cubature import Cubature, field_cubature, rule_cubature
+from elvis.formats.dataset import Dataset, Expansion, ExpansionRule, Homogeneous
+from elvis.formats.errors import ElvisError
+from elvis.formats.evaluation import evaluate, evaluate_with_gradients
+from elvis.formats.patch import Patch, patches
+from elvis.formats.shapes import Shape
+
+AXES = ("x", "y", "z")
+
+#: numbers in a table of values at quadrature points
+_BATCH = 1 << 20
+
+
+@dataclass(frozen=True)
+class Norm:
+    """Norms of one function.
+
+    l2       root of the integral of its square
+    linf     greatest magnitude at the quadrature points
+    maximum  greatest value, with its sign, at the quadrature points
+    """
+
+    l2: float
+    linf: float
+    maximum: float
+
+
+def norms(dataset: Dataset) -> dict[str, Norm]:
+    """Norms over the domain: of the coordinates first, then of the fields, in the order of the file.
+
+    Fields are integrated by the rule of their own orders, coordinates by that of the first field, or for a mesh alone
+    by EXPANSIONS.  Integrals over surfaces and curves in space use their area and length.  Homogeneous directions add
+    their coordinate; their planes weigh LZ/n each, but 1 on segments with one such direction, as in FieldConvert.
+    ElvisError where the domain, or a field on it, holds no element.
+    """
+    names, axes, space = [one.name for one in dataset.fields], _axes(dataset), dataset.mesh.space
+    fields = {name: _Sum() for name in names}
+    coordinates = [_Sum() for _ in axes]
+    for patch in patches(dataset, names):
+        for expansion in dict.fromkeys(own for own in patch.fields if own is not None):
+            _add_fields(list(fields.values()), patch, expansion)
+        for rule, members in _coordinate_rules(dataset, patch):
+            _add_coordinates(coordinates, space, patch, rule, members)
+    sums = dict(zip(axes, coordinates, strict=True)) | fields
+    empty = [name for name, total in sums.items() if not total.count]
+    if empty:
+        raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
+    return {name: total.norm() for name, total in sums.items()}
+
+
+@dataclass
+class _Sum:
+    """What is known of a function after some elements."""
+
+    count: int = 0
+    square: float = 0.0
+    least: float = field(default=np.inf)
+    greatest: float = field(default=-np.inf)
+
+    def add(self, values: Floats, measure: Floats) -> None:
+        """Take in values at points and the measure that each stands for, of one shape."""
+        self.count += values.size
+        self.square += float(np.vdot(values * values, measure))
+        self.least = min(self.least, float(values.min()))
+        self.greatest = max(self.greatest, float(values.max()))
+
+    def norm(self) -> Norm:
+        """The norms of what was taken in."""
+        return Norm(float(np.sqrt(self.square)), max(abs(self.least), abs(self.greatest)), self.greatest)
+
+
+def _axes(dataset: Dataset) -> tuple[str, ...]:
+    """Coordinates of the space, and one for each homogeneous direction."""
+    extra = [len(b.expansion.homogeneous.bases) for f in dataset.fields for b in f.blocks if b.expansion.homogeneous]
+    return AXES[: dataset.mesh.space + max(extra, default=0)]
+
+
+def _coordinate_rules(dataset: Dataset, patch: Patch) -> Iterator[tuple[_Rule, Bools]]:
+    """Rules for the coordinates of a patch, each with the (n,) elements under it."""
+    everything = np.ones(len(patch), bool)
+    first = next((expansion for expansion in patch.fields if expansion is not None), None)
+    if first is not None:
+        yield _rule(first), everything
+        return
+    for entry in dataset.expansions:
+        members = everything & np.isin(patch.element_ids, _composite_ids(dataset, patch.shape, entry))
+        if members.any():
+            yield _Rule(rule_cubature(patch.shape, entry), patch.shape), members
+        everything &= ~members
+    if everything.any():
+        yield _rule(patch.geometry), everything
+
+
+def _composite_ids(dataset: Dataset, shape: Shape, entry: ExpansionRule) -> Ints:
+    """Elements of a shape that an entry of EXPANSIONS covers."""
+    tags = {shape.tag, {1: "E", 2: "F"}.get(shape.dimension, shape.tag)}
+    parts = [part for c in dataset.mesh.composites if c.id in entry.composites for part in c.parts]
+    return np.concatenate([np.empty(0, np.int64), *(ids for tag, ids in parts if tag in tags)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Rule:
+    """Quadrature of a shape, repeated on the planes of homogeneous directions."""
+
+    flat: Cubature
+    shape: Shape
+    planes: Homogeneous | None = None
+
+    @property
+    def zeta(self) -> Floats:
+        """(k, directions) reference coordinates of the planes, y fastest; one plane of none without such directions."""
+        if self.planes is None:
+            return np.empty((1, 0))
+        numbers = (self.planes.y_ids, self.planes.z_ids) if len(self.planes.bases) == 2 else (self.planes.z_ids,)
+        axes = [_plane_points(basis, len(set(ids))) for basis, ids in zip(self.planes.bases, numbers, strict=True)]
+        mesh = np.meshgrid(*axes[::-1], indexing="ij")
+        return np.stack([part.reshape(-1) for part in mesh[::-1]], axis=1)
+
+    @property
+    def share(self) -> float:
+        """Weight of each plane."""
+        if self.planes is None or (self.shape is Shape.SEGMENT and len(self.planes.bases) == 1):
+            return 1.0
+        return float(np.prod(self.planes.lengths)) / len(self.zeta)
+
+    def length(self, direction: int) -> float:
+        """Length of a homogeneous direction."""
+        return self.planes.lengths[direction] if self.planes else 0.0
+
+    def points(self) -> Floats:
+        """(n k, d) reference points of all planes, plane slowest."""
+        flat, zeta = self.flat.points, self.zeta
+        return np.hstack([np.tile(flat, (len(zeta), 1)), np.repeat(zeta, len(flat), axis=0)])
+
+
+def _rule(expansion: Expansion) -> _Rule:
+    return _Rule(field_cubature(expansion), expansion.shape, expansion.homogeneous)
+
+
+def _plane_points(basis: Basis, count: int) -> Floats:
+    """(k,) places zeta of the planes: evenly spaced; of a single wave, a quarter of its length apart."""
+    return -1 + 2 * np.arange(count) / count if basis is Basis.FOURIER else np.array([-1.0, -0.5])
+
+
+def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion) -> None:
+    """Take in the fields that have this expansion, on all elements of a patch."""
+    rule = _rule(expansion)
+    points = rule.points()
+    for batch in _batches(len(patch), len(points)):
+        measure = _mapped(patch, rule, patch.geometry_coefficients[batch])[1]
+        for total, own, coefficients in zip(sums, patch.fields, patch.coefficients, strict=True):
+            if own == expansion and coefficients is not None:
+                total.add(evaluate(expansion, coefficients[batch], points), measure)
+
+
+def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule, members: Bools) -> None:
+    """Take in the coordinates, ``space`` of them and the homogeneous ones, on the elements ``members`` (n,)."""
+    coefficients, planes = patch.geometry_coefficients[members], rule.zeta
+    for batch in _batches(len(coefficients), len(rule.points())):
+        places, measure = _mapped(patch, rule, coefficients[batch])
+        for axis, total in enumerate(sums[:space]):
+            total.add(np.tile(places[:, axis], (1, len(planes))), measure)
+        for axis, total in enumerate(sums[space:]):
+            along = rule.length(axis) * (1 + planes[:, axis]) / 2
+            total.add(np.broadcast_to(np.repeat(along, len(rule.flat.points)), measure.shape), measure)
+
+
+def _mapped(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:
+    """World coordinates (e, 3, n) of the flat quadrature points, and measure (e, n k) of all."""
+    places, slopes = evaluate_with_gradients(patch.geometry, coefficients, rule.flat.points)
+    return places, np.tile(rule.share * rule.flat.weights * _stretch(slopes), (1, len(rule.zeta)))
+
+
+def _stretch(slopes: Floats) -> Floats:
+    """(e, n) length, area or volume factor of maps with derivatives (e, 3, n, d)."""
+    columns = [slopes[..., i] for i in range(slopes.shape[-1])]
+    normal: Floats = np.cross(columns[0], columns[1], axis=1) if len(columns) > 1 else columns[0]
+    if len(columns) == 3:
+        return np.asarray(np.abs((normal * columns[2]).sum(axis=1)))
+    return np.asarray(np.sqrt((normal * normal).sum(axis=1)))
+
+
+def _batches(elements: int, points: int) -> Iterator[slice]:
+    step = max(1, _BATCH // (12 * points))
+    return (slice(start, start + step) for start in range(0, elements, step))
