@@ -58,9 +58,19 @@ def _geometry(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
     return {
         "given_by_fields": "GeometryMap" in dataset.metadata,
         "expansions": [_expansion(block.expansion, len(block)) for block in blocks],
-        "box": {"lower": [_end(r, "lower") for r in ranges], "upper": [_end(r, "upper") for r in ranges]},
+        "box": _box(dataset, ranges),
         "jacobian": _jacobian(blocks, dataset.mesh.space),
     }
+
+
+def _box(dataset: Dataset, ranges: Sequence[Range | None]) -> Facts:
+    """The ends of the coordinates; Fourier directions follow those of the space and run over their lengths."""
+    lower, upper = ([_end(found, end) for found in ranges] for end in ("lower", "upper"))
+    waves = [b.expansion.homogeneous for field in dataset.fields for b in field.blocks if b.expansion.homogeneous]
+    if waves and ranges[0] is not None:
+        for axis, length in enumerate(waves[0].lengths, dataset.mesh.space):
+            lower[axis], upper[axis] = 0.0, length
+    return {"lower": lower, "upper": upper}
 
 
 def _end(found: Range | None, end: str) -> float | None:

@@ -24,13 +24,20 @@ def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title:
     cells = [[str(cell) for cell in row] for row in rows]
     on_terminal = sys.stdout.isatty()
     table = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, title_justify="left")
+    table.show_header = any(headers)
     table.title = Text(title, style="bold") if title else None
     for column, header in enumerate(headers):
         numeric = bool(cells) and all(_is_number(row[column]) for row in cells)
         table.add_column(header, justify="right" if numeric else "left", overflow="fold")
     for row in cells:
         table.add_row(*(Text(cell) for cell in row))
-    Console(width=None if on_terminal else 100_000).print(table)
+    if on_terminal:
+        Console().print(table)
+        return
+    console = Console(width=100_000)
+    with console.capture() as captured:
+        console.print(table)
+    print("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
 @contextmanager

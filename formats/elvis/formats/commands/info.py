@@ -12,14 +12,14 @@ from elvis.formats.commands.arguments import data_argument, json_option, read_da
 
 Facts = dict[str, Any]
 
-#: composites and metadata are listed to this many; --all or --json show the rest
+#: rows of a table that may grow without bound; --all and --json show the rest
 _MANY = 20
 
 
 @click.command("info", short_help="Tell what is in a dataset: shapes, orders, fields, ranges, validity.")
 @data_argument
 @json_option
-@click.option("--all", "everything", is_flag=True, help="List every composite and every metadata entry.")
+@click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
 def info(data: tuple[Path, ...], as_json: bool, everything: bool) -> None:
     r"""Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
@@ -47,17 +47,24 @@ def _print(facts: Facts, many: int | None) -> None:
     """Print the facts as tables, lists of more than ``many`` cut with a word."""
     from elvis.formats.terminal import print_table
 
-    print_table(("", ""), _overview(facts))
-    print_table(("map of", "elements", "bases", "modes"), map(_expansion_row, facts["geometry"]["expansions"]))
-    if facts["fields"]:
-        print_table(("field", "elements", "lower bound", "upper bound", "state"), map(_field_row, facts["fields"]))
-        rows = _orders(facts["fields"])
-        print_table(("fields", "on", "elements", "bases", "modes"), rows)
+    maps = [_expansion_row(expansion) for expansion in facts["geometry"]["expansions"]]
+    fields = [_field_row(field) for field in facts["fields"]]
+    orders = list(_orders(facts["fields"]))
     composites = [_composite_row(composite) for composite in facts["composites"]]
-    if composites:
-        print_table(("composite", "name", "holds"), _cut(composites, many))
-    if facts["metadata"]:
-        print_table(("metadata", "value"), _cut(list(facts["metadata"].items()), many))
+    metadata = list(facts["metadata"].items())
+
+    print_table(("", ""), _overview(facts))
+    tables = [
+        (("map of", "elements", "bases", "modes (order + 1)"), maps),
+        (("field", "elements", "lower bound", "upper bound", "state"), fields),
+        (("fields", "on", "elements", "bases", "modes (order + 1)"), _cut(orders, many)),
+        (("composite", "name", "holds"), _cut(composites, many)),
+        (("metadata", "value"), _cut(metadata, many)),
+    ]
+    for headers, rows in tables:
+        if rows:
+            click.echo()
+            print_table(headers, rows)
 
 
 def _overview(facts: Facts) -> Iterator[tuple[str, str]]:
@@ -132,7 +139,7 @@ def _composite_row(composite: Facts) -> tuple[object, ...]:
     return composite["id"], composite["name"] or "", parts
 
 
-def _cut(rows: list[tuple[object, ...]], many: int | None) -> list[tuple[object, ...]]:
+def _cut(rows: Sequence[tuple[object, ...]], many: int | None) -> Sequence[tuple[object, ...]]:
     """At most ``many`` rows, the last of which says how many more there are."""
     if many is None or len(rows) <= many:
         return rows

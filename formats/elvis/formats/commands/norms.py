@@ -1,0 +1,36 @@
+"""``elvis norms``: how large coordinates and fields are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from elvis.formats.commands.arguments import data_argument, json_option, read_data
+
+
+@click.command("norms", short_help="Print the L2 and maximum norm of coordinates and fields.")
+@data_argument
+@json_option
+def norms(data: tuple[Path, ...], as_json: bool) -> None:
+    r"""Print the L2 and maximum norm of each coordinate and each field over the domain.
+
+    The quadrature is that of the solver, so that the numbers can be laid beside those of FieldConvert. Linf is the
+    greatest magnitude at the quadrature points; maximum, which FieldConvert calls L inf, is the greatest value there.
+
+    \b
+    Examples:
+      elvis norms wing.xml wing.fld
+      elvis norms --json wing.xml wing.fld     {"x": {"L2": ..., "Linf": ...}, ..., "u": ...}
+    """
+    from elvis.formats.norms import norms as norms_of
+    from elvis.formats.terminal import print_json, print_table, stage
+
+    dataset = read_data(data)
+    with stage("integrating"):
+        found = norms_of(dataset)
+    if as_json:
+        print_json({name: {"L2": norm.l2, "Linf": norm.linf} for name, norm in found.items()})
+        return
+    rows = [(name, *(f"{number:.10g}" for number in (n.l2, n.linf, n.maximum))) for name, n in found.items()]
+    print_table(("", "L2", "Linf", "maximum"), rows)
