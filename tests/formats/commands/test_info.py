@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+
+from elvis.formats import ElvisError, read
+from elvis.formats.summary import summary
+
+
+@pytest.fixture
+def pipe(nektar):
+    return sorted((nektar / "gen_pipe_curved").glob("*.xml")), nektar / "gen_pipe_curved" / "gen_pipe_curved.fld"
+
+
+def test_facts_of_a_curved_pipe(elvis_json, pipe):
+    facts = elvis_json("info", *pipe[0], pipe[1])
+    assert (facts["dimension"], facts["space"]) == (3, 3)
+    assert facts["mesh"]["elements"] == {"tetrahedron": 428, "prism": 136}
+    assert facts["mesh"]["elements_in_domain"] == 564
+    assert facts["mesh"]["curved_edges"] == 221
+    assert facts["geometry"]["jacobian"]["least"] > 0
+    assert facts["geometry"]["jacobian"]["elements_not_positive"] == []
+    assert [field["name"] for field in facts["fields"]] == ["u", "v"]
+    assert {expansion["shape"] for expansion in facts["fields"][0]["expansions"]} == {"tetrahedron", "prism"}
+    assert facts["bytes"] > 100_000
+
+
+def truth_values(path):
+    """Coordinates (n, 3) and fields (n, f) of a truth file, and the names of the fields."""
+    lines = path.read_text().splitlines()
+    names = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
+    rows = [line.split("|")[1:] for line in lines if line.count("|") == 2 and not line.startswith("E")]
+    return np.array([r[0].split() for r in rows], float), np.array([r[1].split() for r in rows], float), names
+
+
+@pytest.mark.parametrize(
+    "case",
+    ["chan3d_tet", "gen_allelem_n4", "gen_allelem_ortho", "gen_allelem_var_h5", "gen_pyr_curved", "helmholtz_tq"],
+)
+def test_ranges_and_box_hold_every_true_value(nektar, case):
+    files = [path for path in (nektar / case).iterdir() if path.suffix in (".xml", ".fld")]
+    facts = summary(read(*files))
+    points, values, names = truth_values(nektar / case / f"{case}.truth.txt")
+    assert len(points)
+    box = facts["geometry"]["box"]
+    assert (points >= np.array(box["lower"])[: points.shape[1]] - 1e-12).all()
+    assert (points <= np.array(box["upper"])[: points.shape[1]] + 1e-12).all()
+    for name, column in zip(names, values.T, strict=True):
+        found = next(field["range"] for field in facts["fields"] if field["name"] == name)
+        slack = 1e-11 * (1 + abs(column).max())
+        assert found["lower"] - slack <= column.min()
+        assert column.max() <= found["upper"] + slack
+
+
+def test_fourier_directions_run_over_their_length(nektar, elvis_json):
+    facts = elvis_json("info", nektar / "chan3dh1d" / "chan3DH1D.xml", nektar / "chan3dh1d" / "chan3DH1D.fld")
+    assert facts["geometry"]["box"] == {"lower": [0, 0, 0], "upper": [1, 1, 1]}
+    assert facts["fields"][0]["expansions"][0]["fourier"] == {"lengths": [1.0], "planes": 8}
+    assert facts["time"] == pytest.approx(1)
+
+
+def test_a_mesh_alone(nektar, elvis, elvis_json):
+    (mesh,) = (nektar / "scale_compressed").glob("*.xml")
+    assert elvis_json("info", mesh)["fields"] == []
+    assert "triangle" in elvis("info", mesh)
+
+
+def test_numbers_that_are_not_finite_are_counted(nektar):
+    from dataclasses import replace
+
+    dataset = read(nektar / "helmholtz_tq" / "Helmholtz.xml", nektar / "helmholtz_tq" / "Helmholtz.fld")
+    block, *others = dataset.fields[0].blocks
+    spoiled = block.coefficients.copy()
+    spoiled[0, :2], spoiled[1, 0] = np.nan, np.inf
+    field = replace(dataset.fields[0], blocks=(replace(block, coefficients=spoiled), *others))
+    facts = summary(replace(dataset, fields=(field,)))["fields"][0]
+    assert (facts["nan"], facts["infinite"], facts["elements_not_finite"]) == (2, 1, 2)
+    assert facts["range"]["upper"] >= 0.9
+
+
+def test_tables_name_what_there_is(elvis, pipe):
+    text = elvis("info", *pipe[0], pipe[1])
+    for word in ("428 tetrahedron", "136 prism", "positive at all quadrature points", "Modified_C", "221 edges"):
+        assert word in text
+    assert "│" not in text
+    assert all(line == line.rstrip() for line in text.splitlines())
+
+
+def test_long_tables_are_cut_with_a_word(nektar, elvis):
+    case = nektar / "gen_allelem_var_h5"
+    files = case / "CubeAllElements.xml", case / "gen_allelem_var_h5.fld"
+    assert "shown by --all" in elvis("info", *files)
+    assert "shown by --all" not in elvis("info", *files, "--all")
+
+
+def test_a_field_without_its_mesh(nektar, elvis):
+    with pytest.raises(ElvisError, match="give the mesh file too"):
+        elvis("info", nektar / "helmholtz_tq" / "Helmholtz.fld")
