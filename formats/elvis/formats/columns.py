@@ -18,13 +18,18 @@ Columns = Mapping[str, NDArray[np.generic]]
 _ROWS_AT_ONCE = 4096
 
 
+def check_suffix(path: str | Path) -> None:
+    """ElvisError where the suffix names no format that is written."""
+    suffix = Path(path).suffix
+    if suffix.lower() not in (".csv", ".npz"):
+        raise ElvisError(f"{path}: expected a name that ends in .csv or .npz, found {suffix or 'no suffix'}")
+
+
 def write_columns(path: str | Path, columns: Columns) -> None:
     """Write columns of equal length as ``.csv`` or ``.npz``, by the suffix; ElvisError for another suffix."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in (".csv", ".npz"):
-        raise ElvisError(f"{path}: expected a name that ends in .csv or .npz, found {suffix or 'no suffix'}")
+    check_suffix(path)
     with replacing(path) as beside, beside.open("wb") as file:
-        if suffix == ".npz":
+        if Path(path).suffix.lower() == ".npz":
             _write_npz(file, columns)
         else:
             file.writelines(text.encode() for text in csv_lines(columns))
