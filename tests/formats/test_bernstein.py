@@ -23,6 +23,7 @@ from elvis.formats.collapse import collapse, uncollapse
 from elvis.formats.dataset import Expansion, Homogeneous
 from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.expansion import FAMILIES, mode_count, values, values_and_gradients
+from elvis.formats.factors import JacobiFactors, ortho_a
 from elvis.formats.forms import elevations
 from elvis.formats.jacobi import jacobi
 from elvis.formats.shapes import Shape
@@ -219,8 +220,6 @@ def test_legendre_coefficients_are_exact_to_rounding(n):
 
 
 def test_elevation_starts_at_the_degree_of_each_factor():
-    from elvis.formats.factors import JacobiFactors, ortho_a
-
     nets = elevations(JacobiFactors(ortho_a(np.arange(4))), 3)
     assert nets.shape == (4, 4, 4)
     for degree, factor in itertools.product(range(4), repeat=2):
