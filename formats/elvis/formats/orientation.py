@@ -5,7 +5,7 @@ Format notes 1.4 and 2.3.  Files tie elements to faces and faces to edges; local
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 
 import numpy as np
@@ -33,17 +33,21 @@ def local_vertices(mesh: Mesh, shape: Shape) -> Ints:
     FormatError, naming the entity, where edges don't close to a polygon or faces not to the shape, and where a
     triangle's collapsed vertex isn't where its volume element has it.
     """
-    entities = mesh.of(shape)
-    result = np.empty((len(entities), len(shape.vertices)), np.int64)
-    polygons = _face_vertices(mesh) if shape.dimension == 3 else None
-    for part in chunks(len(entities)):
-        if shape.dimension == 1:
-            result[part] = entities.members[part]
-        elif polygons is None:
-            result[part] = _polygon_vertices(mesh, shape, part)
-        else:
-            result[part] = _solid_vertices(mesh, shape, part, *polygons)
-    return result
+    if shape.dimension == 1:
+        return mesh.of(shape).members
+    if shape.dimension == 2:
+        return polygon_vertices(mesh, shape)
+    return solid_vertices(mesh, shape, {s: polygon_vertices(mesh, s) for s in Shape.of_dimension(2)})
+
+
+def face_shape(local: tuple[int, ...]) -> Shape:
+    """The shape of a face given by its local vertices."""
+    return Shape.TRIANGLE if len(local) == 3 else Shape.QUADRILATERAL
+
+
+def first_face_row(mesh: Mesh, shape: Shape) -> int:
+    """Where the rows of triangles or of quadrilaterals begin among all faces."""
+    return 0 if shape is Shape.TRIANGLE else len(mesh.of(Shape.TRIANGLE))
 
 
 def label(mesh: Mesh, shape: Shape, row: int) -> str:
@@ -66,7 +70,16 @@ def require(
     raise FormatError(f"expected {expected}, found {found.format(fact)}", place=label(mesh, shape, row))
 
 
-def _polygon_vertices(mesh: Mesh, shape: Shape, part: slice) -> Ints:
+def polygon_vertices(mesh: Mesh, shape: Shape) -> Ints:
+    """(n, k) vertex rows of all triangles or quadrilaterals: `local_vertices`."""
+    members = mesh.of(shape).members
+    result = np.empty_like(members)
+    for part in chunks(len(members)):
+        result[part] = _closed(mesh, shape, part)
+    return result
+
+
+def _closed(mesh: Mesh, shape: Shape, part: slice) -> Ints:
     """(n, k) vertices: the end of edge j that isn't shared with edge j + 1 is local vertex j."""
     ends = mesh.of(Shape.SEGMENT).members[mesh.of(shape).members[part]]
     following = np.roll(ends, -1, axis=1)
@@ -82,13 +95,21 @@ def _polygon_vertices(mesh: Mesh, shape: Shape, part: slice) -> Ints:
     return vertices
 
 
-def _face_vertices(mesh: Mesh) -> tuple[Ints, Ints]:
-    return local_vertices(mesh, Shape.TRIANGLE), local_vertices(mesh, Shape.QUADRILATERAL)
+def solid_vertices(mesh: Mesh, shape: Shape, polygons: Mapping[Shape, Ints]) -> Ints:
+    """(n, n_vertices) vertex rows of all volume elements of a shape: `local_vertices`.
+
+    polygons  `polygon_vertices` of the triangles and of the quadrilaterals
+    """
+    result = np.empty((len(mesh.of(shape)), len(shape.vertices)), np.int64)
+    for part in chunks(len(result)):
+        faces = _solid_faces(mesh, shape, part, polygons)
+        result[part] = _corners(mesh, shape, part, faces)
+        _check_faces(mesh, shape, part, result[part], faces)
+    return result
 
 
-def _solid_vertices(mesh: Mesh, shape: Shape, part: slice, triangles: Ints, quadrilaterals: Ints) -> Ints:
+def _corners(mesh: Mesh, shape: Shape, part: slice, faces: list[Ints]) -> Ints:
     """(n, n_vertices) vertices: local vertex j is what the faces around it have in common."""
-    faces = _solid_faces(mesh, shape, part, triangles, quadrilaterals)
     result = np.empty((len(faces[0]), len(shape.vertices)), np.int64)
     for j in range(len(shape.vertices)):
         around = [face for face, local in zip(faces, shape.faces, strict=True) if j in local]
@@ -98,16 +119,15 @@ def _solid_vertices(mesh: Mesh, shape: Shape, part: slice, triangles: Ints, quad
         expected = f"faces that share one vertex as local vertex {j}"
         require(counts == 1, mesh, shape, part, expected, "{} shared", counts)
         result[:, j] = around[0][common]
-    _check_faces(mesh, shape, part, result, faces)
     return result
 
 
-def _solid_faces(mesh: Mesh, shape: Shape, part: slice, triangles: Ints, quadrilaterals: Ints) -> list[Ints]:
+def _solid_faces(mesh: Mesh, shape: Shape, part: slice, polygons: Mapping[Shape, Ints]) -> list[Ints]:
     """For each local face the (n, 3 or 4) vertices of the file's face, in the face's own order."""
     faces: list[Ints] = []
     for local, rows in zip(shape.faces, mesh.of(shape).members[part].T, strict=True):
         kind, other = ("triangle", "quadrilateral") if len(local) == 3 else ("quadrilateral", "triangle")
-        table, first = (triangles, 0) if len(local) == 3 else (quadrilaterals, len(triangles))
+        table, first = polygons[face_shape(local)], first_face_row(mesh, face_shape(local))
         fits = (rows >= first) & (rows < first + len(table))
         require(fits, mesh, shape, part, f"a {kind} as local face {len(faces)}", f"a {other}")
         faces.append(table[rows - first])
@@ -141,6 +161,11 @@ def face_turns(vertices: Ints, face: Ints) -> Ints:
     return np.where((second - first) % 4 == 3, 2 * first + 1, 2 * first)
 
 
+def transposed(turns: Ints) -> Bools:
+    """(n,) whether axis A of the element lies along axis B of the quadrilateral face."""
+    return np.isin(turns % 4, (1, 2))
+
+
 @cache
 def turned(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
     """How the Modified modes of a turned face follow from those in its own frame.
@@ -157,8 +182,7 @@ def turned(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
     first, backwards = divmod(turn, 2)
     origin, along, across = (_CORNERS[(first + step) % 4] for step in ((0, 3, 1) if backwards else (0, 1, 3)))
     (own_p, sign_p), (own_q, sign_q) = _reversed(p, sum(along - origin) < 0), _reversed(q, sum(across - origin) < 0)
-    transposed = along[0] == origin[0]
-    index = own_q * modes + own_p if transposed else own_p * modes + own_q
+    index = own_q * modes + own_p if along[0] == origin[0] else own_p * modes + own_q
     return index, sign_p * sign_q
 
 

@@ -1,0 +1,148 @@
+"""The geometry mapping of a dataset: which polynomials carry each element into the world (format notes 2.4).
+
+The map of an element is an expansion of its three coordinates, put together from its vertices, edges and faces; or it
+is given as fields of the dataset, named by the metadata key ``GeometryMap``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.formats.dataset import Dataset, Expansion
+from elvis.formats.errors import FormatError
+from elvis.formats.expansion import mode_count, mode_indices
+from elvis.formats.grouping import Group, grouped
+from elvis.formats.interpolation import modified
+from elvis.formats.orientation import chunks, solid_vertices
+from elvis.formats.shapes import Shape
+from elvis.formats.skeleton import Skeleton
+from elvis.formats.solids import solid_modes, solid_orders
+
+#: fields that hold the mapping where the metadata names none
+MAP_FIELDS = ("map_x", "map_y", "map_z")
+
+#: elements put together at once, so that intermediate arrays stay small
+_CHUNK = 1 << 13
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryBlock:
+    """The mapping of elements of one expansion.
+
+    element_ids   (n,)       global ids
+    coefficients  (n, 3, m)  of the world coordinates; those beyond the mesh's space are zero
+    """
+
+    expansion: Expansion
+    element_ids: Ints
+    coefficients: Floats
+
+    def __len__(self) -> int:
+        return len(self.element_ids)
+
+
+def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
+    """The mapping of every element in the domain, by shape; straight elements apart from curved ones.
+
+    Straight elements come in the lowest-order Modified expansion, curved ones in the Modified expansion their edges and
+    faces need.  Elements that the fields of ``GeometryMap`` hold come last, in those fields' expansion.  FormatError,
+    naming the element, for a mesh that breaks the rules of the format.
+    """
+    mapped = tuple(_mapped(dataset))
+    ids = dataset.mesh.domain_ids()
+    for block in mapped:
+        ids = np.setdiff1d(ids, block.element_ids, assume_unique=True)
+    if not len(ids):
+        return mapped
+    skeleton = Skeleton(dataset.mesh)
+    shapes = dataset.mesh.elements
+    return (*(block for shape in shapes for block in _assembled(skeleton, shape, ids)), *mapped)
+
+
+def _mapped(dataset: Dataset) -> Iterator[GeometryBlock]:
+    """Blocks of the elements whose mapping is given as fields."""
+    if "GeometryMap" not in dataset.metadata:
+        return
+    names = tuple(name.strip() for name in dataset.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
+    present = {field.name: field.blocks for field in dataset.fields}
+    if len(names) > 3 or not present.keys() >= set(names):
+        found = f"{', '.join(names)} among {', '.join(present) or 'no fields'}"
+        raise FormatError(f"expected up to three fields of the dataset as geometry map, found {found}")
+    held = [np.concatenate([block.element_ids for block in present[name]] or [np.empty(0, np.int64)]) for name in names]
+    for group in grouped(np.intersect1d(dataset.mesh.domain_ids(), np.concatenate(held)), [present[n] for n in names]):
+        yield _stacked(names, group)
+
+
+def _stacked(names: tuple[str, ...], group: Group) -> GeometryBlock:
+    """The coordinates of a group of elements as one block, coordinates without a field zero."""
+    expansion, columns = group.expansions[0], group.coefficients
+    if expansion is None or expansion.homogeneous or set(group.expansions) != {expansion}:
+        found = f"other expansions for element {group.element_ids[0]}"
+        raise FormatError(
+            f"expected one expansion, and not a Fourier one, for all of {', '.join(names)}, found {found}"
+        )
+    coefficients = np.zeros((len(group.element_ids), 3, mode_count(expansion)))
+    for coordinate, column in enumerate(columns):
+        coefficients[:, coordinate] = column
+    return GeometryBlock(expansion, frozen_ints(group.element_ids), frozen_floats(coefficients))
+
+
+def _assembled(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[GeometryBlock]:
+    """Blocks of the elements of a shape with ids among the sorted ``wanted``, one for each set of orders."""
+    entities, vertices = skeleton.mesh.of(shape), _vertices(skeleton, shape)
+    chosen = np.flatnonzero(np.isin(entities.ids, wanted))
+    if len(chosen) and not skeleton.curved:
+        yield _block(skeleton, modified(shape, (2,) * shape.dimension), chosen, vertices)
+    if len(chosen) == 0 or not skeleton.curved:
+        return
+    orders, which = np.unique(_orders(skeleton, shape, vertices)[chosen], axis=0, return_inverse=True)
+    for number, modes in enumerate(orders.tolist()):
+        yield _block(skeleton, modified(shape, tuple(modes)), chosen[which.reshape(-1) == number], vertices)
+
+
+def _block(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> GeometryBlock:
+    """The elements ``rows`` (n,) of a shape, all with the modes of ``expansion``."""
+    assemble = _straight if max(expansion.modes) == 2 else _CURVED[expansion.shape.dimension]
+    coefficients = np.empty((len(rows), 3, mode_count(expansion)))
+    for part in chunks(len(rows), _CHUNK):
+        coefficients[part] = assemble(skeleton, expansion, rows[part], vertices[rows[part]])
+    return GeometryBlock(
+        expansion, frozen_ints(skeleton.mesh.of(expansion.shape).ids[rows]), frozen_floats(coefficients)
+    )
+
+
+def _vertices(skeleton: Skeleton, shape: Shape) -> Ints:
+    if shape.dimension == 1:
+        return skeleton.mesh.of(shape).members
+    return skeleton.faces[shape] if shape.dimension == 2 else solid_vertices(skeleton.mesh, shape, skeleton.faces)
+
+
+def _orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
+    """(n, d) numbers of modes of the elements of a shape; 2 where they are straight."""
+    if shape.dimension == 1:
+        return skeleton.edge_orders()
+    return skeleton.face_orders(shape) if shape.dimension == 2 else solid_orders(skeleton, shape, vertices)
+
+
+def _straight(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
+    """Vertices alone: the mode of a vertex is 0 in directions where it lies at -1, and 1 at +1."""
+    modes = (expansion.shape.vertices > 0).astype(np.int64)
+    order = [int(np.flatnonzero((modes == mode).all(axis=1))[0]) for mode in mode_indices(expansion)]
+    return skeleton.vertices[vertices[:, order]].transpose(0, 2, 1)
+
+
+def _segment(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
+    return skeleton.edge_modes(rows, expansion.modes[0])
+
+
+def _face(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
+    modes = max(expansion.modes)
+    p, q = mode_indices(expansion).T
+    return skeleton.face_modes(expansion.shape, rows, modes)[:, :, p * modes + q]
+
+
+_CURVED = {1: _segment, 2: _face, 3: solid_modes}

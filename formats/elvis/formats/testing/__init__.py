@@ -1,0 +1,17 @@
+"""Datasets made on the spot, for tests, demonstrations and benchmarks: every shape, straight and curved, any size."""
+
+from elvis.formats.testing.bending import curved, ripple, shuffled
+from elvis.formats.testing.fields import approximated
+from elvis.formats.testing.meshes import grid, mixed_plane, mixed_volume, one_element, rotated
+
+__all__ = [
+    "approximated",
+    "curved",
+    "grid",
+    "mixed_plane",
+    "mixed_volume",
+    "one_element",
+    "ripple",
+    "rotated",
+    "shuffled",
+]
