@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from elvis.formats.mesh import Composite, Curves, Entities, Mesh
     from elvis.formats.reading import read
     from elvis.formats.shapes import Shape
+from elvis.formats.writing import write
 
 __all__ = [
     "Basis",
@@ -35,6 +36,7 @@ __all__ = [
     "Mesh",
     "Shape",
     "read",
+    "write",
 ]
 
 _MODULES = {

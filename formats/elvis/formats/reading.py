@@ -11,6 +11,7 @@ from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.mesh import Mesh
 from elvis.formats.nektar import expansions, fields, fields_hdf5, fields_xml, geometry_hdf5, geometry_xml, hdf5, xml
 from elvis.formats.nektar.assembly import assemble
+from elvis.formats.nektar.metadata import time_of
 from elvis.formats.nektar.partition import unite
 from elvis.formats.nektar.raw import RawGeometry
 from elvis.formats.nektar.sections import Section
@@ -68,7 +69,7 @@ class _Reader:
         mesh = self._mesh(names)
         found = fields.assemble(self._sections, mesh)
         metadata = {**self._mesh_metadata, **self._field_metadata}
-        return Dataset(mesh, found, _time(metadata), metadata, rules)
+        return Dataset(mesh, found, time_of(metadata), metadata, rules)
 
     def _add_folder(self, folder: Path) -> None:
         names = sorted(entry.name for entry in folder.iterdir())
@@ -163,11 +164,3 @@ class _Reader:
             if path.is_file():
                 return path
         raise element.error(f"expected the file {name} beside it or in the working folder, found none")
-
-
-def _time(metadata: dict[str, str]) -> float | None:
-    """The time in the metadata, None where there is none that is a number."""
-    try:
-        return float(metadata["Time"])
-    except (KeyError, ValueError):
-        return None

@@ -61,7 +61,7 @@ def _tetrahedron(p: Ints, q: Ints, r: Ints) -> Ints:
 def _pyramid(p: Ints, q: Ints, r: Ints) -> Ints:
     """The sum over i < p, j < q of r - max(i, j)."""
     low, high = np.minimum(p, q), np.maximum(p, q)
-    square = low * low * r - low * (low - 1) * (4 * low + 1) // 6
+    square: Ints = low * low * r - low * (low - 1) * (4 * low + 1) // 6
     rest: Ints = low * ((high - low) * r - (high * (high - 1) - low * (low - 1)) // 2)
     return square + rest
 

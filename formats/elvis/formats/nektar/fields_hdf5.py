@@ -75,25 +75,29 @@ def _section(root: h5py.Group, file: str, key: np.uint64, columns: list[NDArray[
 
 
 def _space(definition: h5py.Group, orders: Ints, elements: int, ids: tuple[Ints, Ints, Ints]) -> Space:
-    bases = _bases(hdf5.attribute(definition, "BASIS"))
-    fields = np.ravel(hdf5.attribute(definition, "FIELDS"))
-    lengths = np.ravel(definition.attrs.get("HOMOGENEOUSLENGTHS", []))
-    text = hdf5.text(hdf5.attribute(definition, "NUMMODESPERDIR"))
+    bases = _bases(hdf5.attribute(definition, "BASIS").tolist())
     y_ids, z_ids, strips = (tuple(part.tolist()) for part in ids)
     return read_space(
-        tuple(hdf5.text(name) for name in fields),
-        hdf5.text(hdf5.attribute(definition, "SHAPE")),
+        tuple(hdf5.text(name) for name in hdf5.attribute(definition, "FIELDS")),
+        hdf5.text_attribute(definition, "SHAPE"),
         bases,
-        _modes(text, orders, elements, len(bases)),
-        (tuple(float(length) for length in lengths), y_ids, z_ids, strips),
+        _modes(hdf5.text_attribute(definition, "NUMMODESPERDIR"), orders, elements, len(bases)),
+        (_lengths(definition), y_ids, z_ids, strips),
     )
 
 
-def _bases(value: object) -> tuple[Basis, ...]:
-    codes = np.ravel(np.asarray(value)).tolist()
-    if not all(isinstance(code, int) and code in set(Basis) for code in codes):
+def _lengths(definition: h5py.Group) -> tuple[float, ...]:
+    values = hdf5.attribute(definition, "HOMOGENEOUSLENGTHS", is_required=False)
+    if values.dtype.kind != "f":
+        raise FormatError(f"expected numbers in HOMOGENEOUSLENGTHS, found {values.dtype}")
+    return tuple(values.astype(np.float64).tolist())
+
+
+def _bases(codes: list[object]) -> tuple[Basis, ...]:
+    known = {int(basis): basis for basis in Basis}
+    if not all(isinstance(code, int) and code in known for code in codes):
         raise FormatError(f"expected numbers of bases, found {codes}")
-    return tuple(Basis(code) for code in codes)
+    return tuple(known[code] for code in codes if isinstance(code, int))
 
 
 def _modes(text: str, orders: Ints, elements: int, bases: int) -> Ints:
@@ -112,4 +116,9 @@ def _metadata(root: h5py.Group) -> dict[str, str]:
     group = hdf5.group(root, "Metadata")
     if group is None:
         return {}
-    return {key: value if isinstance(value, str) else str(value) for key, value in group.attrs.items()}
+    return {hdf5.text(key): _metadata_text(group, key) for key in group.attrs}
+
+
+def _metadata_text(group: h5py.Group, key: str) -> str:
+    values = hdf5.attribute(group, key)
+    return ",".join(hdf5.text(value) if isinstance(value, str | bytes) else str(value) for value in values)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.mesh import MEMBERS
@@ -112,10 +110,8 @@ def _composites(mesh: h5py.Group, maps: h5py.Group) -> tuple[RawComposite, ...]:
 
 def _composite_names(maps: h5py.Group, count: int) -> list[str | None]:
     """Names that this project keeps in an attribute, for want of a place in the format."""
-    values = np.ravel(maps["COMPOSITE"].attrs.get("NAME", []))
-    if len(values) != count:
-        return [None] * count
-    return [hdf5.text(value) or None for value in values]
+    values = hdf5.attribute(maps["COMPOSITE"], "NAME", is_required=False)
+    return [hdf5.text(value) or None for value in values] if len(values) == count else [None] * count
 
 
 def _domains(mesh: h5py.Group, maps: h5py.Group, version: int) -> dict[int, IdList]:

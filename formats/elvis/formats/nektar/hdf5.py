@@ -99,28 +99,38 @@ def strings(parent: h5py.Group, name: str) -> list[str] | None:
     return [text(item) for item in found[()]]
 
 
-def attribute(owner: h5py.Group, name: str) -> object:
-    """The value of an attribute that must be there."""
+def attribute(owner: h5py.Group, name: str, is_required: bool = True) -> NDArray[Any]:
+    """The values of an attribute, as a flat array; FormatError where it must be there and isn't."""
     if name not in owner.attrs:
-        raise FormatError(f"expected an attribute {name}, found none", place=owner.name)
-    return owner.attrs[name]
+        if is_required:
+            raise FormatError(f"expected an attribute {name}, found none", place=owner.name)
+        return np.empty(0)
+    return np.asarray(owner.attrs[name]).reshape(-1)
+
+
+def text_attribute(owner: h5py.Group, name: str) -> str:
+    """An attribute that is one string."""
+    values = attribute(owner, name)
+    if len(values) != 1:
+        raise FormatError(f"expected one string in {name}, found {len(values)}", place=owner.name)
+    return text(values[0])
 
 
 def text(value: object) -> str:
     """A string attribute or item as text; FormatError for anything else."""
+    if isinstance(value, str):
+        value = value.encode("utf-8", "surrogateescape")
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
-    if isinstance(value, str):
-        return value
     raise FormatError(f"expected a string, found {type(value).__name__}")
 
 
 def version(owner: h5py.Group, greatest: int) -> int:
     """FORMAT_VERSION of a group; FormatError where it is missing or greater than ``greatest``."""
-    value = np.asarray(attribute(owner, "FORMAT_VERSION"))
-    if value.dtype.kind not in "iu" or value.size != 1 or not 1 <= value.item() <= greatest:
+    value = attribute(owner, "FORMAT_VERSION")
+    if value.dtype.kind not in "iu" or value.size != 1 or not 1 <= value[0] <= greatest:
         raise FormatError(f"expected FORMAT_VERSION 1 to {greatest}, found {value.tolist()}", place=owner.name)
-    return int(value.item())
+    return int(value[0])
 
 
 def _member(parent: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:

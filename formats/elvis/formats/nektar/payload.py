@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import binascii
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,18 +61,19 @@ def possible_bytes(text: memoryview) -> int:
     return _DEFLATE_RATIO * len(text)
 
 
-def encode(array: NDArray[np.generic]) -> Iterator[bytes]:
-    """Base64 of the zlib stream of an array's bytes, in pieces, on one line, without padding characters.
+def encode(arrays: Iterable[NDArray[np.generic]]) -> Iterator[bytes]:
+    """Base64 of the zlib stream of the arrays' bytes, one after another, in pieces, on one line, without padding.
 
     NUL bytes behind the stream bring its length to a multiple of three; readers ignore them.
     """
     compressor, carry = zlib.compressobj(), b""
-    view = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-    for start in range(0, len(view), _STEP):
-        carry += compressor.compress(view[start : start + _STEP])
-        whole = len(carry) // 3 * 3
-        yield binascii.b2a_base64(carry[:whole], newline=False)
-        carry = carry[whole:]
+    for array in arrays:
+        view = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+        for start in range(0, len(view), _STEP):
+            carry += compressor.compress(view[start : start + _STEP])
+            whole = len(carry) // 3 * 3
+            yield binascii.b2a_base64(carry[:whole], newline=False)
+            carry = carry[whole:]
     carry += compressor.flush()
     yield binascii.b2a_base64(carry + b"\0" * (-len(carry) % 3), newline=False)
 

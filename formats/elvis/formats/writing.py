@@ -1,0 +1,130 @@
+"""Writing the native format: mesh and fields, as XML or HDF5, whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, get_args
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.formats.nektar import fields_output, geometry_hdf5_output, geometry_output
+from elvis.formats.nektar.domain import with_domain
+from elvis.formats.nektar.expansions_output import completed_rules, write_rules
+from elvis.formats.nektar.metadata import time_of
+from elvis.formats.nektar.output_xml import document, write_metadata
+from elvis.formats.nektar.sections_output import OutputSection, output_sections
+from elvis.formats.output import replacing
+
+MeshFormat = Literal["compressed", "text", "hdf5"]
+FieldFormat = Literal["xml", "hdf5"]
+
+
+def write(
+    dataset: Dataset,
+    mesh_path: str | Path | None = None,
+    field_path: str | Path | None = None,
+    *,
+    mesh_format: MeshFormat = "compressed",
+    field_format: FieldFormat = "xml",
+) -> tuple[Path, ...]:
+    """Write a dataset; the files written, of which none is touched unless all of them can be written whole.
+
+    mesh_path   XML file of the mesh; with ``hdf5`` the data go to the same name with the suffix .nekg.  XML is gzipped
+                where the name ends in .gz.  Without it only the fields are written.
+    field_path  file of the fields; where only ``mesh_path`` is given, the same name with the suffix .fld.
+
+    The mesh gets a domain where it names none, and expansions that fit every field.  Raises ElvisError where a file
+    can't be written, or a format can't hold what the dataset has.
+    """
+    mesh_file = None if mesh_path is None else Path(mesh_path)
+    field_file = _field_file(dataset, mesh_file, field_path)
+    hdf5_file = _hdf5_file(mesh_file) if mesh_file and mesh_format == "hdf5" else None
+    _check(mesh_format, field_format, mesh_file, field_file)
+
+    dataset = replace(dataset, mesh=with_domain(dataset.mesh), metadata=_metadata(dataset))
+    sections = output_sections(dataset)
+    try:
+        # files take their names in reverse, so the mesh's XML, which names the others, comes last
+        with ExitStack() as files:
+            if mesh_file:
+                beside = files.enter_context(replacing(mesh_file))
+                _write_mesh_xml(beside, dataset, sections, mesh_file, mesh_format, field_file is None)
+            if hdf5_file:
+                geometry_hdf5_output.write_geometry(files.enter_context(replacing(hdf5_file)), dataset.mesh)
+            if field_file:
+                beside = files.enter_context(replacing(field_file))
+                _write_fields(beside, sections, dataset.metadata, field_file, field_format)
+    except (OSError, RuntimeError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
+        raise ElvisError(f"{mesh_file or field_file}: cannot be written: {reason}") from error
+    return tuple(file for file in (mesh_file, hdf5_file, field_file) if file)
+
+
+def _check(mesh_format: str, field_format: str, mesh_file: Path | None, field_file: Path | None) -> None:
+    if mesh_format not in get_args(MeshFormat) or field_format not in get_args(FieldFormat):
+        known = f"{', '.join(get_args(MeshFormat))} for meshes and {', '.join(get_args(FieldFormat))} for fields"
+        raise ElvisError(f"expected one of the formats {known}, found {mesh_format} and {field_format}")
+    if mesh_file is None and field_file is None:
+        raise ElvisError("expected the name of a file to write, found none")
+    if mesh_file == field_file:
+        raise ElvisError(f"{mesh_file}: expected two names for mesh and fields, found one")
+    if field_format == "hdf5" and field_file and field_file.suffix == ".gz":
+        raise ElvisError(f"{field_file}: expected a name without .gz, for HDF5 packs its data itself")
+
+
+def _field_file(dataset: Dataset, mesh_file: Path | None, field_path: str | Path | None) -> Path | None:
+    """The file of the fields, None where there are none to write."""
+    if field_path is not None:
+        if not dataset.fields:
+            raise ElvisError(f"{field_path}: expected fields to write, found none")
+        return Path(field_path)
+    return _without_gz(mesh_file).with_suffix(".fld") if mesh_file and dataset.fields else None
+
+
+def _hdf5_file(mesh_file: Path) -> Path:
+    """The file of the mesh's data beside its XML."""
+    if mesh_file.suffix == ".nekg":
+        raise ElvisError(f"{mesh_file}: expected the name of the XML file, which names the .nekg file beside it")
+    return _without_gz(mesh_file).with_suffix(".nekg")
+
+
+def _without_gz(path: Path) -> Path:
+    return path.with_suffix("") if path.suffix == ".gz" else path
+
+
+def _metadata(dataset: Dataset) -> dict[str, str]:
+    """The metadata with the dataset's time."""
+    metadata = dict(dataset.metadata)
+    if dataset.time is not None and time_of(metadata) != dataset.time:
+        metadata["Time"] = repr(float(dataset.time))
+    return metadata
+
+
+def _write_mesh_xml(
+    path: Path, dataset: Dataset, sections: list[OutputSection], name: Path, mesh_format: MeshFormat, is_alone: bool
+) -> None:
+    """The XML of the mesh, or the stub that names its HDF5 file; metadata only where no field file holds them."""
+    mesh = dataset.mesh
+    with document(path, name.suffix == ".gz") as writer:
+        if is_alone:
+            write_metadata(writer, dataset.metadata)
+        if mesh_format == "hdf5":
+            attributes = {"DIM": mesh.dimension, "SPACE": mesh.space, "HDF5FILE": _hdf5_file(name).name}
+            writer.leaf("GEOMETRY", attributes)
+        else:
+            geometry_output.write_geometry(writer, mesh, mesh_format == "compressed")
+        write_rules(writer, completed_rules(dataset, sections))
+
+
+def _write_fields(
+    path: Path, sections: list[OutputSection], metadata: Mapping[str, str], name: Path, field_format: FieldFormat
+) -> None:
+    if field_format == "hdf5":
+        fields_output.write_hdf5(path, sections, metadata)
+        return
+    with document(path, name.suffix == ".gz") as writer:
+        write_metadata(writer, metadata)
+        fields_output.write_sections(writer, sections)
