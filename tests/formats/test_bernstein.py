@@ -263,6 +263,23 @@ def test_gradients_equal_those_of_the_modes(expansion):
     assert (np.abs(slopes - direct) <= 1e-13 * (1 + scale) * steep).all()
 
 
+@pytest.mark.parametrize("expansion", [case for case in CASES if case.shape not in (*TENSOR, Shape.PYRAMID)], ids=name)
+def test_nothing_jumps_near_collapsed_vertices(expansion):
+    """At any distance from a vertex, down to rounding, values and gradients are those of the Bernstein form."""
+    shape, space, matrix = expansion.shape, bernstein_space(expansion), to_bernstein(expansion)
+    centre = shape.vertices.mean(axis=0)
+    steps = 10.0 ** -np.arange(6, 17)[:, None, None]
+    points = (shape.vertices + steps * (0.5 * inside(shape, 1) + 0.5 * centre - shape.vertices)).reshape(
+        -1, shape.dimension
+    )
+    table, slopes = values_and_gradients(expansion, points)
+    assert (np.abs(table - bernstein_values(space, points) @ matrix.T) <= 1e-13 * np.abs(matrix).max(axis=1)).all()
+    for i in range(shape.dimension):
+        lower, net = differentiate(space, matrix, i)
+        error = np.abs(slopes[:, i] - bernstein_values(lower, points) @ net.T)
+        assert (error <= 1e-13 * (1 + np.abs(net).max(axis=1))).all()
+
+
 def midpoints(shape):
     return [shape.vertices[list(edge)].mean(axis=0) for edge in shape.edges]
 

@@ -11,8 +11,9 @@ import numpy as np
 from elvis.formats.arrays import Floats
 from elvis.formats.shapes import Shape
 
-#: denominators of smaller magnitude are replaced by this, as at a collapsed vertex, where any eta is valid
-GUARD = 1e-12
+#: denominators of smaller magnitude, as at a collapsed vertex, where any eta is valid, are replaced by this; at the
+#: level of rounding, so that functions and their gradients do not jump on the way there (Nektar++ itself: 1e-12)
+GUARD = 1e-15
 
 
 def collapse(shape: Shape, points: Floats) -> Floats:
