@@ -23,6 +23,8 @@ SECOND_MOMENTS = {
     Shape.HEXAHEDRON: 8 / 3,
 }
 
+PLANES = Homogeneous((Basis.FOURIER,), (2.5,), (0, 1, 2, 3))
+
 
 def alone(shape, vertices=None, space=None):
     """The mesh of one element, the reference shape itself unless other vertices are given."""
@@ -153,6 +155,12 @@ def test_elements_that_a_field_lacks_do_not_count():
     found = norms(Dataset(mesh, (field("f", modified(Shape.QUADRILATERAL, (2, 2)), [2.0, 2, 2, 2]),)))
     assert found["f"].l2 == pytest.approx(2, rel=1e-14)
     assert found["x"].linf == pytest.approx(2, rel=1e-14)
+
+    # the planes of a homogeneous field are those of the coordinates, where the field lacks elements too
+    expansion = Expansion(Shape.QUADRILATERAL, (Basis.MODIFIED_A,) * 2, (2, 2), PLANES)
+    found = norms(Dataset(mesh, (field("f", expansion, np.repeat([1.0, 0, 0, 0], 4)),)))
+    assert found["f"].l2 == pytest.approx(np.sqrt(2.5), rel=1e-14)
+    assert found["x"].l2 == pytest.approx(np.sqrt(8 / 3 * 2.5), rel=1e-14)
     nowhere = Field("g", (Block(modified(Shape.QUADRILATERAL, (2, 2)), np.array([17]), np.ones((1, 4))),))
     with pytest.raises(ElvisError, match="under g, found none"):
         norms(Dataset(mesh, (nowhere,)))

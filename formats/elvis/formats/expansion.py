@@ -25,6 +25,7 @@ from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.shapes import Shape
 
 _FOURIER = (Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM)
+_TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
 _MODIFIED = (Basis.MODIFIED_A,)
 _ORTHO = (Basis.ORTHO_A, Basis.LEGENDRE)
 _LAGRANGE = (Basis.GLL_LAGRANGE, Basis.GAUSS_LAGRANGE)
@@ -134,7 +135,7 @@ def product_plan(expansion: Expansion) -> ProductPlan:
 
 def _spatial_modes(shape: Shape, counts: tuple[int, ...]) -> Ints:
     """(m, d) indices of all modes, in the order of format notes 4."""
-    if FAMILIES[shape][0][-1] is _LINE:  # tensor shapes: the first index is fastest
+    if shape in _TENSOR:  # the first index is fastest
         return frozen_ints(np.indices(counts[::-1]).reshape(len(counts), -1)[::-1].T)
     index = np.indices(counts).reshape(len(counts), -1)
     if shape is Shape.TRIANGLE:

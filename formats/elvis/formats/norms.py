@@ -80,26 +80,32 @@ class _Sum:
         return Norm(float(np.sqrt(self.square)), max(abs(self.least), abs(self.greatest)), self.greatest)
 
 
+def _planes(dataset: Dataset) -> Homogeneous | None:
+    """The homogeneous directions of the first field that has any."""
+    everything = (block.expansion.homogeneous for one in dataset.fields for block in one.blocks)
+    return next((planes for planes in everything if planes is not None), None)
+
+
 def _axes(dataset: Dataset) -> tuple[str, ...]:
     """Coordinates of the space, and one for each homogeneous direction."""
-    extra = [len(b.expansion.homogeneous.bases) for f in dataset.fields for b in f.blocks if b.expansion.homogeneous]
-    return AXES[: dataset.mesh.space + max(extra, default=0)]
+    planes = _planes(dataset)
+    return AXES[: dataset.mesh.space + (len(planes.bases) if planes else 0)]
 
 
 def _coordinate_rules(dataset: Dataset, patch: Patch) -> Iterator[tuple[_Rule, Bools]]:
     """Rules for the coordinates of a patch, each with the (n,) elements under it."""
-    everything = np.ones(len(patch), bool)
+    everything, planes = np.ones(len(patch), bool), _planes(dataset)
     first = next((expansion for expansion in patch.fields if expansion is not None), None)
     if first is not None:
-        yield _rule(first), everything
+        yield _Rule(field_cubature(first), patch.shape, planes), everything
         return
     for entry in dataset.expansions:
         members = everything & np.isin(patch.element_ids, _composite_ids(dataset, patch.shape, entry))
         if members.any():
-            yield _Rule(rule_cubature(patch.shape, entry), patch.shape), members
+            yield _Rule(rule_cubature(patch.shape, entry), patch.shape, planes), members
         everything &= ~members
     if everything.any():
-        yield _rule(patch.geometry), everything
+        yield _Rule(field_cubature(patch.geometry), patch.shape, planes), everything
 
 
 def _composite_ids(dataset: Dataset, shape: Shape, entry: ExpansionRule) -> Ints:
@@ -144,10 +150,6 @@ class _Rule:
         return np.hstack([np.tile(flat, (len(zeta), 1)), np.repeat(zeta, len(flat), axis=0)])
 
 
-def _rule(expansion: Expansion) -> _Rule:
-    return _Rule(field_cubature(expansion), expansion.shape, expansion.homogeneous)
-
-
 def _plane_points(basis: Basis, count: int) -> Floats:
     """(k,) places zeta of the planes: evenly spaced; of a single wave, a quarter of its length apart."""
     return -1 + 2 * np.arange(count) / count if basis is Basis.FOURIER else np.array([-1.0, -0.5])
@@ -155,7 +157,7 @@ def _plane_points(basis: Basis, count: int) -> Floats:
 
 def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion) -> None:
     """Take in the fields that have this expansion, on all elements of a patch."""
-    rule = _rule(expansion)
+    rule = _Rule(field_cubature(expansion), expansion.shape, expansion.homogeneous)
     points = rule.points()
     for batch in _batches(len(patch), len(points)):
         measure = _mapped(patch, rule, patch.geometry_coefficients[batch])[1]
@@ -184,11 +186,13 @@ def _mapped(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Fl
 
 def _stretch(slopes: Floats) -> Floats:
     """(e, n) length, area or volume factor of maps with derivatives (e, 3, n, d)."""
-    columns = [slopes[..., i] for i in range(slopes.shape[-1])]
-    normal: Floats = np.cross(columns[0], columns[1], axis=1) if len(columns) > 1 else columns[0]
-    if len(columns) == 3:
-        return np.asarray(np.abs((normal * columns[2]).sum(axis=1)))
-    return np.asarray(np.sqrt((normal * normal).sum(axis=1)))
+    if slopes.shape[-1] == 1:
+        return np.asarray(np.linalg.norm(slopes[..., 0], axis=1))
+    (ax, bx), (ay, by), (az, bz) = ([slopes[:, axis, :, i] for i in (0, 1)] for axis in range(3))
+    normal = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    if slopes.shape[-1] == 2:
+        return np.asarray(np.sqrt(sum(part * part for part in normal)))
+    return np.asarray(np.abs(sum(part * slopes[:, axis, :, 2] for axis, part in enumerate(normal))))
 
 
 def _batches(elements: int, points: int) -> Iterator[slice]:
