@@ -24,15 +24,15 @@ class Codec:
         records = decode(section.content, 4)
         return records.view("<i8")[:, 0].astype(np.int64), records.view("<f8")[:, 1:].astype(np.float64)
 
-    def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, Ints]:
-        """By tag an (n, 1 + width) array of id and members; EDGE is a payload itself, others have one a tag."""
+    def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
+        """By tag ids (n,) and members (n, width); EDGE is a payload itself, others have one a tag."""
         if section.tag == "EDGE":
-            return {"E": _records(section, widths["E"] + 1)}
-        rows: dict[str, Ints] = {}
+            return {"E": _table(section, widths["E"])}
+        rows: dict[str, tuple[Ints, Ints]] = {}
         for child in section.children():
             if child.tag not in widths or child.tag in rows:
                 raise child.error(f"expected {', '.join(widths)}, each once, found <{child.tag}>")
-            rows[child.tag] = _records(child, widths[child.tag] + 1)
+            rows[child.tag] = _table(child, widths[child.tag])
         return rows
 
     def read_curves(self, section: Element) -> tuple[RawCurves, RawCurves]:
@@ -53,6 +53,12 @@ class Codec:
 
 
 CODEC = Codec()
+
+
+def _table(element: Element, width: int) -> tuple[Ints, Ints]:
+    """Ids and members of records of one more item."""
+    records = _records(element, width + 1)
+    return records[:, 0].copy(), records[:, 1:].copy()
 
 
 def _records(element: Element, width: int) -> Ints:

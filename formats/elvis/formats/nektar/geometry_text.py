@@ -25,8 +25,8 @@ class Codec:
         """Ids (n,) and points (n, 3)."""
         return numbers.vertex_rows(section.data, section.start, section.stop)
 
-    def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, Ints]:
-        """By tag an (n, 1 + width) array of id and members."""
+    def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
+        """By tag ids (n,) and members (n, width)."""
         return numbers.rows(section.data, section.start, section.stop, widths)
 
     def read_curves(self, section: Element) -> tuple[RawCurves, RawCurves]:

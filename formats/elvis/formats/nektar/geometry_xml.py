@@ -99,7 +99,7 @@ def _section_tables(section: Element, tags: dict[str, Shape]) -> dict[Shape, tup
         children_compressed = section.tag != "EDGE" and _first_child_compressed(section)
         codec = geometry_compressed.CODEC if children_compressed else _codec(section)
         rows = codec.read_rows(section, widths)
-    return {tags[tag]: (table[:, 0].copy(), table[:, 1:].copy()) for tag, table in rows.items() if len(table)}
+    return {tags[tag]: table for tag, table in rows.items() if len(table[0])}
 
 
 def _first_child_compressed(section: Element) -> bool:

@@ -51,12 +51,12 @@ def _first_bad(text: bytes, kind: type[Number]) -> str:
     return text[:20].decode("ascii", "replace")
 
 
-def rows(section: Buffer, start: int, stop: int, widths: Mapping[str, int]) -> dict[str, Ints]:
-    """Entries ``<T ID="4">0 1 2</T>`` of whole numbers: by tag an (n, 1 + width) array of id and members.
+def rows(section: Buffer, start: int, stop: int, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
+    """Entries ``<T ID="4">0 1 2</T>`` of whole numbers: by tag ids (n,) and members (n, width).
 
     ``widths`` gives the number of members for each tag that may occur.  FormatError for anything else in the section.
     """
-    found: dict[str, list[Ints]] = {tag: [] for tag in widths}
+    tables = {tag: _Table(section.count(b"</%s" % tag.encode(), start, stop), widths[tag]) for tag in widths}
     for chunk in chunks(section, start, stop):
         for code, tag in enumerate(widths, 1):
             chunk = _opening(tag).sub(b" -%d \\1 " % code, chunk)
@@ -65,19 +65,19 @@ def rows(section: Buffer, start: int, stop: int, widths: Mapping[str, int]) -> d
         lengths = np.diff(starts, append=len(numbers))
         if len(numbers) and (not len(starts) or starts[0] != 0):
             raise FormatError(f"expected entries with an ID, found {numbers[0]}")
+        if np.any(numbers[starts] < -len(widths)):
+            raise FormatError(f"expected ids from 0 up, found {numbers.min()}")
         for code, (tag, width) in enumerate(widths.items(), 1):
             mine = numbers[starts] == -code
             _check_lengths(tag, width, numbers, starts[mine], lengths[mine])
-            found[tag].append(numbers[starts[mine, None] + np.arange(1, width + 2)])
-        if not np.all(numbers[starts] >= -len(widths)):
-            raise FormatError(f"expected ids from 0 up, found {numbers.min()}")
-    return {tag: _joined(parts, widths[tag] + 1) for tag, parts in found.items()}
+            tables[tag].extend(numbers[starts[mine, None] + np.arange(1, width + 2)])
+    return {tag: table.whole() for tag, table in tables.items()}
 
 
 def vertex_rows(section: Buffer, start: int, stop: int) -> tuple[Ints, Floats]:
     """Entries ``<V ID="4">x y z</V>``: ids (n,) and points (n, 3); errors as `rows`."""
-    ids: list[Ints] = []
-    points: list[Floats] = []
+    count = section.count(b"</V", start, stop)
+    ids, points, filled = np.empty(count, np.int64), np.empty((count, 3)), 0
     for chunk in chunks(section, start, stop):
         numbers = section_numbers(_opening("V").sub(rb" nan \1 ", chunk), np.float64)
         starts = np.flatnonzero(np.isnan(numbers))
@@ -85,13 +85,30 @@ def vertex_rows(section: Buffer, start: int, stop: int) -> tuple[Ints, Floats]:
             raise FormatError(f"expected entries <V ID=…>, found {numbers[0]}")
         _check_lengths("V", 3, numbers, starts, np.diff(starts, append=len(numbers)))
         table = numbers.reshape(-1, 5)
-        ids.append(table[:, 1].astype(np.int64))
-        points.append(table[:, 2:].copy())
-    return np.concatenate(ids or [np.empty(0, np.int64)]), np.concatenate(points or [np.empty((0, 3))])
+        ids[filled : filled + len(table)] = table[:, 1]
+        points[filled : filled + len(table)] = table[:, 2:]
+        filled += len(table)
+    return ids[:filled], points[:filled]
 
 
-def _joined(parts: list[Ints], width: int) -> Ints:
-    return np.concatenate(parts) if parts else np.empty((0, width), np.int64)
+class _Table:
+    """Ids and members of one tag, gathered chunk by chunk in arrays that are large enough from the start."""
+
+    def __init__(self, capacity: int, width: int) -> None:
+        self._ids, self._members = np.empty(capacity, np.int64), np.empty((capacity, width), np.int64)
+        self._filled = 0
+
+    def extend(self, rows: Ints) -> None:
+        """Add (n, 1 + width) rows; FormatError where entries don't end as they begin."""
+        stop = self._filled + len(rows)
+        if stop > len(self._ids):
+            raise FormatError(f"expected every entry to end with its own tag, found {stop} and {len(self._ids)} ends")
+        self._ids[self._filled : stop], self._members[self._filled : stop] = rows[:, 0], rows[:, 1:]
+        self._filled = stop
+
+    def whole(self) -> tuple[Ints, Ints]:
+        """Ids (n,) and members (n, width)."""
+        return self._ids[: self._filled], self._members[: self._filled]
 
 
 def _opening(tag: str) -> re.Pattern[bytes]:
