@@ -1,0 +1,57 @@
+"""Runtime plugins: what a plugin hands to the renderer, beside its Slang module."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Elements of one kind, all served by one Slang type.
+
+    module       name of the Slang module (a file in the volume's shader folder)
+    type         the type in it that implements IVolume, e.g. ``Hexahedron<2, 3>``
+    element_ids  (n,) global ids
+    boxes        (n, 6) low and high corner of a box that holds each element
+    buffers      the module's global buffers by name: arrays of float64, float32 or uint32
+    """
+
+    module: str
+    type: str
+    element_ids: Ints
+    boxes: Floats
+    buffers: Mapping[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        return len(self.element_ids)
+
+
+class Volume(Protocol):
+    """Elements with one field, ready for a device."""
+
+    @property
+    def dimension(self) -> int:
+        """3, or 2 for elements in the plane z = 0."""
+        ...
+
+    @property
+    def shader_folder(self) -> Path:
+        """Where the Slang modules of the parts stand."""
+        ...
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """The elements, by kind."""
+        ...
+
+
+def interface_folder() -> Path:
+    """The folder of ``volume.slang``, the published interface."""
+    return Path(__file__).parent / "shaders"

@@ -1,0 +1,100 @@
+"""``elvis render``: a picture from the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from elvis.renderer.commands.parameters import CameraType, PlaneType, RangeType, SizeType
+
+if TYPE_CHECKING:
+    from elvis.renderer.frame import Frame
+
+EPILOG = """\b
+Examples:
+  elvis render wing.xml wing.fld --field p --plane 0,0,0.2:0,0,1 -o wing.png
+  elvis render plane.xml plane.fld --field u --range -1:1 --colormap coolwarm -o u.png
+  elvis render wing.xml wing.fld --field p --plane 0,0,0:1,1,0 --camera iso -o p.npz -o p.exr
+  elvis render wing.xml wing.fld --field p --plane 0,0,0:0,0,1 --camera 3,-4,2:0,0,0:0,0,1:30 -o view.png
+"""
+
+
+@click.command(epilog=EPILOG, short_help="Draw a cut plane or a 2D solution, exact at every pixel.")
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--field", "-f", help="The field that colours the picture.  [default: the first]")
+@click.option("--plane", type=PlaneType(), help="The cut plane: a point and a normal (3D data).")
+@click.option(
+    "--camera",
+    type=CameraType(),
+    default="fit",
+    show_default=True,
+    help="fit (straight at the plane), +x, -x, +y, -y, +z, -z (look along an axis), iso, or eye:at[:up[:degrees]]; "
+    "orthographic and fitted to what is seen unless degrees are given.",
+)
+@click.option("--size", type=SizeType(), default="1000x800", show_default=True, help="Pixels of the image.")
+@click.option(
+    "--range", "range_", type=RangeType(), help="Values at the ends of the colour bar.  [default: what is seen]"
+)
+@click.option("--colormap", default="viridis", show_default=True, help="A colour map of the cmap catalogue.")
+@click.option("--plain", is_flag=True, help="The bare image, without colour bar and title.")
+@click.option("--device", default="auto", show_default=True, help="See elvis devices; reference computes in NumPy.")
+@click.option(
+    "--output",
+    "-o",
+    "outputs",
+    multiple=True,
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="A .png, .exr or .npz file; may be given several times.",
+)
+@click.option(
+    "--stats", type=click.Path(path_type=Path, dir_okay=False), help="Write seconds, bytes and counts as JSON."
+)
+def render(data: tuple[Path, ...], outputs: tuple[Path, ...], stats: Path | None, plain: bool, **options: Any) -> None:
+    """Draw DATA (mesh and field files, in any order): every pixel from the solver's own polynomials."""
+    from elvis.renderer.saving import check_suffix
+
+    for output in outputs:
+        check_suffix(output)
+    frame = _frame(data, **options)
+    for output in outputs:
+        frame.save(output, plain=plain)
+    if stats:
+        _write_stats(frame, stats)
+    failed = frame.counts()["failed"]
+    if failed:
+        click.echo(
+            f"elvis: warning: {failed} pixels failed: an element may be there, but its map did not invert", err=True
+        )
+
+
+def _frame(data: tuple[Path, ...], field: str | None, colormap: str, device: str, **options: Any) -> Frame:
+    """Read the data and draw them."""
+    from elvis.formats import read
+    from elvis.formats.terminal import stage
+    from elvis.renderer import Scene, default_field
+    from elvis.renderer import render as draw
+
+    with stage("reading"):
+        dataset = read(*data)
+    scene = Scene(
+        field=field or default_field(dataset),
+        plane=options["plane"],
+        camera=options["camera"],
+        size=options["size"],
+        palette=colormap,
+        range=options["range_"],
+    )
+    with stage("drawing"):
+        return draw(dataset, scene, device=device)
+
+
+def _write_stats(frame: Frame, path: Path) -> None:
+    """The numbers of a frame as JSON."""
+    import json
+
+    from elvis.formats.output import write_text
+
+    write_text(path, json.dumps(frame.stats, indent=2) + "\n")

@@ -1,0 +1,246 @@
+"""Plane cuts in object order: each element is drawn into the pixels of its section (design of the stages: shaders/cut*.slang)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats
+from elvis.plugins.volume import Part, Volume
+from elvis.renderer.device import Device, Kernel
+from elvis.renderer.frame import Status
+from elvis.renderer.scene import Camera, Plane
+from elvis.renderer.view import View, towards
+
+if TYPE_CHECKING:
+    import slangpy
+
+NOBODY = 0xFFFFFFFF
+TILE = 8
+#: reference units within which a point counts as on an element's border, as in shaders/invert.slang
+BORDER = 1e-10
+#: pixels a side of the imagined picture in which a section is measured
+FINE = 1 << 20
+#: entries that lists start with, before a count is known
+FIRST_GUESS = 1 << 16
+
+
+@dataclass
+class Pixels:
+    """What the stages leave behind, by pixel: owners are running numbers over all parts, NOBODY where nothing is seen."""
+
+    field: Floats
+    owner: NDArray[np.uint32]
+    reference: Floats
+    status: NDArray[np.uint8]
+
+
+@dataclass
+class Clock:
+    """Seconds by stage, summed over parts."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def measure(self, stage: str, work: Callable[[], Any]) -> Any:
+        """The result of some work, whose time counts for the stage."""
+        start = perf_counter()
+        result = work()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + perf_counter() - start
+        return result
+
+
+class Cutter:
+    """A volume on a device, ready to be cut by any plane from any view."""
+
+    def __init__(self, device: Device, volume: Volume) -> None:
+        device.include(volume.shader_folder)
+        self.device, self.parts = device, volume.parts
+        self.buffers = [{name: device.buffer(data) for name, data in part.buffers.items()} for part in self.parts]
+        self.first = np.cumsum([0, *(len(part) for part in self.parts)])
+        self.clock = Clock()
+        self.tiles = 0
+
+    def box(self) -> Floats:
+        """(2, 3) low and high corner of a box that holds all elements."""
+        boxes = np.concatenate([part.boxes for part in self.parts])
+        return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+
+    def extent(self, camera: Camera, plane: Plane) -> Floats | None:
+        """(2, 2) least and greatest coordinates of the section along the camera's right and up axes; None where the plane
+        misses every element."""
+        corners = box_corners(self.box())
+        reach = 1.01 * float(np.linalg.norm(corners - np.asarray(plane.point), axis=1).max()) + 1e-300
+        wide = replace(camera, at=plane.point, eye=towards(plane.point, camera), fov=None, height=2.0 * reach)
+        view = View.of(wide, plane, (FINE, FINE))
+        sections = [s for number in range(len(self.parts)) if len(s := self._sections(number, view))]
+        if not sections:
+            return None
+
+        # from pixels to world units; rows run downwards
+        least = np.min([s["least"].min(axis=0) for s in sections], axis=0)
+        most = np.max([s["most"].max(axis=0) for s in sections], axis=0)
+        right, up, _ = camera.basis()
+        pixels = np.array([[least[0], FINE - 1 - most[1]], [most[0], FINE - 1 - least[1]]])
+        return np.asarray((pixels - 0.5 * (FINE - 1)) * (2.0 * reach / FINE) + np.array([right, up]) @ plane.point)
+
+    def draw(self, view: View) -> Pixels:
+        """The pixels of one view."""
+        self.clock, self.tiles = Clock(), 0
+        count = view.width * view.height
+        image = self.clock.measure(
+            "clear",
+            lambda: {
+                "field": self.device.empty(np.float64, count),
+                "owner": self.device.buffer(np.full(count, NOBODY, np.uint32)),
+                "reference": self.device.empty(np.float64, 3 * count),
+            },
+        )
+        claims = [self._draw_part(number, view, image) for number in range(len(self.parts))]
+
+        pixels = self.clock.measure("read", lambda: self._read(image, count))
+        self.clock.measure("settle", lambda: settle(pixels, [c for c in claims if len(c)]))
+        return pixels
+
+    def _draw_part(self, number: int, view: View, image: dict[str, slangpy.Buffer]) -> NDArray[Any]:
+        """All stages for one part; returns the claims that draw put off, searched again, with running element numbers."""
+        sections = self.clock.measure("cull", lambda: self._sections(number, view))
+        if not len(sections):
+            return np.empty(0)
+        part, buffers = self.parts[number], {**self.buffers[number], **image}
+
+        # tiles of all sections, with a guess for each
+        draw, aim = self._kernel("cut_draw", part), self._kernel("cut_aim", part)
+        tiles = self.clock.measure("tile", lambda: tiles_of(sections, draw.dtype("tiles")))
+        self.tiles += len(tiles)
+        buffers["tiles"], buffers["sections"] = self.device.buffer(tiles), self.device.buffer(sections)
+        buffers["guesses"] = self.device.empty(aim.dtype("guesses"), len(sections))
+        buffers["view"] = self._view(aim, view, number, len(sections))
+        self.clock.measure("aim", lambda: (aim(len(sections), buffers), self.device.wait()))
+        buffers["view"] = self._view(draw, view, number, len(tiles))
+
+        # drawing twice is harmless, should the list of claims have been too short
+        def drawing(count: int, lists: dict[str, slangpy.Buffer]) -> None:
+            draw(len(tiles), {**buffers, **lists}, groups=True)
+
+        claims = self.clock.measure("draw", lambda: self._listed("claims", "claim_count", draw, drawing))
+        return self.clock.measure("retry", lambda: self._retry(number, view, claims))
+
+    def _sections(self, number: int, view: View) -> NDArray[Any]:
+        """Sections of one part, in order of elements."""
+        part = self.parts[number]
+        cull = self._kernel("cut_cull", part)
+        buffers = {**self.buffers[number], "view": self._view(cull, view, number, len(part))}
+
+        def culling(_: int, lists: dict[str, slangpy.Buffer]) -> None:
+            cull(len(part), {**buffers, **lists})
+
+        sections = self._listed("sections", "section_count", cull, culling)
+        return sections[np.argsort(sections["element"])]
+
+    def _retry(self, number: int, view: View, claims: NDArray[Any]) -> NDArray[Any]:
+        """Claims without doubt where the thorough search can settle them; element numbers made running."""
+        if not len(claims):
+            return claims
+        retry = self._kernel("cut_retry", self.parts[number])
+        buffers = {**self.buffers[number], "view": self._view(retry, view, number, len(claims))}
+        buffers["claims"] = self.device.buffer(claims)
+        retry(len(claims), buffers)
+        claims = self.device.read(buffers["claims"], claims.dtype)
+        claims["element"] += np.uint32(self.first[number])
+        return claims
+
+    def _listed(
+        self, name: str, counter: str, kernel: Kernel, run: Callable[[int, dict[str, slangpy.Buffer]], None]
+    ) -> NDArray[Any]:
+        """What a kernel appends to the list ``name``; runs again with a longer list where the first was too short."""
+        capacity = FIRST_GUESS
+        while True:
+            dtype = kernel.dtype(name)
+            lists = {name: self.device.empty(dtype, capacity), counter: self.device.buffer(np.zeros(1, np.uint32))}
+            run(capacity, lists)
+            count = int(self.device.read(lists[counter], np.uint32)[0])
+            if count <= capacity:
+                return self.device.read(lists[name], dtype)[:count].copy() if count else np.empty(0, dtype)
+            capacity = count
+
+    def _kernel(self, stage: str, part: Part) -> Kernel:
+        return self.device.kernel(stage, part.module, part.type)
+
+    def _view(self, kernel: Kernel, view: View, number: int, count: int) -> slangpy.Buffer:
+        """The View record of the stages (shaders/cut.slang)."""
+        record = np.zeros(1, kernel.dtype("view"))
+        record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
+        record["point"], record["normal"] = view.plane.point, view.plane.basis()[2]
+        record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
+        record["width"], record["height"] = view.width, view.height
+        record["first"], record["count"] = self.first[number], count
+        boxes = self.parts[number].boxes
+        record["slack"] = 1e-12 * float(np.abs(boxes).max(initial=0.0) + np.abs(view.plane.point).max())
+        return self.device.buffer(record)
+
+    def _read(self, image: dict[str, slangpy.Buffer], count: int) -> Pixels:
+        owner = self.device.read(image["owner"], np.uint32)
+        values = self.device.read(image["field"], np.float64)
+        reference = self.device.read(image["reference"], np.float64).reshape(count, 3)
+        nowhere = owner == NOBODY
+        values[nowhere] = np.nan
+        reference[nowhere] = np.nan
+        return Pixels(values, owner, reference, np.where(nowhere, Status.MISS, Status.CERTAIN).astype(np.uint8))
+
+
+def tiles_of(sections: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Tiles of TILE x TILE pixels that cover the bounds of all sections, those cut off by x + y and x - y left out."""
+    least, most = sections["least"], sections["most"]
+    across = (most[:, 0] - least[:, 0]) // TILE + 1
+    along = (most[:, 1] - least[:, 1]) // TILE + 1
+
+    # number the tiles of every section
+    counts = across * along
+    owner = np.repeat(np.arange(len(sections)), counts)
+    index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    x = least[owner, 0] + TILE * (index % across[owner])
+    y = least[owner, 1] + TILE * (index // across[owner])
+
+    # keep those that the diagonal bounds touch
+    reach = TILE - 1
+    kept = (x + y + 2 * reach >= least[owner, 2]) & (x + y <= most[owner, 2])
+    kept &= (x - y + reach >= least[owner, 3]) & (x - y - reach <= most[owner, 3])
+    tiles = np.zeros(int(kept.sum()), dtype)
+    tiles["element"], tiles["section"] = sections["element"][owner[kept]], owner[kept]
+    tiles["x"], tiles["y"] = x[kept], y[kept]
+    return tiles
+
+
+def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
+    """Give disputed pixels to one element each: what is well inside comes first, then the lowest number.
+
+    A pixel that only borders claim is ambiguous; one that nobody owns but a search could not decide has failed.
+    """
+    if not claims:
+        return
+    every = np.concatenate(claims)
+    border = every["margin"] <= BORDER
+    every = every[np.lexsort([every["element"], border, every["pixel"]])]
+
+    inside = every[every["verdict"] == 1]
+    _, first = np.unique(inside["pixel"], return_index=True)
+    chosen = inside[first]
+    chosen = chosen[pixels.owner[chosen["pixel"]] == NOBODY]
+    pixels.owner[chosen["pixel"]] = chosen["element"]
+    pixels.field[chosen["pixel"]] = chosen["field"]
+    pixels.reference[chosen["pixel"]] = chosen["reference"]
+    certain = chosen["margin"] > BORDER
+    pixels.status[chosen["pixel"]] = np.where(certain, Status.CERTAIN, Status.AMBIGUOUS)
+
+    unknown = every["pixel"][every["verdict"] == 2]
+    pixels.status[unknown[pixels.owner[unknown] == NOBODY]] = Status.FAILED
+
+
+def box_corners(box: Floats) -> Floats:
+    """(8, 3) corners of a box (2, 3)."""
+    return np.array([[box[i, 0], box[j, 1], box[k, 2]] for k in (0, 1) for j in (0, 1) for i in (0, 1)])

@@ -1,0 +1,275 @@
+"""Devices that run the kernels: Vulkan and CUDA GPUs, Vulkan in software, slang's CPU target.
+
+slangpy is imported only here, and only when a device is opened or listed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from elvis.plugins.volume import interface_folder
+from elvis.renderer.errors import DeviceError
+
+if TYPE_CHECKING:
+    import slangpy
+
+SHADERS = Path(__file__).parent / "shaders"
+#: stages whose waves work on one element at a time
+TOGETHER = ("cut_draw",)
+#: threads of a group, and groups of a row, as in the shaders (dispatch.slang)
+GROUP, GROUPS_IN_ROW = 64, 32768
+SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
+#: what to install where no Vulkan device is found
+ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """A device that can be asked for by ``name`` (``vulkan:0``, ``cuda:0``, ``cpu``)."""
+
+    name: str
+    label: str
+    software: bool
+    luid: tuple[int, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """``vulkan``, ``cuda`` or ``cpu``."""
+        return self.name.split(":")[0]
+
+
+def adapters() -> list[Adapter]:
+    """All devices, GPUs first, then software Vulkan, then the CPU target."""
+    found: list[Adapter] = []
+    for kind in ("vulkan", "cuda"):
+        for number, info in enumerate(_enumerate(kind)):
+            software = any(word in info.name.lower() for word in SOFTWARE)
+            found.append(Adapter(f"{kind}:{number}", info.name, software, tuple(info.luid)))
+    found.sort(key=lambda adapter: adapter.software)
+    return [*found, Adapter("cpu", "slang's CPU target, one thread", True)]
+
+
+def choose(name: str) -> Adapter:
+    """The adapter that ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu`` stands for; DeviceError where none does."""
+    every = adapters()
+    if name == "auto":
+        return min(every, key=lambda a: (a.software, ("vulkan", "cuda", "cpu").index(a.kind)))
+    fitting = [adapter for adapter in every if name in (adapter.name, adapter.kind)]
+    if fitting:
+        return fitting[0]
+    known = ", ".join(adapter.name for adapter in every)
+    advice = f"; {ADVICE}" if name.startswith("vulkan") else ""
+    raise DeviceError(f"no device {name!r}: found {known}{advice}")
+
+
+class Device:
+    """An open device: buffers, and kernels linked for the Slang type of a part."""
+
+    def __init__(self, name: str = "auto", shader_folders: tuple[Path, ...] = ()) -> None:
+        """Open a device (see choose); ``shader_folders`` hold the modules of runtime plugins."""
+        self.adapter = choose(name)
+        self._device = _open(self.adapter)
+        self._folders = [SHADERS, interface_folder(), *shader_folders]
+        self._session: slangpy.SlangSession | None = None
+        self._kernels: dict[tuple[str, str, str], Kernel] = {}
+        self.bytes_held = 0
+
+    def close(self) -> None:
+        """Give the device back; it can't be used any more."""
+        self._kernels.clear()
+        self._session = None
+        self._device.close()
+
+    def __enter__(self) -> Device:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def include(self, folder: Path) -> None:
+        """Let modules be found in one more folder."""
+        if folder not in self._folders:
+            self._folders.append(folder)
+            self._session = None
+
+    def buffer(self, data: NDArray[Any]) -> slangpy.Buffer:
+        """A buffer that holds the data; an empty array makes a buffer of one element."""
+        data = np.ascontiguousarray(data).reshape(-1)
+        data = data if len(data) else np.zeros(1, data.dtype)
+        return self._create(data.dtype, len(data), data)
+
+    def empty(self, dtype: DTypeLike, count: int) -> slangpy.Buffer:
+        """A buffer of ``count`` elements without content."""
+        return self._create(np.dtype(dtype), max(count, 1), None)
+
+    def _create(self, dtype: np.dtype[Any], count: int, data: NDArray[Any] | None) -> slangpy.Buffer:
+        import slangpy
+
+        usage = slangpy.BufferUsage.shader_resource | slangpy.BufferUsage.unordered_access
+        usage |= slangpy.BufferUsage.copy_source | slangpy.BufferUsage.copy_destination
+        try:
+            # plain bytes that could be written to: slangpy takes no other arrays
+            raw = None if data is None else data.view(np.uint8)
+            raw = raw if raw is None or raw.flags.writeable else raw.copy()
+            buffer = self._device.create_buffer(element_count=count, struct_size=dtype.itemsize, usage=usage, data=raw)
+        except RuntimeError as error:
+            size = count * dtype.itemsize / 2**20
+            raise DeviceError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
+        self.bytes_held += count * dtype.itemsize
+        return buffer
+
+    def read(self, buffer: slangpy.Buffer, dtype: DTypeLike) -> NDArray[Any]:
+        """The content of a buffer."""
+        return buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
+
+    def kernel(self, stage: str, module: str, type: str) -> Kernel:
+        """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a Slang type."""
+        key = (stage, module, type)
+        if key not in self._kernels:
+            self._kernels[key] = self._link(*key)
+        return self._kernels[key]
+
+    def _link(self, stage: str, module: str, type: str) -> Kernel:
+        """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
+        if self._session is None:
+            self._session = _session(self._device, self._folders)
+        together = str(stage in TOGETHER).lower()
+        source = (
+            f"import volume; import {module}; export struct TheVolume : IVolume = {type};"
+            f"export static const bool lanes_together = {together};"
+        )
+        program = self._session.link_program(
+            [
+                entry := self._session.load_module(stage),
+                self._session.load_module_from_source(f"{stage}_{module}_{_identifier(type)}", source),
+            ],
+            [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])],
+        )
+        return Kernel(self._device.create_compute_kernel(program), program)
+
+    def wait(self) -> None:
+        """Return when all submitted work is done."""
+        self._device.wait()
+
+
+class Kernel:
+    """A linked compute kernel; buffers are given by the names of its module's globals."""
+
+    def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram) -> None:
+        self._kernel = kernel
+        self._globals = {item.name: item.type_layout for item in program.layout.globals_type_layout.fields}
+
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """The NumPy dtype of one element of a structured buffer, as Slang lays it out."""
+        return _dtype(self._globals[name].element_type_layout)
+
+    def __call__(self, count: int, buffers: dict[str, slangpy.Buffer], *, groups: bool = False) -> None:
+        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers that the kernel knows."""
+        import slangpy
+
+        missing = self._globals.keys() - buffers.keys()
+        if missing:
+            raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
+        total = count if groups else -(-count // GROUP)
+        if total:
+            row = min(total, GROUPS_IN_ROW)
+            threads = slangpy.uint3(row * GROUP, -(-total // row), 1)
+            self._kernel.dispatch(threads, vars={name: buffers[name] for name in self._globals})
+
+
+def _dtype(layout: Any) -> np.dtype[Any]:
+    """Dtype of a reflected struct, vector or scalar."""
+    import slangpy
+
+    kind, reflected = layout.type.kind, layout.type
+    if kind == slangpy.TypeReflection.Kind.struct:
+        fields = list(layout.fields)
+        return np.dtype(
+            {
+                "names": [field.name for field in fields],
+                "formats": [_dtype(field.type_layout) for field in fields],
+                "offsets": [field.offset for field in fields],
+                "itemsize": layout.stride,
+            }
+        )
+    if kind == slangpy.TypeReflection.Kind.array:
+        return np.dtype((_dtype(layout.element_type_layout), (reflected.element_count,)))
+    if kind == slangpy.TypeReflection.Kind.vector:
+        return np.dtype((reflected.scalar_type.name, (reflected.col_count,)))
+    return np.dtype(reflected.scalar_type.name)
+
+
+def _identifier(text: str) -> str:
+    return "".join(character if character.isalnum() else "_" for character in text)
+
+
+def _enumerate(kind: str) -> list[Any]:
+    """Adapters of a kind; none where its driver is missing."""
+    import slangpy
+
+    try:
+        with _quiet():
+            return list(slangpy.Device.enumerate_adapters(type=getattr(slangpy.DeviceType, kind)))
+    except RuntimeError:
+        return []
+
+
+def _open(adapter: Adapter) -> slangpy.Device:
+    import slangpy
+
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "elvis" / "kernels"
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        with _quiet():
+            return slangpy.Device(
+                type=getattr(slangpy.DeviceType, adapter.kind),
+                adapter_luid=list(adapter.luid) or None,
+                enable_hot_reload=False,
+                enable_rhi_validation=False,
+                enable_ray_tracing=False,
+                shader_cache_path=cache,
+            )
+    except (RuntimeError, OSError) as error:
+        advice = f"; {ADVICE}" if adapter.kind == "vulkan" else ""
+        raise DeviceError(f"the device {adapter.name} ({adapter.label}) can't be opened{advice}") from error
+
+
+def _session(device: slangpy.Device, folders: list[Path]) -> slangpy.SlangSession:
+    import slangpy
+
+    options = slangpy.SlangCompilerOptions()
+    options.include_paths = [str(folder) for folder in folders]
+    return device.create_slang_session(options)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep drivers and slangpy from chattering on the terminal while devices are looked for and opened."""
+    import slangpy
+
+    logger = slangpy.Logger.get()
+    level, logger.level = logger.level, slangpy.LogLevel.error
+    saved, void = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
+    sys.stdout.flush()
+    try:
+        for stream in (1, 2):
+            os.dup2(void, stream)
+        yield
+    finally:
+        # what C code has buffered goes nowhere too
+        ctypes.CDLL(None).fflush(None)
+        for stream, original in zip((1, 2), saved, strict=True):
+            os.dup2(original, stream)
+            os.close(original)
+        os.close(void)
+        logger.level = level

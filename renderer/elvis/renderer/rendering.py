@@ -1,0 +1,147 @@
+"""From a dataset and a scene to a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any, cast
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.plugins.registry import load, plugins
+from elvis.plugins.volume import Volume
+from elvis.renderer.cut import NOBODY, Cutter, Pixels
+from elvis.renderer.device import Device
+from elvis.renderer.errors import SceneError
+from elvis.renderer.frame import Frame
+from elvis.renderer.scene import Camera, Plane, Scene
+from elvis.renderer.view import View, fitted, named
+
+
+def render(dataset: Dataset, scene: Scene | None = None, *, device: str = "auto", **options: Any) -> Frame:
+    """A picture of a dataset.
+
+    scene    what to draw; or its parts as keywords: ``render(data, field="u", plane=Plane((0, 0, 0), (0, 0, 1)))``
+    device   ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or the name of a device plugin such as ``reference``
+
+    Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used.
+    """
+    scene = completed(dataset, scene or Scene(**{"field": default_field(dataset), **options}))
+    if device in plugins("elvis.devices"):
+        draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
+        return draw(dataset, scene)
+    with Renderer(device) as renderer:
+        renderer.load(dataset, scene.field)
+        return renderer.render(scene)
+
+
+def default_field(dataset: Dataset) -> str:
+    """The first field; SceneError where the dataset has none."""
+    if not dataset.fields:
+        raise SceneError("the data hold a mesh but no field: give the field file too")
+    return dataset.fields[0].name
+
+
+def completed(dataset: Dataset, scene: Scene) -> Scene:
+    """The scene with its field checked and a plane: z = 0 for 2D data; else it must be given."""
+    default_field(dataset)
+    known = [field.name for field in dataset.fields]
+    if scene.field not in known:
+        raise SceneError(f"unknown field {scene.field!r}: the data hold {', '.join(known)}")
+    if dataset.mesh.dimension == 2:
+        if scene.plane is not None:
+            raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
+        return replace(scene, plane=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    if scene.plane is None:
+        raise SceneError("3D data need a cut plane: give a point and a normal, such as --plane 0,0,0:0,0,1")
+    return scene
+
+
+class Renderer:
+    """A device with a volume, for many pictures of the same data."""
+
+    def __init__(self, device: str = "auto") -> None:
+        """Open a device (see render)."""
+        self.device = Device(device)
+        self.seconds: dict[str, float] = {}
+        self._cutter: Cutter | None = None
+        self._numbers: Floats = np.empty(0)
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.device.close()
+
+    def load(self, dataset: Dataset, field: str) -> None:
+        """Bring one field of a dataset to the device, through the runtime plugin that serves datasets."""
+        start = perf_counter()
+        plugin = cast(Any, load("elvis.volumes", "native"))
+        self.show(plugin.of(dataset, field))
+        self.seconds["load"] = perf_counter() - start
+
+    def show(self, volume: Volume) -> None:
+        """Bring a runtime plugin's volume to the device."""
+        if not sum(len(part) for part in volume.parts):
+            raise SceneError("there is no element to draw: none carries the field")
+        self._cutter = Cutter(self.device, volume)
+
+    def render(self, scene: Scene) -> Frame:
+        """A picture of the volume; the scene has a plane."""
+        if self._cutter is None:
+            raise ElvisError("load a dataset before rendering")
+        assert scene.plane is not None
+        cutter, start = self._cutter, perf_counter()
+        view = View.of(self._camera(cutter, scene, scene.plane), scene.plane, scene.size)
+        pixels = cutter.draw(view)
+        if not (pixels.owner != NOBODY).any():
+            raise SceneError(_missed(scene.plane, cutter.box()))
+        frame = self._frame(cutter, scene, view, pixels)
+        frame.stats["seconds"] = {**self.seconds, **cutter.clock.seconds, "frame": perf_counter() - start}
+        return frame
+
+    def _camera(self, cutter: Cutter, scene: Scene, plane: Plane) -> Camera:
+        """The scene's camera; one that is named, or orthographic without a height, is fitted to the section."""
+        camera = scene.camera
+        if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
+            return camera
+        camera = named(camera, plane) if isinstance(camera, str) else camera
+        extent = cutter.extent(camera, plane)
+        if extent is None:
+            raise SceneError(_missed(plane, cutter.box()))
+        return fitted(scene, camera, extent, cutter.box())
+
+    def _frame(self, cutter: Cutter, scene: Scene, view: View, pixels: Pixels) -> Frame:
+        """Running element numbers become global ids; pixels become rows."""
+        ids = np.concatenate([part.element_ids for part in cutter.parts])
+        element = np.where(pixels.owner == NOBODY, -1, ids[np.minimum(pixels.owner, len(ids) - 1)])
+        shape = (view.height, view.width)
+        frame = Frame(
+            scene,
+            view,
+            pixels.field.reshape(shape),
+            element.reshape(shape),
+            pixels.reference.reshape(*shape, 3),
+            pixels.status.reshape(shape),
+        )
+        frame.stats.update(
+            device={"name": self.device.adapter.name, "label": self.device.adapter.label},
+            elements=len(ids),
+            tiles=cutter.tiles,
+            bytes={"device": self.device.bytes_held},
+            pixels=frame.counts(),
+        )
+        return frame
+
+
+def _missed(plane: Plane, box: Floats) -> str:
+    """The sentence for an empty picture."""
+    point, normal, low, high = (", ".join(f"{x:g}" for x in v) for v in (plane.point, plane.normal, *box))
+    return (
+        f"the picture is empty: nothing of the plane through ({point}) with normal ({normal}) is seen; "
+        f"the domain lies between ({low}) and ({high})"
+    )

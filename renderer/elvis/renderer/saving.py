@@ -1,0 +1,72 @@
+"""Pictures and records as files: PNG, multi-channel EXR, NPZ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.formats.output import replacing
+from elvis.renderer.errors import SceneError
+from elvis.renderer.frame import Frame
+
+SUFFIXES = (".png", ".exr", ".npz")
+
+
+def check_suffix(path: Path) -> None:
+    """SceneError where the file's suffix names no format that is written."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise SceneError(
+            f"{path}: expected a name that ends in {', '.join(SUFFIXES)}, found {path.suffix or 'no suffix'}"
+        )
+
+
+def save(frame: Frame, path: Path, *, plain: bool = False) -> None:
+    """Write the frame in the format of the file's suffix; nothing is left under the name where writing fails."""
+    check_suffix(path)
+    with replacing(path) as beside:
+        match path.suffix.lower():
+            case ".png":
+                from elvis.renderer.picture import picture
+
+                picture(frame, plain=plain).save(beside, format="PNG")
+            case ".exr":
+                _save_exr(frame, beside)
+            case _:
+                with beside.open("wb") as stream:
+                    np.savez_compressed(stream, **arrays(frame))
+
+
+def arrays(frame: Frame) -> dict[str, Any]:
+    """The record by name: (height, width[, 3]) arrays of float64 or int64."""
+    return {
+        "color": frame.color,
+        "depth": frame.depth,
+        "field": frame.field,
+        "element": frame.element,
+        "position": frame.position,
+        "reference": frame.reference,
+        "normal": frame.normal,
+        "status": frame.status.astype(np.int64),
+    }
+
+
+def _save_exr(frame: Frame, path: Path) -> None:
+    """Channels R G B A, Z, field, element, status (uint), and the vectors by component, as 32-bit numbers."""
+    import OpenEXR
+
+    def single(values: Any) -> Any:
+        return np.ascontiguousarray(values, dtype=np.float32)
+
+    channels = {name: single(frame.color[..., i]) for i, name in enumerate("RGB")}
+    channels |= {"A": single(frame.seen), "Z": single(frame.depth), "field": single(frame.field)}
+    for name in ("position", "reference", "normal"):
+        channels |= {f"{name}.{axis}": single(getattr(frame, name)[..., i]) for i, axis in enumerate("XYZ")}
+
+    # -1 has no place among unsigned numbers: the greatest one stands for nothing
+    channels["element"] = np.ascontiguousarray(frame.element.astype(np.uint32))
+    channels["status"] = np.ascontiguousarray(frame.status.astype(np.uint32))
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))

@@ -1,0 +1,155 @@
+"""Cameras turned into numbers: from pixels to rays and plane points, and from world points to pixels.
+
+Pixel (i, j) is column i from the left and row j from the top; integer coordinates are pixel centres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.renderer.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
+
+MARGIN = 1.04  # a fitted view is this much larger than what it shows
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera before a plane, for a picture of ``width`` by ``height`` pixels.
+
+    plane_point    (4, 3)  origin, column, row of the plane point's numerator; last row its weight (constant, column, row):
+                           point of pixel (i, j) = (origin + i column + j row) / (w0 + i w1 + j w2)
+    to_pixel       (3, 4)  rows for column, row and weight of a homogeneous world point; the weight is positive in front
+    """
+
+    camera: Camera
+    plane: Plane
+    width: int
+    height: int
+    plane_point: Floats
+    to_pixel: Floats
+
+    @staticmethod
+    def of(camera: Camera, plane: Plane, size: tuple[int, int]) -> View:
+        """The view of a camera with a height or a field of view."""
+        width, height = size
+        right, up, forward = camera.basis()
+        eye = np.asarray(camera.eye, dtype=np.float64)
+
+        # a pixel step on the screen, which stands at distance 1 in perspective
+        if camera.fov is None:
+            half = 0.5 * (camera.height or 1.0)
+        else:
+            half = float(np.tan(0.5 * np.deg2rad(camera.fov)))
+        step = 2.0 * half / height
+        column, row = step * right, -step * up
+        corner = -0.5 * (width - 1) * column - 0.5 * (height - 1) * row
+
+        numbers = _orthographic if camera.fov is None else _perspective
+        plane_point = numbers(eye, forward, corner, column, row, plane)
+        return View(camera, plane, width, height, plane_point, _to_pixel(camera, eye, step, (width, height)))
+
+    def points(self) -> Floats:
+        """(height, width, 3) the plane point of every pixel; NaN where the ray misses the plane or it lies behind."""
+        i, j = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return self.points_of(i.ravel(), j.ravel()).reshape(self.height, self.width, 3)
+
+    def points_of(self, columns: np.typing.NDArray[np.int64], rows: np.typing.NDArray[np.int64]) -> Floats:
+        """(n, 3) the plane points of some pixels, as points()."""
+        pixel = np.stack([np.ones(len(columns)), columns, rows], axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points = (pixel @ self.plane_point[:3]) / (pixel @ self.plane_point[3])[:, None]
+            behind = ~(points @ self.to_pixel[2, :3] + self.to_pixel[2, 3] > 0.0)
+        points[behind] = np.nan
+        return np.asarray(points)
+
+    def depth_of(self, points: Floats) -> Floats:
+        """Distance of world points (…, 3) from the eye's plane, along the view."""
+        forward = self.camera.basis()[2]
+        return np.asarray((points - np.asarray(self.camera.eye)) @ forward)
+
+    def normal(self) -> Floats:
+        """(3,) the plane's unit normal, turned to the viewer."""
+        normal = unit(self.plane.normal, "the normal of the plane")
+        towards = self.camera.basis()[2]
+        if self.camera.fov is not None:
+            towards = np.subtract(self.plane.point, self.camera.eye)
+        return np.asarray(-normal if normal @ towards > 0 else normal)
+
+
+def _orthographic(eye: Floats, forward: Floats, corner: Floats, column: Floats, row: Floats, plane: Plane) -> Floats:
+    """Numerators and weights of plane points along parallel rays: o - d n.(o - p) / n.d."""
+    normal = unit(plane.normal, "the normal of the plane")
+    slope = float(normal @ forward)
+    slope = slope if abs(slope) > 1e-9 else 0.0
+
+    def slide(vector: Floats) -> Floats:
+        return np.asarray(slope * vector - forward * (normal @ vector))
+
+    point = np.asarray(plane.point, dtype=np.float64)
+    origin = slide(eye + corner - point) + slope * point
+    return np.array([origin, slide(column), slide(row), [slope, 0.0, 0.0]])
+
+
+def _perspective(eye: Floats, forward: Floats, corner: Floats, column: Floats, row: Floats, plane: Plane) -> Floats:
+    """Numerators and weights of plane points along rays from the eye: e + d n.(p - e) / n.d."""
+    normal = unit(plane.normal, "the normal of the plane")
+    reach = float(normal @ (np.asarray(plane.point, dtype=np.float64) - eye))
+    directions = [forward + corner, column, row]
+    weights = [float(normal @ direction) for direction in directions]
+    numerators = [eye * weight + reach * direction for direction, weight in zip(directions, weights, strict=True)]
+    return np.array([*numerators, weights])
+
+
+def _to_pixel(camera: Camera, eye: Floats, step: float, size: tuple[int, int]) -> Floats:
+    """Homogeneous rows that give column, row and weight of a world point."""
+    right, up, forward = camera.basis()
+    middle = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)
+    weight = np.append(forward, -forward @ eye)
+    if camera.fov is None:
+        weight = np.array([0.0, 0.0, 0.0, 1.0])
+    columns = np.append(right, -right @ eye) / step + middle[0] * weight
+    rows = -np.append(up, -up @ eye) / step + middle[1] * weight
+    return np.array([columns, rows, weight])
+
+
+def face_on(plane: Plane) -> Camera:
+    """An orthographic camera of height 1 that looks straight at the plane's point, against its normal."""
+    _, up, normal = plane.basis()
+    return Camera(_vector(np.add(plane.point, normal)), plane.point, _vector(up), height=1.0)
+
+
+def named(name: str, plane: Plane) -> Camera:
+    """The orthographic camera of a named view (see NAMED_VIEWS) at the plane's point, height 1."""
+    if name == "fit":
+        return face_on(plane)
+    forward, up = NAMED_VIEWS[name]
+    return Camera(_vector(np.subtract(plane.point, forward)), plane.point, up, height=1.0)
+
+
+def fitted(scene: Scene, camera: Camera, extent: Floats, box: Floats) -> Camera:
+    """An orthographic camera along the same axes that shows all of ``extent``.
+
+    extent  (2, 2) least and greatest coordinates along the camera's right and up axes
+    box     (2, 3) of the domain; the eye is set before it
+    """
+    right, up, forward = camera.basis()
+    sides = np.maximum(extent[1] - extent[0], 1e-300)
+    height = MARGIN * max(sides[1], sides[0] * scene.size[1] / scene.size[0])
+    across, along = 0.5 * (extent[0] + extent[1])
+    middle = forward @ (0.5 * (box[0] + box[1]))
+    at = across * right + along * up + middle * forward
+    eye = at - (0.6 * np.linalg.norm(box[1] - box[0]) + height) * forward
+    return Camera(_vector(eye), _vector(at), _vector(up), height=float(height))
+
+
+def towards(point: Vector, camera: Camera) -> Vector:
+    """An eye that sees ``point`` in the direction of the camera."""
+    return _vector(np.subtract(point, camera.basis()[2]))
+
+
+def _vector(array: Floats) -> Vector:
+    x, y, z = (float(value) for value in array)
+    return x, y, z
