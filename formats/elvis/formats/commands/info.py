@@ -16,20 +16,22 @@ Facts = dict[str, Any]
 _MANY = 20
 
 
-@click.command("info", short_help="Tell what is in a dataset: shapes, orders, fields, ranges, validity.")
+EPILOG = """\b
+Examples:
+  elvis info wing.xml wing.fld
+  elvis info --json wing.xml wing.fld >facts.json
+"""
+
+
+@click.command("info", epilog=EPILOG, short_help="Tell what is in a dataset: shapes, orders, fields, ranges, validity.")
 @data_argument
 @json_option
 @click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
 def info(data: tuple[Path, ...], as_json: bool, everything: bool) -> None:
-    r"""Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
+    """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
-    Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and they are tight to
-    about nine digits.  The sign of the Jacobian is sampled at quadrature points.
-
-    \b
-    Examples:
-      elvis info wing.xml wing.fld
-      elvis info --json wing.xml wing.fld >facts.json
+    Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
+    tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points.
     """
     from elvis.formats.summary import summary
     from elvis.formats.terminal import print_json, stage

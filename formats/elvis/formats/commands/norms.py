@@ -9,19 +9,21 @@ import click
 from elvis.formats.commands.arguments import data_argument, json_option, read_data
 
 
-@click.command("norms", short_help="Print the L2 and maximum norm of coordinates and fields.")
+EPILOG = """\b
+Examples:
+  elvis norms wing.xml wing.fld
+  elvis norms --json wing.xml wing.fld     {"x": {"L2": ..., "Linf": ...}, ..., "u": ...}
+"""
+
+
+@click.command("norms", epilog=EPILOG, short_help="Print the L2 and maximum norm of coordinates and fields.")
 @data_argument
 @json_option
 def norms(data: tuple[Path, ...], as_json: bool) -> None:
-    r"""Print the L2 and maximum norm of each coordinate and each field over the domain.
+    """Print the L2 and maximum norm of each coordinate and each field over the domain.
 
     The quadrature is that of the solver, so that the numbers can be laid beside those of FieldConvert. Linf is the
     greatest magnitude at the quadrature points; maximum, which FieldConvert calls L inf, is the greatest value there.
-
-    \b
-    Examples:
-      elvis norms wing.xml wing.fld
-      elvis norms --json wing.xml wing.fld     {"x": {"L2": ..., "Linf": ...}, ..., "u": ...}
     """
     from elvis.formats.norms import norms as norms_of
     from elvis.formats.terminal import print_json, print_table, stage
