@@ -14,7 +14,10 @@ from elvis.formats.shapes import Shape
 
 
 def assemble(raw: RawGeometry) -> Mesh:
-    """The mesh; FormatError where an id is unknown or given twice, or a curve or coordinate can't be."""
+    """The mesh; FormatError where an id is unknown or given twice, or a curve or coordinate can't be.
+
+    The members in ``raw`` are overwritten, so that a mesh is never held twice.
+    """
     try:
         return _assembled(raw)
     except FormatError as error:
@@ -49,7 +52,7 @@ def _lookups(raw: RawGeometry) -> list[Lookup]:
 
 
 def _entities(shape: Shape, ids: Ints, members: Ints, lookup: Lookup) -> Entities:
-    return Entities(frozen_ints(ids), frozen_ints(lookup.rows(members, f"entries {shape.tag}")))
+    return Entities(frozen_ints(ids), frozen_ints(lookup.into_rows(members, f"entries {shape.tag}")))
 
 
 def _ids(raw: RawGeometry, shape: Shape) -> Ints:

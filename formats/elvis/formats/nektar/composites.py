@@ -14,19 +14,26 @@ from elvis.formats.nektar.idlist import IdList
 from elvis.formats.nektar.raw import RawComposite
 from elvis.formats.nektar.xml import Element, located
 
-_TOKEN = re.compile(r"([A-Z])\[([^\[\]]*)\]")
-_TAGS = frozenset("VESFTQAPRH")
+_TOKEN = re.compile(rb"([A-Z])\[([^\[\]]*)\]")
+_TAGS = b"VESFTQAPRH"
 
 
-def parse_tokens(text: str) -> tuple[tuple[str, IdList], ...]:
+def parse_tokens(text: bytes) -> tuple[tuple[str, IdList], ...]:
     """The tokens of a composite; FormatError where there is anything else, or an unknown tag."""
-    if rest := _TOKEN.sub(" ", text).strip():
-        raise FormatError(f"expected tokens such as T[0-9], found {rest[:40]!r}")
-    tokens = _TOKEN.findall(text)
-    for tag, _ in tokens:
-        if tag not in _TAGS:
-            raise FormatError(f"expected one of the tags {' '.join(sorted(_TAGS))}, found {tag}")
-    return tuple((tag, idlist.parse(ids)) for tag, ids in tokens)
+    found, end = [], 0
+    for token in _TOKEN.finditer(text):
+        _check_blank(text[end : token.start()])
+        if token[1] not in _TAGS:
+            raise FormatError(f"expected one of the tags {_TAGS.decode()}, found {token[1].decode()}")
+        found.append((token[1].decode(), idlist.parse(token[2])))
+        end = token.end()
+    _check_blank(text[end:])
+    return tuple(found)
+
+
+def _check_blank(text: bytes) -> None:
+    if text.strip():
+        raise FormatError(f"expected tokens such as T[0-9], found {text.strip()[:40].decode('utf-8', 'replace')!r}")
 
 
 def format_tokens(parts: Iterable[tuple[str, Ints]]) -> str:
@@ -34,7 +41,7 @@ def format_tokens(parts: Iterable[tuple[str, Ints]]) -> str:
     return "".join(f" {tag}[{idlist.format_ids(ids)}]" for tag, ids in parts) + " "
 
 
-def composite_ids(text: str) -> IdList:
+def composite_ids(text: bytes) -> IdList:
     """The list in ``C[…]``; several tokens and a bare list are understood as well."""
     lists = [idlist.parse(ids) for _, ids in _TOKEN.findall(text)]
     if not lists:
@@ -49,7 +56,7 @@ def read_composites(section: Element | None) -> tuple[RawComposite, ...]:
 
 def _composite(child: Element) -> RawComposite:
     with located(child):
-        return number(child, "ID"), parse_tokens(child.text), child.attributes.get("NAME")
+        return number(child, "ID"), parse_tokens(bytes(child.content)), child.attributes.get("NAME")
 
 
 def read_domains(section: Element | None) -> dict[int, IdList]:
@@ -59,11 +66,11 @@ def read_domains(section: Element | None) -> dict[int, IdList]:
     domains: dict[int, IdList] = {}
     for child in section.children():
         with located(child):
-            domains[number(child, "ID")] = composite_ids(child.text)
+            domains[number(child, "ID")] = composite_ids(bytes(child.content))
     if domains:
         return domains
     with located(section):
-        return {0: composite_ids(section.text)}
+        return {0: composite_ids(bytes(section.content))}
 
 
 def number(element: Element, name: str, default: int | None = None) -> int:

@@ -40,7 +40,7 @@ def read_parameters(conditions: Element | None) -> dict[str, float]:
 def _rule(entry: Element, parameters: Mapping[str, float]) -> ExpansionRule:
     with located(entry):
         attributes = entry.attributes
-        composites = tuple(composite_ids(entry.required("COMPOSITE")).expand(_MOST_COMPOSITES).tolist())
+        composites = tuple(composite_ids(entry.required("COMPOSITE").encode()).expand(_MOST_COMPOSITES).tolist())
         fields = split(attributes.get("FIELDS", ""))
         if entry.tag == "H":
             kind = ",".join(attributes[f"TYPE-{axis}"] for axis in "XYZ" if f"TYPE-{axis}" in attributes)

@@ -105,7 +105,9 @@ def _composites(mesh: h5py.Group, maps: h5py.Group) -> tuple[RawComposite, ...]:
     if ids is None:
         return ()
     names = _composite_names(maps, len(texts))
-    return tuple((id, parse_tokens(text), name) for id, text, name in zip(ids.tolist(), texts, names, strict=True))
+    return tuple(
+        (id, parse_tokens(text.encode()), name) for id, text, name in zip(ids.tolist(), texts, names, strict=True)
+    )
 
 
 def _composite_names(maps: h5py.Group, count: int) -> list[str | None]:

@@ -28,6 +28,8 @@ class IdList:
 
     def expand(self, limit: int) -> Ints:
         """All ids, in order; FormatError where they are more than ``limit``."""
+        if self.first is self.last and len(self.first) <= limit:
+            return self.first
         if self.count > limit:
             raise FormatError(f"expected at most {limit} ids, found a list of {self.count}")
         return _ranges(self.first, self.last - self.first + 1)
@@ -49,19 +51,19 @@ def parse(text: str | bytes) -> IdList:
     raw = text.encode("utf-8", "replace") if isinstance(text, str) else text
     if wrong := raw.translate(None, _ALLOWED):
         raise FormatError(f"expected a list of ids, found the character {chr(wrong[0])!r}")
-    if not raw.strip():
-        return IdList(np.empty(0, np.int64), np.empty(0, np.int64))
+    values = numbers.ints(raw.translate(_TO_BLANKS))
+    if len(values) != (raw.count(b",") + raw.count(b"-") + 1 if raw.strip() else 0):
+        raise FormatError(f"expected ids separated by commas, found {_short(raw)}")
+    if b"-" not in raw:
+        return IdList(values, values)
 
     # between two numbers there is one separator, a dash for a range
-    values = numbers.ints(raw.translate(_TO_BLANKS))
     marks = np.frombuffer(raw, np.uint8)
-    ends_range = np.concatenate([[False], marks[(marks == ord(",")) | (marks == ord("-"))] == ord("-")])
-    if len(ends_range) != len(values) or np.any(ends_range[1:] & ends_range[:-1]):
-        raise FormatError(f"expected ids separated by commas, found {_short(raw)}")
-    single = ~ends_range
-    first, last = values[single], values[single].copy()
-    last[np.cumsum(single)[ends_range] - 1] = values[ends_range]
-    if np.any(last < first):
+    ends_range = np.append(False, marks[(marks == ord(",")) | (marks == ord("-"))] == ord("-"))
+    is_first = ~ends_range
+    first, last = values[is_first], values[is_first]
+    last[np.cumsum(is_first)[ends_range] - 1] = values[ends_range]
+    if np.any(ends_range[1:] & ends_range[:-1]) or np.any(last < first):
         raise FormatError(f"expected ascending ranges, found {_short(raw)}")
     return IdList(first, last)
 

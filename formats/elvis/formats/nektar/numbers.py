@@ -16,7 +16,7 @@ from elvis.formats.nektar.xml import Buffer
 
 Number = TypeVar("Number", np.float64, np.int64)
 
-_CHUNK = 1 << 22
+_CHUNK = 1 << 19
 _END_TAG = re.compile(rb"</[A-Z]\s*>")
 _WORD = re.compile(rb"\S{1,40}")
 

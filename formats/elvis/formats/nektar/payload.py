@@ -20,7 +20,7 @@ ENCODING = "B64Z-LittleEndian"
 
 #: no deflate stream holds more than this many bytes for each of its own
 _DEFLATE_RATIO = 1032
-_STEP = 1 << 20
+_STEP = 1 << 18
 _BLANKS = b" \t\r\n\f\v\0"
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 

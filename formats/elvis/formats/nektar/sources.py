@@ -14,7 +14,7 @@ GZIP_SIGNATURE = b"\x1f\x8b"
 #: data of meshes and text shrink at most so far; what grows more on unpacking is refused
 GREATEST_RATIO = 200
 ALWAYS_ALLOWED = 1 << 24
-_STEP = 1 << 20
+_STEP = 1 << 18
 
 
 def first_bytes(path: Path) -> bytes:
