@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,7 @@ from elvis.formats.arrays import Floats
 from elvis.plugins.volume import Part, Volume
 from elvis.renderer.device import Device, Kernel
 from elvis.renderer.frame import Status
-from elvis.renderer.scene import Camera, Plane
-from elvis.renderer.view import View, towards
+from elvis.renderer.view import View
 
 if TYPE_CHECKING:
     import slangpy
@@ -24,8 +23,6 @@ NOBODY = 0xFFFFFFFF
 TILE = 8
 #: reference units within which a point counts as on an element's border, as in shaders/invert.slang
 BORDER = 1e-10
-#: pixels a side of the imagined picture in which a section is measured
-FINE = 1 << 20
 #: entries that lists start with, before a count is known
 FIRST_GUESS = 1 << 16
 
@@ -64,29 +61,6 @@ class Cutter:
         self.first = np.cumsum([0, *(len(part) for part in self.parts)])
         self.clock = Clock()
         self.tiles = 0
-
-    def box(self) -> Floats:
-        """(2, 3) low and high corner of a box that holds all elements."""
-        boxes = np.concatenate([part.boxes for part in self.parts])
-        return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
-
-    def extent(self, camera: Camera, plane: Plane) -> Floats | None:
-        """(2, 2) least and greatest coordinates of the section along the camera's right and up axes; None where the plane
-        misses every element."""
-        corners = box_corners(self.box())
-        reach = 1.01 * float(np.linalg.norm(corners - np.asarray(plane.point), axis=1).max()) + 1e-300
-        wide = replace(camera, at=plane.point, eye=towards(plane.point, camera), fov=None, height=2.0 * reach)
-        view = View.of(wide, plane, (FINE, FINE))
-        sections = [s for number in range(len(self.parts)) if len(s := self._sections(number, view))]
-        if not sections:
-            return None
-
-        # from pixels to world units; rows run downwards
-        least = np.min([s["least"].min(axis=0) for s in sections], axis=0)
-        most = np.max([s["most"].max(axis=0) for s in sections], axis=0)
-        right, up, _ = camera.basis()
-        pixels = np.array([[least[0], FINE - 1 - most[1]], [most[0], FINE - 1 - least[1]]])
-        return np.asarray((pixels - 0.5 * (FINE - 1)) * (2.0 * reach / FINE) + np.array([right, up]) @ plane.point)
 
     def draw(self, view: View) -> Pixels:
         """The pixels of one view."""
@@ -177,7 +151,7 @@ class Cutter:
         record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
         record["point"], record["normal"] = view.plane.point, view.plane.basis()[2]
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
-        record["width"], record["height"] = view.width, view.height
+        record["width"], record["height"], record["references"] = view.width, view.height, 1
         record["first"], record["count"] = self.first[number], count
         boxes = self.parts[number].boxes
         record["slack"] = 1e-12 * float(np.abs(boxes).max(initial=0.0) + np.abs(view.plane.point).max())
@@ -239,8 +213,3 @@ def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
 
     unknown = every["pixel"][every["verdict"] == 2]
     pixels.status[unknown[pixels.owner[unknown] == NOBODY]] = Status.FAILED
-
-
-def box_corners(box: Floats) -> Floats:
-    """(8, 3) corners of a box (2, 3)."""
-    return np.array([[box[i, 0], box[j, 1], box[k, 2]] for k in (0, 1) for j in (0, 1) for i in (0, 1)])

@@ -9,7 +9,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.plugins.registry import load, plugins
@@ -17,9 +16,10 @@ from elvis.plugins.volume import Volume
 from elvis.renderer.cut import NOBODY, Cutter, Pixels
 from elvis.renderer.device import Device
 from elvis.renderer.errors import SceneError
+from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
 from elvis.renderer.scene import Camera, Plane, Scene
-from elvis.renderer.view import View, fitted, named
+from elvis.renderer.view import View
 
 
 def render(dataset: Dataset, scene: Scene | None = None, *, device: str = "auto", **options: Any) -> Frame:
@@ -33,7 +33,7 @@ def render(dataset: Dataset, scene: Scene | None = None, *, device: str = "auto"
     scene = completed(dataset, scene or Scene(**{"field": default_field(dataset), **options}))
     if device in plugins("elvis.devices"):
         draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
-        return draw(dataset, scene)
+        return draw(dataset, automatic(scene, [part.boxes for part in _volume(dataset, scene.field).parts]))
     with Renderer(device) as renderer:
         renderer.load(dataset, scene.field)
         return renderer.render(scene)
@@ -69,7 +69,6 @@ class Renderer:
         self.device = Device(device)
         self.seconds: dict[str, float] = {}
         self._cutter: Cutter | None = None
-        self._numbers: Floats = np.empty(0)
 
     def __enter__(self) -> Renderer:
         return self
@@ -80,14 +79,11 @@ class Renderer:
     def load(self, dataset: Dataset, field: str) -> None:
         """Bring one field of a dataset to the device, through the runtime plugin that serves datasets."""
         start = perf_counter()
-        plugin = cast(Any, load("elvis.volumes", "native"))
-        self.show(plugin.of(dataset, field))
+        self.show(_volume(dataset, field))
         self.seconds["load"] = perf_counter() - start
 
     def show(self, volume: Volume) -> None:
         """Bring a runtime plugin's volume to the device."""
-        if not sum(len(part) for part in volume.parts):
-            raise SceneError("there is no element to draw: none carries the field")
         self._cutter = Cutter(self.device, volume)
 
     def render(self, scene: Scene) -> Frame:
@@ -96,24 +92,16 @@ class Renderer:
             raise ElvisError("load a dataset before rendering")
         assert scene.plane is not None
         cutter, start = self._cutter, perf_counter()
-        view = View.of(self._camera(cutter, scene, scene.plane), scene.plane, scene.size)
+        boxes = [part.boxes for part in cutter.parts]
+        camera = automatic(scene, boxes).camera
+        assert isinstance(camera, Camera)
+        view = View.of(camera, scene.plane, scene.size)
         pixels = cutter.draw(view)
         if not (pixels.owner != NOBODY).any():
-            raise SceneError(_missed(scene.plane, cutter.box()))
+            raise SceneError(missed(scene.plane, surrounding(boxes)))
         frame = self._frame(cutter, scene, view, pixels)
         frame.stats["seconds"] = {**self.seconds, **cutter.clock.seconds, "frame": perf_counter() - start}
         return frame
-
-    def _camera(self, cutter: Cutter, scene: Scene, plane: Plane) -> Camera:
-        """The scene's camera; one that is named, or orthographic without a height, is fitted to the section."""
-        camera = scene.camera
-        if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
-            return camera
-        camera = named(camera, plane) if isinstance(camera, str) else camera
-        extent = cutter.extent(camera, plane)
-        if extent is None:
-            raise SceneError(_missed(plane, cutter.box()))
-        return fitted(scene, camera, extent, cutter.box())
 
     def _frame(self, cutter: Cutter, scene: Scene, view: View, pixels: Pixels) -> Frame:
         """Running element numbers become global ids; pixels become rows."""
@@ -138,10 +126,6 @@ class Renderer:
         return frame
 
 
-def _missed(plane: Plane, box: Floats) -> str:
-    """The sentence for an empty picture."""
-    point, normal, low, high = (", ".join(f"{x:g}" for x in v) for v in (plane.point, plane.normal, *box))
-    return (
-        f"the picture is empty: nothing of the plane through ({point}) with normal ({normal}) is seen; "
-        f"the domain lies between ({low}) and ({high})"
-    )
+def _volume(dataset: Dataset, field: str) -> Volume:
+    """One field of a dataset, from the runtime plugin that serves datasets."""
+    return cast(Volume, cast(Any, load("elvis.volumes", "native")).of(dataset, field))

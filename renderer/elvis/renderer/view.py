@@ -145,11 +145,6 @@ def fitted(scene: Scene, camera: Camera, extent: Floats, box: Floats) -> Camera:
     return Camera(_vector(eye), _vector(at), _vector(up), height=float(height))
 
 
-def towards(point: Vector, camera: Camera) -> Vector:
-    """An eye that sees ``point`` in the direction of the camera."""
-    return _vector(np.subtract(point, camera.basis()[2]))
-
-
 def _vector(array: Floats) -> Vector:
     x, y, z = (float(value) for value in array)
     return x, y, z

@@ -1,0 +1,71 @@
+"""Automatic cameras: what a plane meets of the boxes of elements, and a view that shows all of it.  Needs no device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.renderer.errors import SceneError
+from elvis.renderer.scene import Camera, Plane, Scene
+from elvis.renderer.view import fitted, named
+
+#: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
+_EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
+
+
+def automatic(scene: Scene, boxes: Sequence[Floats]) -> Scene:
+    """The scene with a camera of known field of view or height; one that is named, or has neither, is fitted.
+
+    boxes  (n, 6) arrays: low and high corners of boxes that hold the elements
+    Raises SceneError where there is no box, and where the view must be fitted but the plane misses every box.
+    """
+    if not sum(map(len, boxes)):
+        raise SceneError("there is no element to draw: none carries the field")
+    camera = scene.camera
+    if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
+        return scene
+    assert scene.plane is not None
+    camera = named(camera, scene.plane) if isinstance(camera, str) else camera
+    points = np.concatenate([crossings(some, scene.plane) for some in boxes])
+    if not len(points):
+        raise SceneError(missed(scene.plane, surrounding(boxes)))
+    seen = points @ np.array(camera.basis()[:2]).T
+    extent = np.array([seen.min(axis=0), seen.max(axis=0)])
+    return replace(scene, camera=fitted(scene, camera, extent, surrounding(boxes)))
+
+
+def crossings(boxes: Floats, plane: Plane) -> Floats:
+    """(k, 3) points in which the plane meets the edges of boxes (n, 6)."""
+    normal = plane.basis()[2]
+    middle, half = 0.5 * (boxes[:, 3:] + boxes[:, :3]), 0.5 * (boxes[:, 3:] - boxes[:, :3])
+    slack = 1e-12 * float(np.abs(boxes).max(initial=0.0) + np.abs(plane.point).max())
+    met = boxes[np.abs((middle - plane.point) @ normal) <= half @ np.abs(normal) + slack]
+
+    # the ends of all edges and their distances from the plane
+    corners = np.stack([met[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
+    ends = corners[:, _EDGES].reshape(-1, 2, 3)
+    a, b = ((ends - plane.point) @ normal).T
+    cut = (np.minimum(a, b) <= slack) & (np.maximum(a, b) >= -slack)
+    a, b, ends = a[cut], b[cut], ends[cut]
+
+    # an edge within the plane is met in all its points: its ends are those of other edges too
+    part = np.clip(np.divide(a, a - b, out=np.zeros_like(a), where=a != b), 0.0, 1.0)[:, None]
+    return np.asarray((1 - part) * ends[:, 0] + part * ends[:, 1])
+
+
+def surrounding(boxes: Sequence[Floats]) -> Floats:
+    """(2, 3) low and high corner of a box that holds all boxes."""
+    low = np.min([some[:, :3].min(axis=0) for some in boxes if len(some)], axis=0)
+    return np.stack([low, np.max([some[:, 3:].max(axis=0) for some in boxes if len(some)], axis=0)])
+
+
+def missed(plane: Plane, box: Floats) -> str:
+    """The sentence for an empty picture of a domain within ``box`` (2, 3)."""
+    point, normal, low, high = (", ".join(f"{x:g}" for x in v) for v in (plane.point, plane.normal, *box))
+    return (
+        f"the picture is empty: nothing of the plane through ({point}) with normal ({normal}) is seen; "
+        f"the domain lies between ({low}) and ({high})"
+    )
