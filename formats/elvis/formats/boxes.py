@@ -116,8 +116,7 @@ class BoxTree:
     def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are looked at together."""
         depth = self.leaves.bit_length() - 1
-        roots: Ints = np.zeros(len(points), np.int64)
-        stack = _split(0, np.arange(len(points)), roots, size)
+        stack = _split(0, np.arange(len(points)), np.zeros(len(points), np.int64), size)
         while stack:
             level, point, node = stack.pop()
             held = _holds(self.nodes, node, points, point)
@@ -125,7 +124,8 @@ class BoxTree:
             if level == depth:
                 yield self._in_leaves(points, point, node)
             elif len(point):
-                stack += _split(level + 1, np.repeat(point, 2), (2 * node[:, None] + [1, 2]).reshape(-1), size)
+                children = 2 * node[:, None] + np.array([1, 2])
+                stack += _split(level + 1, np.repeat(point, 2), children.reshape(-1), size)
 
     def _in_leaves(self, points: Floats, point: Ints, node: Ints) -> tuple[Ints, Ints]:
         slots = (node[:, None] - (self.leaves - 1)) * self.leaf + np.arange(self.leaf)

@@ -1,0 +1,232 @@
+"""The search of whole elements for a point: it finds the root, or proves that there is none.
+
+The map minus the point is kept as a tensor Bernstein net over boxes of the reference element, which are cut to where a
+root can be and halved where that doesn't help (the box consistency of Bezier clipping: Mourrain and Pavone, Subdivision
+methods for solving polynomial equations, 2009).  Boxes live in s = (1 + xi)/2; on pyramids, whose maps aren't
+polynomials in xi, in s = (1 + eta)/2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.formats.bernstein import BernsteinSpace, bernstein_space, bernstein_values, to_bernstein
+from elvis.formats.collapse import uncollapse
+from elvis.formats.dataset import Expansion
+from elvis.formats.margins import TOLERANCE, margins
+from elvis.formats.newton import Targets, newton
+from elvis.formats.orientation import chunks
+from elvis.formats.shapes import Shape
+from elvis.formats.tangents import duals
+
+_ROUNDS = 200
+_BATCH = 1 << 21
+_MOST_CELLS = 1 << 12
+_SMALLEST = 1e-13
+
+#: directions whose s add up to at most 1
+_SIMPLEX = {Shape.TRIANGLE: [0, 1], Shape.TETRAHEDRON: [0, 1, 2], Shape.PRISM: [0, 2]}
+
+
+def search(targets: Targets) -> tuple[Floats, Bools, Bools]:
+    """Reference points (n, d), whether they are roots inside (n,), and whether nothing could be decided (n,).
+
+    Where neither holds the element has no root with a margin of -1e-10 or more.
+    """
+    reference = np.full((len(targets), targets.patch.shape.dimension), np.nan)
+    found, undecided = np.zeros((2, len(targets)), bool)
+    step = max(64, _BATCH // (24 * _matrix(targets.patch.geometry)[0].shape[1]))
+    for part in chunks(len(targets), step):
+        run = _Search(targets.part(np.arange(part.start, part.stop)))
+        reference[part], found[part], undecided[part] = run.reference, run.found, run.undecided
+    return reference, found, undecided
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Boxes that may hold roots.
+
+    pair       (c,)         number of the target
+    low, high  (c, d)       corners in s
+    net        (c, 3, ...)  Bernstein coefficients of map minus point, direction i along axis -1 - i
+    """
+
+    pair: Ints
+    low: Floats
+    high: Floats
+    net: Floats
+
+    def __len__(self) -> int:
+        return len(self.pair)
+
+    def part(self, chosen: Ints | Bools) -> _Cells:
+        return _Cells(self.pair[chosen], self.low[chosen], self.high[chosen], self.net[chosen])
+
+
+class _Search:
+    """One batch of targets and the answers for them."""
+
+    def __init__(self, targets: Targets) -> None:
+        self.targets, self.shape = targets, targets.patch.shape
+        self.reference = np.full((len(targets), self.shape.dimension), np.nan)
+        self.found, self.undecided = np.zeros((2, len(targets)), bool)
+        cells = self._whole()
+        for _ in range(_ROUNDS):
+            if not len(cells):
+                return
+            cells = self._given_up(self._round(cells))
+        self.undecided[cells.pair] = True
+
+    def _whole(self) -> _Cells:
+        """Every element as one cell, larger by the tolerance."""
+        targets = self.targets
+        matrix, degrees = _matrix(targets.patch.geometry)
+        net = (targets.patch.geometry_coefficients[targets.rows] @ matrix) - targets.points[:, :, None]
+        net = net.reshape(len(targets), 3, *(degree + 1 for degree in degrees[::-1]))
+        low, high = np.zeros((2, len(targets), len(degrees)))
+        cells = _Cells(np.arange(len(targets)), low, high + 1, net)
+        return _cut(cells, low - TOLERANCE, high + 1 + TOLERANCE)
+
+    def _round(self, cells: _Cells) -> _Cells:
+        """Cut all cells to where roots can be; seek the root in those that are nearly linear, halve the others."""
+        lower, upper, possible = _contraction(cells, self._slack(cells))
+        cells = _cut(cells.part(possible), lower[possible], upper[possible])
+        kept = np.maximum(upper - lower, 0)[possible]
+        if self.shape in _SIMPLEX:
+            within = cells.low[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
+            cells, kept = cells.part(within), kept[within]
+        linear = kept.max(axis=1, initial=0) <= 0.5
+        cells, linear = self._sought(cells, linear)
+        return _joined(cells.part(linear), *_halves(cells.part(~linear)))
+
+    def _slack(self, cells: _Cells) -> Floats:
+        """(c,) distance from zero within which the net may be at a root."""
+        return np.maximum(self.targets.precision, self.targets.distance)[cells.pair]
+
+    def _sought(self, cells: _Cells, linear: Bools) -> tuple[_Cells, Bools]:
+        """Newton's method from small, nearly linear cells; those that it answers are gone afterwards."""
+        width = (cells.high - cells.low).max(axis=1, initial=0)
+        ready = np.flatnonzero(linear & (width < 0.1))
+        middles = 2 * (cells.low[ready] + cells.high[ready]) / 2 - 1
+        starts = uncollapse(self.shape, middles) if self.shape is Shape.PYRAMID else middles
+        points, converged, root = newton(self.targets.part(cells.pair[ready]), starts)
+        inside = root & (margins(self.shape, points) >= -TOLERANCE)
+        self.reference[cells.pair[ready[inside]]] = points[inside]
+        self.found[cells.pair[ready[inside]]] = True
+
+        # off curves and surfaces a foot beside the cell is an answer: within the distance there is no other
+        going = ~self.found[cells.pair]
+        if self.shape.dimension < 3:
+            near = np.abs(points - starts).max(axis=1, initial=0) < 0.01
+            going[ready[converged & near & (width[ready] < 1e-3)]] = False
+        return cells.part(going), linear[going]
+
+    def _given_up(self, cells: _Cells) -> _Cells:
+        """Leave out pairs with cells too small or too many to go on."""
+        small = (cells.high - cells.low).max(axis=1, initial=0) < _SMALLEST
+        many = np.bincount(cells.pair, minlength=len(self.targets)) > _MOST_CELLS
+        self.undecided[cells.pair[small]] = True
+        self.undecided |= many & ~self.found
+        return cells.part(~self.undecided[cells.pair])
+
+
+def _contraction(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
+    """Where in each cell, from 0 to 1 in each direction, roots can be: lower and upper (c, d), and whether anywhere.
+
+    With the inverse A of the mean slope, A times the net is t + e(t); a root has t = -e(t), in the range of -e.
+    """
+    axes = tuple(range(2, cells.net.ndim))
+    dimension = len(axes)
+    slopes = np.stack([span.mean(axis=axes[:-1]) for span in _spans(cells)], axis=2)
+    inverse = duals(slopes)
+    with np.errstate(invalid="ignore", over="ignore"):
+        rest = np.einsum("cai,ca...->ci...", inverse, cells.net)
+        for i in range(dimension):
+            count = rest.shape[-1 - i]
+            rest[:, i] -= np.linspace(0, 1, count).reshape(-1, *[1] * i)
+        allowance = slack[:, None] * np.abs(inverse).sum(axis=1)
+        lower, upper = -rest.max(axis=axes) - allowance, -rest.min(axis=axes) + allowance
+    lower, upper = np.where(np.isfinite(lower), lower, 0.0), np.where(np.isfinite(upper), upper, 1.0)
+    beside = (cells.net.min(axis=axes) > slack[:, None]) | (cells.net.max(axis=axes) < -slack[:, None])
+    possible = ~beside.any(axis=1) & (lower <= 1).all(axis=1) & (upper >= 0).all(axis=1)
+    return np.clip(lower, 0.0, 1 - _SMALLEST), np.clip(upper, _SMALLEST, 1.0), possible
+
+
+def _spans(cells: _Cells) -> list[Floats]:
+    """For each direction the difference of the net's last and first layers."""
+    axes = [-1 - i for i in range(cells.low.shape[1])]
+    return [np.asarray(cells.net.take(-1, axis) - cells.net.take(0, axis)) for axis in axes]
+
+
+def _cut(cells: _Cells, lower: Floats, upper: Floats) -> _Cells:
+    """The cells between ``lower`` and ``upper`` (c, d), in parts of each cell, by de Casteljau's scheme."""
+    net = cells.net
+    for i in range(lower.shape[1]):
+        net = _right_of(net, -1 - i, lower[:, i])
+        net = _left_of(net, -1 - i, (upper[:, i] - lower[:, i]) / (1 - lower[:, i]))
+    width = cells.high - cells.low
+    return _Cells(cells.pair, cells.low + lower * width, cells.low + upper * width, net)
+
+
+def _right_of(net: Floats, axis: int, t: Floats) -> Floats:
+    """Bernstein coefficients over [t, 1] of one direction."""
+    points = np.moveaxis(net, axis, 1).copy()
+    t = t.reshape(-1, *[1] * (net.ndim - 1))
+    for level in range(1, points.shape[1]):
+        points[:, :-level] += t * (points[:, 1 : points.shape[1] - level + 1] - points[:, :-level])
+    return np.moveaxis(points, 1, axis)
+
+
+def _left_of(net: Floats, axis: int, t: Floats) -> Floats:
+    """Bernstein coefficients over [0, t] of one direction."""
+    return np.flip(_right_of(np.flip(net, axis), axis, 1 - t), axis)
+
+
+def _halves(cells: _Cells) -> tuple[_Cells, _Cells]:
+    """Both halves of the cells, cut where their image is longest."""
+    dimension = cells.low.shape[1]
+    axes = tuple(range(1, dimension + 1))
+    lengths = np.stack([np.abs(span).max(axis=axes) for span in _spans(cells)], axis=1)
+    across = np.arange(dimension) == np.argmax(lengths, axis=1)[:, None]
+    zero, one = np.zeros_like(cells.low), np.ones_like(cells.low)
+    return _cut(cells, zero, np.where(across, 0.5, one)), _cut(cells, np.where(across, 0.5, zero), one)
+
+
+def _joined(*several: _Cells) -> _Cells:
+    return _Cells(
+        np.concatenate([cells.pair for cells in several]),
+        np.concatenate([cells.low for cells in several]),
+        np.concatenate([cells.high for cells in several]),
+        np.concatenate([cells.net for cells in several]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _matrix(expansion: Expansion) -> tuple[Floats, tuple[int, ...]]:
+    """Matrix (m, count) from modes to a tensor Bernstein net over the whole box, and the degree in each direction."""
+    space = bernstein_space(expansion)
+    matrix, degrees = to_bernstein(expansion, space), space.degrees
+    if expansion.shape in _SIMPLEX:
+        degrees = _tensor_degrees(space)
+        matrix = matrix @ _tensor(space, degrees)
+    return frozen_floats(matrix), degrees
+
+
+def _tensor_degrees(space: BernsteinSpace) -> tuple[int, ...]:
+    first, *rest = space.degrees
+    return (first, rest[0], first) if space.shape is Shape.PRISM else (first,) * space.shape.dimension
+
+
+def _tensor(space: BernsteinSpace, degrees: tuple[int, ...]) -> Floats:
+    """(count, tensor count) functions of a simplex or prism as tensor nets, by interpolation at Chebyshev points."""
+    lines = [np.cos((2 * np.arange(degree, -1, -1) + 1) * np.pi / (2 * degree + 2)) for degree in degrees]
+    points = np.stack(np.meshgrid(*lines[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, len(degrees))
+    result = bernstein_values(space, points).T.reshape(-1, *(degree + 1 for degree in degrees[::-1]))
+    for i, (line, degree) in enumerate(zip(lines, degrees, strict=True)):
+        inverse = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), line[:, None]))
+        result = np.moveaxis(np.moveaxis(result, -1 - i, -1) @ inverse.T, -1, -1 - i)
+    return np.ascontiguousarray(result.reshape(len(result), -1))
