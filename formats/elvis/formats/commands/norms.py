@@ -8,7 +8,6 @@ import click
 
 from elvis.formats.commands.arguments import data_argument, json_option, read_data
 
-
 EPILOG = """\b
 Examples:
   elvis norms wing.xml wing.fld

@@ -1,0 +1,143 @@
+"""``elvis probe``: exact values at points."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from elvis.formats.commands.arguments import Triple, data_argument, field_names, read_data, triples
+from elvis.formats.errors import ElvisError
+
+if TYPE_CHECKING:
+    from elvis.formats.arrays import Floats
+    from elvis.formats.columns import Columns
+
+_COLUMNS = ("point", "x", "y", "z", "element", "status")
+
+#: points along a line, and along each side of a plane, where -n says nothing
+_ALONG = 101
+
+
+def _counts(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+    """``200`` as (200,), ``200x100`` as (200, 100)."""
+    if value is None:
+        return None
+    try:
+        counts = tuple(int(part) for part in value.lower().split("x"))
+    except ValueError:
+        counts = ()
+    if len(counts) not in (1, 2) or min(counts) < 2:
+        raise click.BadParameter(
+            f"expected a number such as 200, or 200x100 for a plane, each at least 2, found {value!r}"
+        )
+    return counts
+
+
+EPILOG = """\b
+Examples:
+  elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 -n 200 -o line.csv
+  elvis probe wing.xml wing.fld --plane 0,0,0:1,0,0:0,1,0 -n 100x50 --fields u,v -o plane.npz
+  elvis probe wing.xml wing.fld --points sensors.csv --all
+"""
+
+
+@click.command("probe", epilog=EPILOG, short_help="Evaluate fields exactly at points, along a line or over a plane.")
+@data_argument
+@click.option("--points", metavar="FILE", help="Points from a table, - for standard input: columns x, y, z.")
+@click.option("--line", metavar="P:Q", callback=triples(2), help="Points from P to Q, as 0,0,0:1,0,0.")
+@click.option("--plane", metavar="P:U:V", callback=triples(3), help="Points P + s U + t V, s and t from 0 to 1.")
+@click.option(
+    "-n", "counts", metavar="N[xM]", callback=_counts, help="Points along the line or the plane.  [default: 101]"
+)
+@click.option("--fields", metavar="NAMES", help="Fields to evaluate, commas between them.  [default: all]")
+@click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="File to write, .csv or .npz.  [default: CSV on standard output]",
+)
+def probe(
+    data: tuple[Path, ...],
+    points: str | None,
+    line: tuple[Triple, Triple] | None,
+    plane: tuple[Triple, Triple, Triple] | None,
+    counts: tuple[int, ...] | None,
+    fields: str | None,
+    every: bool,
+    output: Path | None,
+) -> None:
+    """Evaluate fields exactly at points: the solver's own polynomials on the element that holds the point.
+
+    Columns are point (row of the input), x, y, z, element, status, then one a field. Outside the domain element is -1
+    and fields are nan; status is 0 outside, 1 inside, 3 where the search failed. Where a field jumps between elements,
+    --all shows the value of each.
+    """
+    from elvis.formats.columns import check_suffix, csv_lines, write_columns
+
+    if output is not None:
+        check_suffix(output)
+    places = _places(points, line, plane, counts)
+    columns = _columns(data, places, fields, every)
+    if output is not None:
+        write_columns(output, columns)
+    else:
+        sys.stdout.writelines(csv_lines(columns))
+    _tell(columns)
+
+
+def _places(
+    points: str | None,
+    line: tuple[Triple, Triple] | None,
+    plane: tuple[Triple, Triple, Triple] | None,
+    counts: tuple[int, ...] | None,
+) -> Floats:
+    """(n, 3) the points asked for; usage error unless there is just one way."""
+    from elvis.formats.queries import points_in_table, points_on_line, points_on_plane
+
+    if sum(way is not None for way in (points, line, plane)) != 1:
+        raise click.UsageError("expected one of --points, --line and --plane", click.get_current_context())
+    if plane is not None:
+        n, m = counts * 2 if counts and len(counts) == 1 else counts or (_ALONG, _ALONG)
+        return points_on_plane(*plane, (n, m))
+    if counts and (points is not None or len(counts) == 2):
+        expected = "no -n beside --points" if points is not None else "one number of points along a line"
+        raise click.BadParameter(f"expected {expected}", click.get_current_context(), param_hint="'-n'")
+    if line is not None:
+        return points_on_line(*line, counts[0] if counts else _ALONG)
+    assert points is not None
+    return points_in_table(points)
+
+
+def _columns(data: tuple[Path, ...], places: Floats, fields: str | None, every: bool) -> Columns:
+    """The table: what was asked, what was found, and one column a field."""
+    from elvis.formats.sampling import sample
+    from elvis.formats.terminal import stage
+
+    dataset = read_data(data)
+    names = field_names(dataset, fields)
+    for name in names:
+        if name in _COLUMNS:
+            raise ElvisError(f"the field {name!r} has the name of a column; choose the others with --fields")
+    with stage(f"probing {len(places)} points"):
+        found = sample(dataset, names, places, all=every)
+    x, y, z = found.points.T
+    answers = (found.location.point, x, y, z, found.location.element_id, found.location.status.astype(int))
+    return dict(zip((*_COLUMNS, *names), (*answers, *found.values.T), strict=True))
+
+
+def _tell(columns: Columns) -> None:
+    """Say on a terminal how many points were found, and how many not."""
+    if not sys.stderr.isatty():
+        return
+    import numpy as np
+
+    from elvis.formats.inverse import Status
+
+    point, status = columns["point"], columns["status"]
+    counts = [len(np.unique(point[status == state])) for state in (Status.INSIDE, Status.OUTSIDE, Status.FAILED)]
+    words = "{} points inside, {} outside, {} failed".format(*counts)
+    print(f"elvis: {words}", file=sys.stderr)

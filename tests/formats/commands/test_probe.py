@@ -1,0 +1,140 @@
+import csv
+import io
+
+import click
+import numpy as np
+import pytest
+
+from elvis.formats import ElvisError
+
+
+@pytest.fixture
+def channel(nektar):
+    """Six tetrahedra that fill x, y in [-1, 1], z in [0, 1], with u = 1 - z^2."""
+    return nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
+
+
+def table(text):
+    rows = list(csv.DictReader(io.StringIO(text)))
+    return {name: np.array([row[name] for row in rows], float) for name in rows[0]}
+
+
+def truth(path):
+    """Element, coordinates (n, 3) and fields (n, f) of a truth file, and the names of the fields."""
+    lines = path.read_text().splitlines()
+    names = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
+    rows = [line.split("|")[1:] for line in lines if line.count("|") == 2 and not line.startswith("E")]
+    return np.array([r[0].split() for r in rows], float), np.array([r[1].split() for r in rows], float), names
+
+
+def test_a_line_through_the_channel(channel, elvis):
+    found = table(elvis("probe", *channel, "--line", "0,0,0:0,0,2", "-n", 5))
+    assert list(found) == ["point", "x", "y", "z", "element", "status", "u", "v", "w", "p"]
+    np.testing.assert_array_equal(found["point"], np.arange(5))
+    np.testing.assert_array_equal(found["z"], [0, 0.5, 1, 1.5, 2])
+    np.testing.assert_array_equal(found["status"], [1, 1, 1, 0, 0])
+    np.testing.assert_allclose(found["u"], [1, 0.75, 0, np.nan, np.nan], atol=1e-12)
+    np.testing.assert_array_equal(found["element"][3:], [-1, -1])
+
+
+def test_a_plane_has_u_fastest(channel, elvis):
+    found = table(elvis("probe", *channel, "--plane", "0,0,0:0,0,1:0,1,0", "-n", "3x2", "--fields", "u"))
+    np.testing.assert_array_equal(found["z"], [0, 0.5, 1, 0, 0.5, 1])
+    np.testing.assert_array_equal(found["y"], [0, 0, 0, 1, 1, 1])
+    np.testing.assert_allclose(found["u"], [1, 0.75, 0, 1, 0.75, 0], atol=1e-12)
+    assert "p" not in found
+
+
+@pytest.mark.parametrize(
+    ("case", "mesh", "field"),
+    [
+        ("gen_allelem_n4", "CubeAllElements.xml", "gen_allelem_n4.fld"),
+        ("gen_tet_p8_nekg2", "Movement_fixed_3D_stacked_cylinders_curved_hdf5.xml", "gen_tet_p8_nekg2.fld"),
+    ],
+)
+def test_true_values_at_true_points(nektar, tmp_path, elvis, case, mesh, field):
+    points, values, names = truth(nektar / case / f"{case}.truth.txt")
+    np.savetxt(tmp_path / "points.csv", points, fmt="%.17g", delimiter=",", header="x,y,z", comments="")
+    where = ["--points", tmp_path / "points.csv", "--all", "-o", tmp_path / "out.npz"]
+    elvis("probe", nektar / case / mesh, nektar / case / field, *where)
+    with np.load(tmp_path / "out.npz") as found:
+        held = np.unique(found["point"][found["status"] == 1])
+        np.testing.assert_array_equal(held, np.arange(len(points)))
+        for name, column in zip(names, values.T, strict=True):
+            # a point on a face has a value for each element that holds it; one of them is the true one
+            error = np.abs(found[name] - column[found["point"]])
+            nearest = np.full(len(points), np.inf)
+            np.minimum.at(nearest, found["point"], error)
+            assert nearest.max() <= 1e-11 * np.ptp(column)
+
+
+def test_both_sides_of_a_jump(nektar, elvis):
+    case = nektar / "gen_allelem_n4"
+    files = case / "CubeAllElements.xml", case / "gen_allelem_n4.fld"
+    one = table(elvis("probe", *files, "--line", "0,0,0:1,1,1", "-n", 2, "--fields", "u"))
+    every = table(elvis("probe", *files, "--line", "0,0,0:1,1,1", "-n", 2, "--fields", "u", "--all"))
+    assert len(one["point"]) == 2
+    assert len(every["point"]) > 2
+    assert len(set(zip(every["point"], every["element"], strict=True))) == len(every["point"])
+    assert set(one["element"]) <= set(every["element"])
+
+
+def test_tables_and_archives_agree(channel, tmp_path, elvis):
+    line = ["--line", "-1,-1,0:1,1,2", "-n", 30]
+    printed = elvis("probe", *channel, *line)
+    assert elvis("probe", *channel, *line, "-o", tmp_path / "line.csv") == ""
+    elvis("probe", *channel, *line, "-o", tmp_path / "line.npz")
+    assert (tmp_path / "line.csv").read_text() == printed
+    with np.load(tmp_path / "line.npz") as archive:
+        for name, column in table(printed).items():
+            np.testing.assert_array_equal(archive[name], column)
+        assert archive["element"].dtype == archive["point"].dtype == archive["status"].dtype == np.int64
+
+
+def test_what_was_printed_can_be_asked_again(channel, tmp_path, elvis):
+    elvis("probe", *channel, "--line", "-1,-1,0:1,1,2", "-o", tmp_path / "first.csv")
+    assert elvis("probe", *channel, "--points", tmp_path / "first.csv") == (tmp_path / "first.csv").read_text()
+
+
+def test_no_points_give_a_header(channel, tmp_path, elvis):
+    (tmp_path / "none.csv").write_text("x,y,z\n")
+    assert elvis("probe", *channel, "--points", tmp_path / "none.csv") == "point,x,y,z,element,status,u,v,w,p\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ([], "expected one of --points, --line and --plane"),
+        (["--line", "0,0:1,1", "--plane", "0,0:1,0:0,1"], "expected one of --points, --line and --plane"),
+        (["--line", "0,0,0"], "expected 2 points with colons"),
+        (["--line", "0,0,0:1,a,0"], "expected 2 or 3 numbers"),
+        (["--line", "0,0,0:1,nan,0"], "expected 2 or 3 numbers"),
+        (["--line", "0,0:1,1", "-n", "1"], "each at least 2"),
+        (["--line", "0,0:1,1", "-n", "many"], "each at least 2"),
+        (["--line", "0,0:1,1", "-n", "3x4"], "one number of points along a line"),
+        (["--points", "p.csv", "-n", "3"], "no -n beside --points"),
+    ],
+)
+def test_usage(channel, elvis, arguments, sentence):
+    with pytest.raises(click.UsageError) as failure:
+        elvis("probe", *channel, *arguments)
+    assert sentence in failure.value.format_message()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--fields", "u,rho"], "there is no field 'rho'; the fields are u, v, w, p"),
+        (["-o", "out.txt"], "out.txt: expected a name that ends in .csv or .npz, found .txt"),
+    ],
+)
+def test_failures(channel, elvis, arguments, sentence):
+    with pytest.raises(ElvisError) as failure:
+        elvis("probe", *channel, "--line", "0,0:1,1", *arguments)
+    assert str(failure.value) == sentence
+
+
+def test_a_failure_leaves_no_file(channel, elvis, tmp_path):
+    with pytest.raises(ElvisError):
+        elvis("probe", *channel, "--line", "0,0:1,1", "--fields", "rho", "-o", tmp_path / "out.csv")
+    assert not list(tmp_path.iterdir())
