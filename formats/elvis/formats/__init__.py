@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from elvis.formats.mesh import Composite, Curves, Entities, Mesh
     from elvis.formats.reading import read
     from elvis.formats.shapes import Shape
-from elvis.formats.writing import write
+    from elvis.formats.writing import write
 
 __all__ = [
     "Basis",
@@ -46,6 +46,7 @@ _MODULES = {
     "mesh": ("Composite", "Curves", "Entities", "Mesh"),
     "reading": ("read",),
     "shapes": ("Shape",),
+    "writing": ("write",),
 }
 
 

@@ -10,7 +10,7 @@ from elvis.formats import ElvisError
 
 @pytest.fixture
 def channel(nektar):
-    """Six tetrahedra that fill x, y in [-1, 1], z in [0, 1], with u = 1 - z^2."""
+    """Six tetrahedra that fill the cube [-1, 1]^3, with u = 1 - z^2."""
     return nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
 
 
