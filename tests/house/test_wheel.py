@@ -8,8 +8,8 @@ import zipfile
 
 import pytest
 
-#: tests that need no more of the checkout than their own files
-AGAINST_THE_WHEEL = ("tests/plugins", "tests/formats")
+#: tests to repeat on the installed modules: quick ones that reach every area
+AGAINST_THE_WHEEL = ("tests/plugins", "tests/formats/commands", "tests/formats/test_points.py")
 
 
 def run(command, **options):
@@ -82,6 +82,12 @@ def test_every_command_shows_its_help(environment, tmp_path):
     assert {"info", "norms", "probe", "plugins"} <= set(names)
     for name in names:
         assert "Usage: elvis" in run([environment / "elvis", name, "--help"], cwd=tmp_path)
+
+
+def test_a_picture_is_drawn(environment, wing):
+    drawn = ["--field", "p", "--plane", "0,0,0.4:0,0,1", "--size", "80x60", "-o", "wing.png"]
+    run([environment / "elvis", "render", "wing.xml", "wing.fld", *drawn], cwd=wing)
+    assert (wing / "wing.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_tests_pass_against_the_wheel(root, environment, tmp_path):
