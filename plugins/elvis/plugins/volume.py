@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,6 +10,22 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Answers for n pairs of an element and a point.
+
+    verdict    (n,)    0 outside, 1 inside, 2 undecided
+    margin     (n,)    distance to the border of the reference shape where inside, as IVolume.margin
+    reference  (n, 3)  reference coordinates where inside
+    field      (n,)    the field where inside
+    """
+
+    verdict: Ints
+    margin: Floats
+    reference: Floats
+    field: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +37,8 @@ class Part:
     element_ids  (n,) global ids
     boxes        (n, 6) low and high corner of a box that holds each element
     buffers      the module's global buffers by name: arrays of float64, float32 or uint32
+    solve        optional last resort on the host: elements (n,) and world points (n, 3) to a Solution, for the few
+                 points that the kernels could not decide
     """
 
     module: str
@@ -28,6 +46,7 @@ class Part:
     element_ids: Ints
     boxes: Floats
     buffers: Mapping[str, NDArray[Any]]
+    solve: Callable[[Ints, Floats], Solution] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -1,8 +1,9 @@
-"""Plane cuts in object order: each element is drawn into the pixels of its section (design of the stages: shaders/cut*.slang)."""
+"""Plane cuts in object order: each element is drawn into the pixels of its section (stages: shaders/cut_*.slang)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     import slangpy
 
 NOBODY = 0xFFFFFFFF
+#: verdicts, as in shaders/invert.slang
+INSIDE, UNKNOWN = 1, 2
 TILE = 8
 #: reference units within which a point counts as on an element's border, as in shaders/invert.slang
 BORDER = 1e-10
@@ -29,11 +32,15 @@ FIRST_GUESS = 1 << 16
 
 @dataclass
 class Pixels:
-    """What the stages leave behind, by pixel: owners are running numbers over all parts, NOBODY where nothing is seen."""
+    """What the stages leave behind, by pixel.
+
+    owner      running element numbers over all parts, NOBODY where nothing is seen
+    reference  (n, 3), None where it was not asked for
+    """
 
     field: Floats
     owner: NDArray[np.uint32]
-    reference: Floats
+    reference: Floats | None
     status: NDArray[np.uint8]
 
 
@@ -43,12 +50,12 @@ class Clock:
 
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def measure(self, stage: str, work: Callable[[], Any]) -> Any:
-        """The result of some work, whose time counts for the stage."""
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time spent in the block counts for the stage."""
         start = perf_counter()
-        result = work()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + perf_counter() - start
-        return result
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
 class Cutter:
@@ -61,59 +68,58 @@ class Cutter:
         self.first = np.cumsum([0, *(len(part) for part in self.parts)])
         self.clock = Clock()
         self.tiles = 0
+        self.references = True
 
-    def draw(self, view: View) -> Pixels:
-        """The pixels of one view."""
+    def draw(self, view: View, *, references: bool = True) -> Pixels:
+        """The pixels of one view; without reference coordinates they are there a little sooner."""
+        self.references = references
         self.clock, self.tiles = Clock(), 0
         count = view.width * view.height
-        image = self.clock.measure(
-            "clear",
-            lambda: {
+        with self.clock.stage("clear"):
+            image = {
                 "field": self.device.empty(np.float64, count),
                 "owner": self.device.buffer(np.full(count, NOBODY, np.uint32)),
-                "reference": self.device.empty(np.float64, 3 * count),
-            },
-        )
+                "reference": self.device.empty(np.float64, 3 * count if references else 1),
+            }
         claims = [self._draw_part(number, view, image) for number in range(len(self.parts))]
-
-        pixels = self.clock.measure("read", lambda: self._read(image, count))
-        self.clock.measure("settle", lambda: settle(pixels, [c for c in claims if len(c)]))
+        with self.clock.stage("read"):
+            pixels = self._read(image, count)
+        with self.clock.stage("settle"):
+            settle(pixels, [some for some in claims if len(some)])
         return pixels
 
     def _draw_part(self, number: int, view: View, image: dict[str, slangpy.Buffer]) -> NDArray[Any]:
-        """All stages for one part; returns the claims that draw put off, searched again, with running element numbers."""
-        sections = self.clock.measure("cull", lambda: self._sections(number, view))
+        """All stages for one part; returns what draw put off, searched again, with running element numbers."""
+        part, buffers = self.parts[number], {**self.buffers[number], **image}
+        with self.clock.stage("cull"):
+            sections = self._sections(number, view)
         if not len(sections):
             return np.empty(0)
-        part, buffers = self.parts[number], {**self.buffers[number], **image}
 
-        # tiles of all sections, with a guess for each
-        draw, aim = self._kernel("cut_draw", part), self._kernel("cut_aim", part)
-        tiles = self.clock.measure("tile", lambda: tiles_of(sections, draw.dtype("tiles")))
-        self.tiles += len(tiles)
-        buffers["tiles"], buffers["sections"] = self.device.buffer(tiles), self.device.buffer(sections)
-        buffers["guesses"] = self.device.empty(aim.dtype("guesses"), len(sections))
-        buffers["view"] = self._view(aim, view, number, len(sections))
-        self.clock.measure("aim", lambda: (aim(len(sections), buffers), self.device.wait()))
-        buffers["view"] = self._view(draw, view, number, len(tiles))
+        # a guess of the inverse map for every section
+        aim, draw = self._kernel("cut_aim", part), self._kernel("cut_draw", part)
+        with self.clock.stage("aim"):
+            buffers["sections"] = self.device.buffer(sections)
+            buffers["guesses"] = self.device.empty(aim.dtype("guesses"), len(sections))
+            buffers["view"] = self._view(aim, view, number, len(sections))
+            aim(len(sections), buffers)
 
-        # drawing twice is harmless, should the list of claims have been too short
-        def drawing(count: int, lists: dict[str, slangpy.Buffer]) -> None:
-            draw(len(tiles), {**buffers, **lists}, groups=True)
-
-        claims = self.clock.measure("draw", lambda: self._listed("claims", "claim_count", draw, drawing))
-        return self.clock.measure("retry", lambda: self._retry(number, view, claims))
+        # the pixels of every tile; drawing twice is harmless, should the list of claims have been too short
+        with self.clock.stage("draw"):
+            tiles = tiles_of(sections, draw.dtype("tiles"))
+            self.tiles += len(tiles)
+            buffers["tiles"] = self.device.buffer(tiles)
+            buffers["view"] = self._view(draw, view, number, len(tiles))
+            claims = self._listed("claims", draw, lambda lists: draw(len(tiles), {**buffers, **lists}, groups=True))
+        with self.clock.stage("retry"):
+            return self._retry(number, view, claims)
 
     def _sections(self, number: int, view: View) -> NDArray[Any]:
         """Sections of one part, in order of elements."""
         part = self.parts[number]
         cull = self._kernel("cut_cull", part)
         buffers = {**self.buffers[number], "view": self._view(cull, view, number, len(part))}
-
-        def culling(_: int, lists: dict[str, slangpy.Buffer]) -> None:
-            cull(len(part), {**buffers, **lists})
-
-        sections = self._listed("sections", "section_count", cull, culling)
+        sections = self._listed("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
         return sections[np.argsort(sections["element"])]
 
     def _retry(self, number: int, view: View, claims: NDArray[Any]) -> NDArray[Any]:
@@ -125,19 +131,28 @@ class Cutter:
         buffers["claims"] = self.device.buffer(claims)
         retry(len(claims), buffers)
         claims = self.device.read(buffers["claims"], claims.dtype)
+        self._decide(self.parts[number], view, claims)
         claims["element"] += np.uint32(self.first[number])
         return claims
 
-    def _listed(
-        self, name: str, counter: str, kernel: Kernel, run: Callable[[int, dict[str, slangpy.Buffer]], None]
-    ) -> NDArray[Any]:
-        """What a kernel appends to the list ``name``; runs again with a longer list where the first was too short."""
-        capacity = FIRST_GUESS
+    def _decide(self, part: Part, view: View, claims: NDArray[Any]) -> None:
+        """Let the plugin itself answer the claims that the kernels left open."""
+        left = np.flatnonzero(claims["verdict"] == UNKNOWN)
+        if part.solve is None or not len(left):
+            return
+        pixels = claims["pixel"][left].astype(np.int64)
+        points = view.points_of(pixels % view.width, pixels // view.width)
+        solution = part.solve(claims["element"][left].astype(np.int64), points)
+        for name in ("verdict", "margin", "reference", "field"):
+            claims[name][left] = getattr(solution, name)
+
+    def _listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, slangpy.Buffer]], None]) -> NDArray[Any]:
+        """What a kernel appends to the list ``name``; it runs again with a longer list where one was too short."""
+        capacity, dtype = FIRST_GUESS, kernel.dtype(name)
         while True:
-            dtype = kernel.dtype(name)
-            lists = {name: self.device.empty(dtype, capacity), counter: self.device.buffer(np.zeros(1, np.uint32))}
-            run(capacity, lists)
-            count = int(self.device.read(lists[counter], np.uint32)[0])
+            lists = {name: self.device.empty(dtype, capacity), "count": self.device.buffer(np.zeros(1, np.uint32))}
+            run(lists)
+            count = int(self.device.read(lists["count"], np.uint32)[0])
             if count <= capacity:
                 return self.device.read(lists[name], dtype)[:count].copy() if count else np.empty(0, dtype)
             capacity = count
@@ -151,7 +166,7 @@ class Cutter:
         record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
         record["point"], record["normal"] = view.plane.point, view.plane.basis()[2]
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
-        record["width"], record["height"], record["references"] = view.width, view.height, 1
+        record["width"], record["height"], record["references"] = view.width, view.height, self.references
         record["first"], record["count"] = self.first[number], count
         boxes = self.parts[number].boxes
         record["slack"] = 1e-12 * float(np.abs(boxes).max(initial=0.0) + np.abs(view.plane.point).max())
@@ -160,11 +175,14 @@ class Cutter:
     def _read(self, image: dict[str, slangpy.Buffer], count: int) -> Pixels:
         owner = self.device.read(image["owner"], np.uint32)
         values = self.device.read(image["field"], np.float64)
-        reference = self.device.read(image["reference"], np.float64).reshape(count, 3)
         nowhere = owner == NOBODY
         values[nowhere] = np.nan
+        status = (~nowhere).view(np.uint8)  # Status.MISS is 0, Status.CERTAIN 1
+        if not self.references:
+            return Pixels(values, owner, None, status)
+        reference = self.device.read(image["reference"], np.float64).reshape(count, 3)
         reference[nowhere] = np.nan
-        return Pixels(values, owner, reference, np.where(nowhere, Status.MISS, Status.CERTAIN).astype(np.uint8))
+        return Pixels(values, owner, reference, status)
 
 
 def tiles_of(sections: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -201,15 +219,16 @@ def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
     border = every["margin"] <= BORDER
     every = every[np.lexsort([every["element"], border, every["pixel"]])]
 
-    inside = every[every["verdict"] == 1]
+    inside = every[every["verdict"] == INSIDE]
     _, first = np.unique(inside["pixel"], return_index=True)
     chosen = inside[first]
     chosen = chosen[pixels.owner[chosen["pixel"]] == NOBODY]
     pixels.owner[chosen["pixel"]] = chosen["element"]
     pixels.field[chosen["pixel"]] = chosen["field"]
-    pixels.reference[chosen["pixel"]] = chosen["reference"]
+    if pixels.reference is not None:
+        pixels.reference[chosen["pixel"]] = chosen["reference"]
     certain = chosen["margin"] > BORDER
     pixels.status[chosen["pixel"]] = np.where(certain, Status.CERTAIN, Status.AMBIGUOUS)
 
-    unknown = every["pixel"][every["verdict"] == 2]
+    unknown = every["pixel"][every["verdict"] == UNKNOWN]
     pixels.status[unknown[pixels.owner[unknown] == NOBODY]] = Status.FAILED

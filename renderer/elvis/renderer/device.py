@@ -26,8 +26,10 @@ if TYPE_CHECKING:
 SHADERS = Path(__file__).parent / "shaders"
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw",)
-#: threads of a group, and groups of a row, as in the shaders (dispatch.slang)
-GROUP, GROUPS_IN_ROW = 64, 32768
+#: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
+ROWS = {True: 8, False: 1}
+#: groups of a row, as in shaders/dispatch.slang
+GROUPS_IN_ROW = 32768
 SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 #: what to install where no Vulkan device is found
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
@@ -60,7 +62,7 @@ def adapters() -> list[Adapter]:
 
 
 def choose(name: str) -> Adapter:
-    """The adapter that ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu`` stands for; DeviceError where none does."""
+    """The adapter of ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu``; DeviceError where there is none."""
     every = adapters()
     if name == "auto":
         return min(every, key=lambda a: (a.software, ("vulkan", "cuda", "cpu").index(a.kind)))
@@ -130,7 +132,8 @@ class Device:
 
     def read(self, buffer: slangpy.Buffer, dtype: DTypeLike) -> NDArray[Any]:
         """The content of a buffer."""
-        return buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
+        content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
+        return content
 
     def kernel(self, stage: str, module: str, type: str) -> Kernel:
         """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a Slang type."""
@@ -147,6 +150,7 @@ class Device:
         source = (
             f"import volume; import {module}; export struct TheVolume : IVolume = {type};"
             f"export static const bool lanes_together = {together};"
+            f"export static const int rows = {ROWS[self.adapter.software]};"
         )
         program = self._session.link_program(
             [
@@ -167,6 +171,7 @@ class Kernel:
 
     def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram) -> None:
         self._kernel = kernel
+        self._group = int(program.layout.entry_points[0].compute_thread_group_size.x)
         self._globals = {item.name: item.type_layout for item in program.layout.globals_type_layout.fields}
 
     def dtype(self, name: str) -> np.dtype[Any]:
@@ -174,21 +179,21 @@ class Kernel:
         return _dtype(self._globals[name].element_type_layout)
 
     def __call__(self, count: int, buffers: dict[str, slangpy.Buffer], *, groups: bool = False) -> None:
-        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers that the kernel knows."""
+        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers it knows of."""
         import slangpy
 
         missing = self._globals.keys() - buffers.keys()
         if missing:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
-        total = count if groups else -(-count // GROUP)
+        total = count if groups else -(-count // self._group)
         if total:
             row = min(total, GROUPS_IN_ROW)
-            threads = slangpy.uint3(row * GROUP, -(-total // row), 1)
+            threads = slangpy.uint3(row * self._group, -(-total // row), 1)
             self._kernel.dispatch(threads, vars={name: buffers[name] for name in self._globals})
 
 
 def _dtype(layout: Any) -> np.dtype[Any]:
-    """Dtype of a reflected struct, vector or scalar."""
+    """Dtype of a reflected struct, array, vector or scalar."""
     import slangpy
 
     kind, reflected = layout.type.kind, layout.type
@@ -206,7 +211,8 @@ def _dtype(layout: Any) -> np.dtype[Any]:
         return np.dtype((_dtype(layout.element_type_layout), (reflected.element_count,)))
     if kind == slangpy.TypeReflection.Kind.vector:
         return np.dtype((reflected.scalar_type.name, (reflected.col_count,)))
-    return np.dtype(reflected.scalar_type.name)
+    scalar: str = reflected.scalar_type.name
+    return np.dtype(scalar)
 
 
 def _identifier(text: str) -> str:

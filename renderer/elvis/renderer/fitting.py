@@ -12,12 +12,14 @@ from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Camera, Plane, Scene
 from elvis.renderer.view import fitted, named
 
+#: width and height of automatic pictures in pixels, and the least of either
+LARGEST, LEAST = (1000, 800), 160
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
 
 def automatic(scene: Scene, boxes: Sequence[Floats]) -> Scene:
-    """The scene with a camera of known field of view or height; one that is named, or has neither, is fitted.
+    """The scene with a size, and with a camera of known field of view or height; one that has neither is fitted.
 
     boxes  (n, 6) arrays: low and high corners of boxes that hold the elements
     Raises SceneError where there is no box, and where the view must be fitted but the plane misses every box.
@@ -26,7 +28,7 @@ def automatic(scene: Scene, boxes: Sequence[Floats]) -> Scene:
         raise SceneError("there is no element to draw: none carries the field")
     camera = scene.camera
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
-        return scene
+        return replace(scene, size=scene.size or LARGEST)
     assert scene.plane is not None
     camera = named(camera, scene.plane) if isinstance(camera, str) else camera
     points = np.concatenate([crossings(some, scene.plane) for some in boxes])
@@ -34,7 +36,15 @@ def automatic(scene: Scene, boxes: Sequence[Floats]) -> Scene:
         raise SceneError(missed(scene.plane, surrounding(boxes)))
     seen = points @ np.array(camera.basis()[:2]).T
     extent = np.array([seen.min(axis=0), seen.max(axis=0)])
-    return replace(scene, camera=fitted(scene, camera, extent, surrounding(boxes)))
+    size = scene.size or proportionate(extent)
+    return replace(scene, size=size, camera=fitted(camera, size, extent, surrounding(boxes)))
+
+
+def proportionate(extent: Floats) -> tuple[int, int]:
+    """Pixels of a picture that shows an extent (2, 2) without wide margins: LARGEST or less, at least LEAST a side."""
+    width, height = np.maximum(extent[1] - extent[0], 1e-300)
+    scale = min(LARGEST[0] / width, LARGEST[1] / height)
+    return max(LEAST, round(width * scale)), max(LEAST, round(height * scale))
 
 
 def crossings(boxes: Floats, plane: Plane) -> Floats:

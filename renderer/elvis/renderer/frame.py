@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as default
 from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +33,8 @@ class Frame:
 
     field      (h, w)     NaN where nothing is seen
     element    (h, w)     global element ids, -1 where nothing is seen
-    reference  (h, w, 3)  reference coordinates in the element, NaN where nothing is seen
+    reference  (h, w, 3)  reference coordinates in the element, NaN where nothing is seen; None where they were not
+                          asked for
     status     (h, w)     see Status
     stats      seconds, bytes and counts by name
     """
@@ -41,9 +43,9 @@ class Frame:
     view: View
     field: Floats
     element: Ints
-    reference: Floats
+    reference: Floats | None
     status: NDArray[np.uint8]
-    stats: dict[str, Any] = field(default_factory=dict)
+    stats: dict[str, Any] = default(default_factory=dict)
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:

@@ -18,8 +18,8 @@ from elvis.renderer.device import Device
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
-from elvis.renderer.scene import Camera, Plane, Scene
-from elvis.renderer.view import View
+from elvis.renderer.scene import Plane, Scene
+from elvis.renderer.view import View, seen
 
 
 def render(dataset: Dataset, scene: Scene | None = None, *, device: str = "auto", **options: Any) -> Frame:
@@ -86,17 +86,15 @@ class Renderer:
         """Bring a runtime plugin's volume to the device."""
         self._cutter = Cutter(self.device, volume)
 
-    def render(self, scene: Scene) -> Frame:
-        """A picture of the volume; the scene has a plane."""
+    def render(self, scene: Scene, *, references: bool = True) -> Frame:
+        """A picture of the volume; the scene has a plane.  Only exact records need reference coordinates."""
         if self._cutter is None:
             raise ElvisError("load a dataset before rendering")
         assert scene.plane is not None
         cutter, start = self._cutter, perf_counter()
         boxes = [part.boxes for part in cutter.parts]
-        camera = automatic(scene, boxes).camera
-        assert isinstance(camera, Camera)
-        view = View.of(camera, scene.plane, scene.size)
-        pixels = cutter.draw(view)
+        view = seen(automatic(scene, boxes))
+        pixels = cutter.draw(view, references=references)
         if not (pixels.owner != NOBODY).any():
             raise SceneError(missed(scene.plane, surrounding(boxes)))
         frame = self._frame(cutter, scene, view, pixels)
@@ -113,7 +111,7 @@ class Renderer:
             view,
             pixels.field.reshape(shape),
             element.reshape(shape),
-            pixels.reference.reshape(*shape, 3),
+            None if pixels.reference is None else pixels.reference.reshape(*shape, 3),
             pixels.status.reshape(shape),
         )
         frame.stats.update(

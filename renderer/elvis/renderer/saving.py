@@ -39,7 +39,12 @@ def save(frame: Frame, path: Path, *, plain: bool = False) -> None:
 
 
 def arrays(frame: Frame) -> dict[str, Any]:
-    """The record by name: (height, width[, 3]) arrays of float64 or int64."""
+    """The record by name: (height, width[, 3]) arrays of float64 or int64.
+
+    Raises SceneError where the frame was drawn without reference coordinates.
+    """
+    if frame.reference is None:
+        raise SceneError("an exact record needs reference coordinates: draw with references=True")
     return {
         "color": frame.color,
         "depth": frame.depth,
@@ -59,10 +64,11 @@ def _save_exr(frame: Frame, path: Path) -> None:
     def single(values: Any) -> Any:
         return np.ascontiguousarray(values, dtype=np.float32)
 
-    channels = {name: single(frame.color[..., i]) for i, name in enumerate("RGB")}
-    channels |= {"A": single(frame.seen), "Z": single(frame.depth), "field": single(frame.field)}
+    record = arrays(frame)
+    channels = {name: single(record["color"][..., i]) for i, name in enumerate("RGB")}
+    channels |= {"A": single(frame.seen), "Z": single(record["depth"]), "field": single(record["field"])}
     for name in ("position", "reference", "normal"):
-        channels |= {f"{name}.{axis}": single(getattr(frame, name)[..., i]) for i, axis in enumerate("XYZ")}
+        channels |= {f"{name}.{axis}": single(record[name][..., i]) for i, axis in enumerate("XYZ")}
 
     # -1 has no place among unsigned numbers: the greatest one stands for nothing
     channels["element"] = np.ascontiguousarray(frame.element.astype(np.uint32))

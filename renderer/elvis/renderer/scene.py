@@ -80,9 +80,9 @@ class Scene:
 
     field    name of the field that colours the picture
     plane    the cut; None for 2D data, which is drawn in its own plane
-    camera   a camera, or the name of a view (``fit`` looks straight at the plane; see NAMED_VIEWS) that is fitted to what
-             is seen
-    size     width and height in pixels
+    camera   a camera, or the name of a view (``fit`` looks straight at the plane; see NAMED_VIEWS) that is fitted to
+             what is seen
+    size     width and height in pixels; None takes the proportions of what is seen
     palette  name of a colour map
     range    values at the two ends of the colour map; None takes them from what is seen
     """
@@ -90,13 +90,13 @@ class Scene:
     field: str
     plane: Plane | None = None
     camera: Camera | str = "fit"
-    size: tuple[int, int] = (1000, 800)
+    size: tuple[int, int] | None = None
     palette: str = "viridis"
     range: tuple[float, float] | None = None
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        width, height = self.size
+        width, height = self.size or (1, 1)
         if not (1 <= width <= 32768 and 1 <= height <= 32768):
             raise SceneError(f"the size of a picture is 1 to 32768 pixels a side, found {width} x {height}")
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:

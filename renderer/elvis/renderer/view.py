@@ -19,8 +19,8 @@ MARGIN = 1.04  # a fitted view is this much larger than what it shows
 class View:
     """A camera before a plane, for a picture of ``width`` by ``height`` pixels.
 
-    plane_point    (4, 3)  origin, column, row of the plane point's numerator; last row its weight (constant, column, row):
-                           point of pixel (i, j) = (origin + i column + j row) / (w0 + i w1 + j w2)
+    plane_point    (4, 3)  origin, column, row of the plane point's numerator; last row its weight (constant, column,
+                           row): point of pixel (i, j) = (origin + i column + j row) / (w0 + i w1 + j w2)
     to_pixel       (3, 4)  rows for column, row and weight of a homogeneous world point; the weight is positive in front
     """
 
@@ -39,10 +39,7 @@ class View:
         eye = np.asarray(camera.eye, dtype=np.float64)
 
         # a pixel step on the screen, which stands at distance 1 in perspective
-        if camera.fov is None:
-            half = 0.5 * (camera.height or 1.0)
-        else:
-            half = float(np.tan(0.5 * np.deg2rad(camera.fov)))
+        half = 0.5 * (camera.height or 1.0) if camera.fov is None else float(np.tan(0.5 * np.deg2rad(camera.fov)))
         step = 2.0 * half / height
         column, row = step * right, -step * up
         corner = -0.5 * (width - 1) * column - 0.5 * (height - 1) * row
@@ -77,6 +74,14 @@ class View:
         if self.camera.fov is not None:
             towards = np.subtract(self.plane.point, self.camera.eye)
         return np.asarray(-normal if normal @ towards > 0 else normal)
+
+
+def seen(scene: Scene) -> View:
+    """The view of a scene whose plane, camera and size are settled (see fitting.automatic)."""
+    assert scene.plane is not None
+    assert scene.size is not None
+    assert isinstance(scene.camera, Camera)
+    return View.of(scene.camera, scene.plane, scene.size)
 
 
 def _orthographic(eye: Floats, forward: Floats, corner: Floats, column: Floats, row: Floats, plane: Plane) -> Floats:
@@ -129,15 +134,16 @@ def named(name: str, plane: Plane) -> Camera:
     return Camera(_vector(np.subtract(plane.point, forward)), plane.point, up, height=1.0)
 
 
-def fitted(scene: Scene, camera: Camera, extent: Floats, box: Floats) -> Camera:
+def fitted(camera: Camera, size: tuple[int, int], extent: Floats, box: Floats) -> Camera:
     """An orthographic camera along the same axes that shows all of ``extent``.
 
+    size    width and height in pixels
     extent  (2, 2) least and greatest coordinates along the camera's right and up axes
     box     (2, 3) of the domain; the eye is set before it
     """
     right, up, forward = camera.basis()
     sides = np.maximum(extent[1] - extent[0], 1e-300)
-    height = MARGIN * max(sides[1], sides[0] * scene.size[1] / scene.size[0])
+    height = MARGIN * max(sides[1], sides[0] * size[1] / size[0])
     across, along = 0.5 * (extent[0] + extent[1])
     middle = forward @ (0.5 * (box[0] + box[1]))
     at = across * right + along * up + middle * forward

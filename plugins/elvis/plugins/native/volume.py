@@ -16,6 +16,7 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.patch import Patch, patches
 from elvis.formats.shapes import Shape
+from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.weights import weights
 from elvis.plugins.volume import Part
 
@@ -41,15 +42,16 @@ class NativeVolume:
         mesh = dataset.mesh
         if mesh.dimension < 2 or mesh.space != mesh.dimension:
             raise ElvisError(
-                f"pictures are made of 2D data in the plane and of 3D data, found DIM={mesh.dimension} SPACE={mesh.space}"
+                f"pictures are made of 2D data in the plane and of 3D data, "
+                f"found DIM={mesh.dimension} SPACE={mesh.space}"
             )
         found = [patch for patch in patches(dataset, [field]) if patch.fields[0] is not None]
         if any(patch.fields[0] and patch.fields[0].homogeneous for patch in found):
             raise ElvisError(f"pictures of homogeneous (Fourier) data can't be made, as of field {field!r}")
 
-        kinds = sorted(((_spaces(patch), patch) for patch in found), key=lambda pair: repr(pair[0]))
-        groups = groupby(kinds, key=lambda pair: pair[0])
-        return NativeVolume(mesh.dimension, [_part(*spaces, [p for _, p in group]) for spaces, group in groups])
+        found.sort(key=lambda patch: repr(_spaces(patch)))
+        parts = [_part(*spaces, list(group)) for spaces, group in groupby(found, key=_spaces)]
+        return NativeVolume(mesh.dimension, parts)
 
 
 def _spaces(patch: Patch) -> tuple[BernsteinSpace, BernsteinSpace]:
@@ -71,16 +73,11 @@ def _even(space: BernsteinSpace, least: int) -> BernsteinSpace:
 def _part(geometry: BernsteinSpace, field: BernsteinSpace, found: list[Patch]) -> Part:
     """One part of all elements of like spaces."""
     shape = geometry.shape
-    own = {id(p): p.fields[0] for p in found}
     controls = np.concatenate([_controls(p, geometry) for p in found])
     boxes = np.concatenate([controls.min(axis=1), controls.max(axis=1)], axis=1)
     points, indices = _shared(controls * weights(geometry)[:, None], geometry)
     del controls
-    coefficients = [
-        bernstein_coefficients(expansion, p.coefficients[0], field) * weights(field)
-        for p in found
-        if (expansion := own[id(p)]) is not None
-    ]
+    coefficients = [_coefficients(p, field) for p in found]
     return Part(
         module=f"native_{shape.name.lower()}",
         type=f"{shape.label}<{', '.join(map(str, _arguments(geometry) + _arguments(field)))}>",
@@ -91,11 +88,20 @@ def _part(geometry: BernsteinSpace, field: BernsteinSpace, found: list[Patch]) -
             "control_indices": indices,
             "coefficients": frozen_floats(coefficients[0] if len(coefficients) == 1 else np.concatenate(coefficients)),
         },
+        solve=Solver(found),
     )
 
 
 def _arguments(space: BernsteinSpace) -> list[int]:
     return [space.degrees[0], space.degrees[2]] if space.shape is Shape.PYRAMID else [space.degrees[0]]
+
+
+def _coefficients(patch: Patch, space: BernsteinSpace) -> Floats:
+    """(n, k) scaled Bernstein coefficients of the patch's field."""
+    expansion, modal = patch.fields[0], patch.coefficients[0]
+    assert expansion is not None
+    assert modal is not None
+    return np.asarray(bernstein_coefficients(expansion, modal, space) * weights(space))
 
 
 def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
@@ -107,7 +113,7 @@ def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
 
 
 def _shared(points: Floats, space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
-    """Points of all elements (n, k, 3) as a list of points and (n * k) indices; straight elements share their vertices."""
+    """Points (n, k, 3) of all elements as a list of points and (n * k) indices; straight elements share vertices."""
     flat = points.reshape(-1, 3)
     if max(space.degrees) > 1:
         return frozen_floats(flat), np.arange(len(flat), dtype=np.uint32)

@@ -1,99 +1,65 @@
-"""Command-line values of scenes: vectors, planes, cameras, sizes, ranges."""
+"""Command-line values of scenes: planes, cameras, sizes, ranges; each a callback for an option."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
+
+from elvis.formats.commands.arguments import numbers, triples
 
 if TYPE_CHECKING:
     from elvis.renderer.scene import Camera, Plane
 
+LARGEST_SIDE = 32768
 
-class PlaneType(click.ParamType):
+
+def plane(context: click.Context, parameter: click.Parameter, value: str | None) -> Plane | None:
     """``x,y,z:nx,ny,nz``: a point and a normal."""
+    from elvis.renderer.scene import Plane
 
-    name = "POINT:NORMAL"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Plane:
-        """The plane; usage error where it can't be read."""
-        from elvis.renderer.scene import Plane
-
-        parts = str(value).split(":")
-        vectors = [vector(part) for part in parts]
-        if len(parts) != 2 or None in vectors:
-            self.fail(f"expected a point and a normal such as 0,0,0.2:0,0,1, found {value!r}", param, ctx)
-        if not any(vectors[1] or ()):
-            self.fail(f"expected a normal that is not zero, found {value!r}", param, ctx)
-        return Plane(vectors[0] or (0, 0, 0), vectors[1] or (0, 0, 1))
+    found = triples(2)(context, parameter, value)
+    if found is None:
+        return None
+    if not any(found[1]):
+        raise click.BadParameter(f"expected a normal that is not zero, found {value!r}")
+    return Plane(*found)
 
 
-class CameraType(click.ParamType):
-    """A named view, or ``eye:at[:up[:degrees]]``."""
+def camera(context: click.Context, parameter: click.Parameter, value: str) -> Camera | str:
+    """The name of a view, or ``eye:at[:up[:degrees]]``."""
+    from elvis.renderer.scene import NAMED_VIEWS, Camera
 
-    name = "VIEW"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Camera | str:
-        """The camera or the name of a view; usage error where it can't be read."""
-        from elvis.renderer.scene import NAMED_VIEWS, Camera
-
-        text = str(value)
-        if text == "fit" or text in NAMED_VIEWS:
-            return text
-        parts = text.split(":")
-        vectors = [vector(part) for part in parts[:3]]
-        fov = number(parts[3]) if len(parts) > 3 else None
-        sound = 2 <= len(parts) <= 4 and None not in vectors and (len(parts) < 4 or (fov and 0 < fov < 180))
-        if not sound:
-            names = ", ".join(["fit", *NAMED_VIEWS])
-            self.fail(
-                f"expected {names} or eye:at[:up[:degrees]] such as 3,2,1:0,0,0:0,0,1:30, found {value!r}", param, ctx
-            )
-        eye, at, up = (*vectors, (0.0, 0.0, 1.0))[:3]
-        return Camera(eye or (0, 0, 0), at or (0, 0, 0), up or (0, 0, 1), fov)
+    if value == "fit" or value in NAMED_VIEWS:
+        return value
+    parts = value.split(":")
+    if not 2 <= len(parts) <= 4:
+        names = ", ".join(["fit", *NAMED_VIEWS])
+        raise click.BadParameter(f"expected {names} or eye:at[:up[:degrees]], found {value!r}")
+    eye, at, *up = triples(min(len(parts), 3))(context, parameter, ":".join(parts[:3]))
+    fov = numbers(1)(context, parameter, parts[3])[0] if len(parts) == 4 else None
+    if fov is not None and not 0 < fov < 180:
+        raise click.BadParameter(f"expected a field of view between 0 and 180 degrees, found {parts[3]}")
+    return Camera(eye, at, up[0] if up else (0.0, 0.0, 1.0), fov)
 
 
-class SizeType(click.ParamType):
+def size(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
     """``WIDTHxHEIGHT`` in pixels."""
-
-    name = "WxH"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Width and height; usage error where they can't be read."""
-        if isinstance(value, tuple):
-            return value
-        sides = str(value).lower().split("x")
-        if len(sides) != 2 or not all(side.isdecimal() and 1 <= int(side) <= 32768 for side in sides):
-            self.fail(f"expected WIDTHxHEIGHT such as 1000x800 (up to 32768 a side), found {value!r}", param, ctx)
-        return int(sides[0]), int(sides[1])
-
-
-class RangeType(click.ParamType):
-    """``low:high``."""
-
-    name = "LOW:HIGH"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        """The two values; usage error where they can't be read or don't ascend."""
-        ends = [number(part) for part in str(value).split(":")]
-        if len(ends) != 2 or ends[0] is None or ends[1] is None or not ends[0] < ends[1]:
-            self.fail(f"expected two ascending values such as -0.5:1, found {value!r}", param, ctx)
-        return ends[0], ends[1]
-
-
-def number(text: str) -> float | None:
-    """A finite number, None where the text is none."""
-    try:
-        value = float(text)
-    except ValueError:
+    if value is None:
         return None
-    return value if abs(value) < float("inf") else None
+    sides = value.lower().split("x")
+    if len(sides) != 2 or not all(side.isdecimal() and 1 <= int(side) <= LARGEST_SIDE for side in sides):
+        raise click.BadParameter(
+            f"expected WIDTHxHEIGHT such as 1000x800, up to {LARGEST_SIDE} a side, found {value!r}"
+        )
+    return int(sides[0]), int(sides[1])
 
 
-def vector(text: str) -> tuple[float, float, float] | None:
-    """Three finite numbers with commas between, None where the text is something else."""
-    values = [number(part) for part in text.split(",")]
-    if len(values) != 3 or None in values:
+def color_range(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, float] | None:
+    """``LOW:HIGH``, ascending."""
+    if value is None:
         return None
-    x, y, z = (value or 0.0 for value in values)
-    return x, y, z
+    found = numbers(2)(context, parameter, value.replace(":", ",", 1))
+    if not found[0] < found[1]:
+        raise click.BadParameter(f"expected two ascending values such as -0.5:1, found {value!r}")
+    return found[0], found[1]

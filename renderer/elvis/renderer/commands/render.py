@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.renderer.commands.parameters import CameraType, PlaneType, RangeType, SizeType
+from elvis.formats.commands.arguments import data_argument, read_data
+from elvis.renderer.commands import parameters
 
 if TYPE_CHECKING:
     from elvis.renderer.frame import Frame
@@ -19,39 +20,38 @@ Examples:
   elvis render wing.xml wing.fld --field p --plane 0,0,0:1,1,0 --camera iso -o p.npz -o p.exr
   elvis render wing.xml wing.fld --field p --plane 0,0,0:0,0,1 --camera 3,-4,2:0,0,0:0,0,1:30 -o view.png
 """
+CAMERA = (
+    "fit (straight at the plane), +x, -x, +y, -y, +z, -z (look along an axis), iso, or eye:at[:up[:degrees]]; "
+    "orthographic and fitted to what is seen unless degrees are given."
+)
+OUTPUT = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.command(epilog=EPILOG, short_help="Draw a cut plane or a 2D solution, exact at every pixel.")
-@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
+@data_argument
 @click.option("--field", "-f", help="The field that colours the picture.  [default: the first]")
-@click.option("--plane", type=PlaneType(), help="The cut plane: a point and a normal (3D data).")
+@click.option("--plane", metavar="POINT:NORMAL", callback=parameters.plane, help="The cut plane, for 3D data.")
+@click.option("--camera", metavar="VIEW", default="fit", show_default=True, callback=parameters.camera, help=CAMERA)
 @click.option(
-    "--camera",
-    type=CameraType(),
-    default="fit",
-    show_default=True,
-    help="fit (straight at the plane), +x, -x, +y, -y, +z, -z (look along an axis), iso, or eye:at[:up[:degrees]]; "
-    "orthographic and fitted to what is seen unless degrees are given.",
+    "--size",
+    metavar="WxH",
+    callback=parameters.size,
+    help="Pixels of the image.  [default: 1000 wide or 800 high, in the proportions of what is seen]",
 )
-@click.option("--size", type=SizeType(), default="1000x800", show_default=True, help="Pixels of the image.")
 @click.option(
-    "--range", "range_", type=RangeType(), help="Values at the ends of the colour bar.  [default: what is seen]"
+    "--range",
+    "range_",
+    metavar="LOW:HIGH",
+    callback=parameters.color_range,
+    help="Values at the ends of the colour bar.  [default: what is seen]",
 )
 @click.option("--colormap", default="viridis", show_default=True, help="A colour map of the cmap catalogue.")
 @click.option("--plain", is_flag=True, help="The bare image, without colour bar and title.")
 @click.option("--device", default="auto", show_default=True, help="See elvis devices; reference computes in NumPy.")
 @click.option(
-    "--output",
-    "-o",
-    "outputs",
-    multiple=True,
-    required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="A .png, .exr or .npz file; may be given several times.",
+    "--output", "-o", "outputs", multiple=True, required=True, type=OUTPUT, help=".png, .exr, .npz; repeatable."
 )
-@click.option(
-    "--stats", type=click.Path(path_type=Path, dir_okay=False), help="Write seconds, bytes and counts as JSON."
-)
+@click.option("--stats", type=OUTPUT, help="Write seconds, bytes and counts as JSON.")
 def render(data: tuple[Path, ...], outputs: tuple[Path, ...], stats: Path | None, plain: bool, **options: Any) -> None:
     """Draw DATA (mesh and field files, in any order): every pixel from the solver's own polynomials."""
     from elvis.renderer.saving import check_suffix
@@ -72,13 +72,11 @@ def render(data: tuple[Path, ...], outputs: tuple[Path, ...], stats: Path | None
 
 def _frame(data: tuple[Path, ...], field: str | None, colormap: str, device: str, **options: Any) -> Frame:
     """Read the data and draw them."""
-    from elvis.formats import read
     from elvis.formats.terminal import stage
     from elvis.renderer import Scene, default_field
     from elvis.renderer import render as draw
 
-    with stage("reading"):
-        dataset = read(*data)
+    dataset = read_data(data)
     scene = Scene(
         field=field or default_field(dataset),
         plane=options["plane"],

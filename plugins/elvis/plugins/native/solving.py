@@ -1,0 +1,48 @@
+"""The last resort for points that the kernels could not decide: a proof or a root by subdivision on the host."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.evaluation import evaluate_at
+from elvis.formats.inverse import Status, invert
+from elvis.formats.patch import Patch
+from elvis.plugins.volume import Solution
+
+UNDECIDED = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Solver:
+    """Solves in the elements of some patches, numbered one patch after the other."""
+
+    patches: Sequence[Patch]
+
+    def __call__(self, elements: Ints, points: Floats) -> Solution:
+        """Verdict, reference coordinates and field of pairs of an element (n,) and a world point (n, 3)."""
+        n = len(elements)
+        answer = Solution(np.full(n, UNDECIDED), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
+        bounds = np.cumsum([0, *map(len, self.patches)])
+        owner = np.searchsorted(bounds, elements, side="right") - 1
+        for number in np.unique(owner):
+            chosen = np.flatnonzero(owner == number)
+            self._solve(self.patches[number], chosen, elements[chosen] - bounds[number], points[chosen], answer)
+        return answer
+
+    def _solve(self, patch: Patch, chosen: Ints, rows: Ints, points: Floats, answer: Solution) -> None:
+        """Write the answers of one patch to the rows ``chosen``."""
+        roots = invert(patch, rows, points)
+        answer.verdict[chosen[roots.status == Status.OUTSIDE]] = 0
+        inside = np.flatnonzero(roots.status == Status.INSIDE)
+        there, reference = chosen[inside], roots.reference[inside]
+        answer.verdict[there] = 1
+        answer.margin[there] = roots.margin[inside]
+        answer.reference[there, : patch.shape.dimension] = reference
+
+        expansion, coefficients = patch.fields[0], patch.coefficients[0]
+        if expansion is not None and coefficients is not None and len(there):
+            answer.field[there] = evaluate_at(expansion, coefficients, rows[inside], reference)

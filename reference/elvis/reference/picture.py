@@ -1,0 +1,120 @@
+"""Pictures of plane cuts and plane data in NumPy: the device ``reference``.
+
+Every pixel's plane point is located among the elements, and the field's modal expansion is summed there in collapsed
+coordinates.  No kernel, Bernstein form or bound of the renderer takes part; what is shared with it is the scene, the
+view and the palette.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.formats.inverse import Status as Verdict
+from elvis.formats.locate import Location, Locator
+from elvis.formats.margins import TOLERANCE
+from elvis.formats.patch import Patch, patches
+from elvis.formats.pointwise import values
+from elvis.renderer.errors import SceneError
+from elvis.renderer.fitting import missed
+from elvis.renderer.frame import Frame, Status
+from elvis.renderer.scene import Camera, Scene
+from elvis.renderer.view import View
+
+
+def render(dataset: Dataset, scene: Scene) -> Frame:
+    """A picture of 2D data in the plane or of a plane cut through 3D data.
+
+    The scene comes from `elvis.renderer.render`: it has a plane, and a camera with a height or a field of view.
+    A point within 1e-10 of the border of elements (`elvis.formats.margins`) is ambiguous and goes to the one of lowest
+    global id.  Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
+    """
+    start, view = perf_counter(), _view(scene)
+    locator = Locator(_patches(dataset, scene.field))
+    points = view.points().reshape(-1, 3)
+    pixels = np.flatnonzero(np.isfinite(points).all(axis=1))
+    found = owners(locator, points[pixels])
+    located = perf_counter()
+    frame = _frame(scene, view, pixels, found, field_of(locator.patches, found))
+    if not frame.seen.any():
+        raise SceneError(missed(view.plane, _box(locator)))
+    frame.stats.update(
+        device={"name": "reference", "label": "NumPy"},
+        elements=sum(map(len, locator.patches)),
+        pixels=frame.counts(),
+        seconds={"locate": located - start, "frame": perf_counter() - start},
+    )
+    return frame
+
+
+def owners(locator: Locator, points: Floats) -> Location:
+    """One answer for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
+    found = locator.locate(points)
+    border = np.flatnonzero((found.status == Verdict.INSIDE) & (found.margin <= TOLERANCE))
+    every = locator.locate(points[border], all=True)
+
+    # the first answer in order of points, then ids
+    order = np.lexsort((every.element_id, every.point))
+    first = order[np.diff(every.point[order], prepend=-1) != 0]
+    columns = {name: getattr(found, name).copy() for name in Location.__dataclass_fields__}
+    for name, column in columns.items():
+        column[border] = border if name == "point" else getattr(every, name)[first]
+    return replace(found, **columns)
+
+
+def field_of(patches: Sequence[Patch], found: Location) -> Floats:
+    """(n,) the first field of the patches where each point was found, NaN where it was not."""
+    result = np.full(len(found), np.nan)
+    for number, patch in enumerate(patches):
+        here = found.patch == number
+        reference = found.reference[here][:, : patch.shape.dimension]
+        result[here] = values(patch, 0, found.row[here], reference)
+    return result
+
+
+def _view(scene: Scene) -> View:
+    camera, plane = scene.camera, scene.plane
+    if not isinstance(camera, Camera) or (camera.fov is None and camera.height is None) or plane is None:
+        raise SceneError("the reference needs a plane and a camera with a height or a field of view")
+    return View.of(camera, plane, scene.size or (1000, 800))
+
+
+def _patches(dataset: Dataset, field: str) -> list[Patch]:
+    """The patches that have the field; ElvisError for data without a plane picture."""
+    mesh = dataset.mesh
+    if mesh.dimension < 2 or mesh.space != mesh.dimension:
+        found = f"DIM={mesh.dimension} SPACE={mesh.space}"
+        raise ElvisError(f"pictures are made of 2D data in the plane and of 3D data, found {found}")
+    found = [patch for patch in patches(dataset, [field]) if patch.fields[0] is not None]
+    if any(patch.homogeneous for patch in found):
+        raise ElvisError(f"pictures of homogeneous (Fourier) data can't be made, as of field {field!r}")
+    return found
+
+
+def _frame(scene: Scene, view: View, pixels: np.typing.NDArray[np.int64], found: Location, field: Floats) -> Frame:
+    """The answers for some pixels as a picture; all others are misses."""
+    count, shape = view.width * view.height, (view.height, view.width)
+    values, element, status = np.full(count, np.nan), np.full(count, -1), np.zeros(count, np.uint8)
+    reference = np.full((count, 3), np.nan)
+    inside = found.status == Verdict.INSIDE
+    values[pixels], element[pixels] = field, found.element_id
+
+    # plane elements lie at 0 in the third coordinate
+    reference[pixels[inside]] = 0.0
+    reference[pixels, : found.reference.shape[1]] = found.reference
+    certain = np.where(found.margin > TOLERANCE, Status.CERTAIN, Status.AMBIGUOUS)
+    status[pixels] = np.select([inside, found.status == Verdict.FAILED], [certain, Status.FAILED], Status.MISS)
+    return Frame(
+        scene, view, values.reshape(shape), element.reshape(shape), reference.reshape(*shape, 3), status.reshape(shape)
+    )
+
+
+def _box(locator: Locator) -> Floats:
+    """(2, 3) corners of a box that holds all elements."""
+    return np.asarray(locator.tree.nodes[0].reshape(2, 3), np.float64)
