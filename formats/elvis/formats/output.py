@@ -44,17 +44,22 @@ def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
 
 
+def check_place(path: str | Path) -> None:
+    """ElvisError where ``path`` is a folder, or lies in none that exists; to be asked before long work."""
+    if Path(path).is_dir():
+        raise ElvisError(f"{path}: cannot be written: it is a folder")
+    folder = Path(os.path.realpath(path)).parent
+    if not folder.is_dir():
+        raise ElvisError(f"{path}: cannot be written: there is no folder {folder}")
+
+
 def _is_special(path: Path) -> bool:
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _reserved_beside(target: Path, named: Path) -> Path:
     """A new empty file in the folder of ``target``, with the mode that the final file shall have."""
-    if target.is_dir():
-        raise ElvisError(f"{named}: cannot be written: it is a folder")
-    if not target.parent.is_dir():
-        raise ElvisError(f"{named}: cannot be written: there is no folder {named.parent}")
-
+    check_place(named)
     beside = target.with_name(f".{target.stem}.{os.getpid()}.{os.urandom(3).hex()}{target.suffix}")
     try:
         os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))

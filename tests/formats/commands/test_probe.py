@@ -125,6 +125,7 @@ def test_usage(channel, elvis, arguments, sentence):
     ("arguments", "sentence"),
     [
         (["--fields", "u,rho"], "there is no field 'rho'; the fields are u, v, w, p"),
+        (["-o", "/no/such/out.csv"], "/no/such/out.csv: cannot be written: there is no folder /no/such"),
         (["-o", "out.txt"], "out.txt: expected a name that ends in .csv or .npz, found .txt"),
     ],
 )

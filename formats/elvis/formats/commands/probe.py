@@ -77,9 +77,11 @@ def probe(
     --all shows the value of each.
     """
     from elvis.formats.columns import check_suffix, csv_lines, write_columns
+    from elvis.formats.output import check_place
 
     if output is not None:
         check_suffix(output)
+        check_place(output)
     places = _places(points, line, plane, counts)
     columns = _columns(data, places, fields, every)
     if output is not None:
