@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
@@ -35,7 +36,7 @@ class Part:
     module       name of the Slang module (a file in the volume's shader folder)
     type         the type in it that implements IVolume, e.g. ``Hexahedron<2, 3>``
     element_ids  (n,) global ids
-    boxes        (n, 6) low and high corner of a box that holds each element
+    boxes        (n, 6) low and high corner of a box that holds each element, float32 rounded outwards
     buffers      the module's global buffers by name: arrays of float64, float32 or uint32
     solve        optional last resort on the host: elements (n,) and world points (n, 3) to a Solution, for the few
                  points that the kernels could not decide
@@ -44,7 +45,7 @@ class Part:
     module: str
     type: str
     element_ids: Ints
-    boxes: Floats
+    boxes: NDArray[np.float32]
     buffers: Mapping[str, NDArray[Any]]
     solve: Callable[[Ints, Floats], Solution] | None = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -26,8 +26,6 @@ INSIDE, UNKNOWN = 1, 2
 TILE = 8
 #: reference units within which a point counts as on an element's border, as in shaders/invert.slang
 BORDER = 1e-10
-#: entries that lists start with, before a count is known
-FIRST_GUESS = 1 << 16
 
 
 @dataclass
@@ -110,7 +108,9 @@ class Cutter:
             self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))
-            claims = self._listed("claims", draw, lambda lists: draw(len(tiles), {**buffers, **lists}, groups=True))
+            claims = self.device.listed(
+                "claims", draw, lambda lists: draw(len(tiles), {**buffers, **lists}, groups=True)
+            )
         with self.clock.stage("retry"):
             return self._retry(number, view, claims)
 
@@ -119,7 +119,7 @@ class Cutter:
         part = self.parts[number]
         cull = self._kernel("cut_cull", part)
         buffers = {**self.buffers[number], "view": self._view(cull, view, number, len(part))}
-        sections = self._listed("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
+        sections = self.device.listed("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
         return sections[np.argsort(sections["element"])]
 
     def _retry(self, number: int, view: View, claims: NDArray[Any]) -> NDArray[Any]:
@@ -145,17 +145,6 @@ class Cutter:
         solution = part.solve(claims["element"][left].astype(np.int64), points)
         for name in ("verdict", "margin", "reference", "field"):
             claims[name][left] = getattr(solution, name)
-
-    def _listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, slangpy.Buffer]], None]) -> NDArray[Any]:
-        """What a kernel appends to the list ``name``; it runs again with a longer list where one was too short."""
-        capacity, dtype = FIRST_GUESS, kernel.dtype(name)
-        while True:
-            lists = {name: self.device.empty(dtype, capacity), "count": self.device.buffer(np.zeros(1, np.uint32))}
-            run(lists)
-            count = int(self.device.read(lists["count"], np.uint32)[0])
-            if count <= capacity:
-                return self.device.read(lists[name], dtype)[:count].copy() if count else np.empty(0, dtype)
-            capacity = count
 
     def _kernel(self, stage: str, part: Part) -> Kernel:
         return self.device.kernel(stage, part.module, part.type)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,8 @@ TOGETHER = ("cut_draw",)
 ROWS = {True: 8, False: 1}
 #: groups of a row, as in shaders/dispatch.slang
 GROUPS_IN_ROW = 32768
+#: entries that lists start with, before their length is known
+FIRST_CAPACITY = 1 << 16
 SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 #: what to install where no Vulkan device is found
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
@@ -160,6 +162,20 @@ class Device:
             [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])],
         )
         return Kernel(self._device.create_compute_kernel(program), program)
+
+    def listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, slangpy.Buffer]], None]) -> NDArray[Any]:
+        """What a kernel appends to the buffer ``name`` and counts in ``count``.
+
+        It runs again with a longer list where the first was too short, so running twice must be harmless.
+        """
+        capacity, dtype = FIRST_CAPACITY, kernel.dtype(name)
+        while True:
+            lists = {name: self.empty(dtype, capacity), "count": self.buffer(np.zeros(1, np.uint32))}
+            run(lists)
+            count = int(self.read(lists["count"], np.uint32)[0])
+            if count <= capacity:
+                return self.read(lists[name], dtype)[:count].copy() if count else np.empty(0, dtype)
+            capacity = count
 
     def wait(self) -> None:
         """Return when all submitted work is done."""

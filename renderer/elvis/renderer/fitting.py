@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.formats.arrays import Floats
+from elvis.formats.boxes import Boxes
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Camera, Plane, Scene
 from elvis.renderer.view import fitted, named
@@ -18,7 +19,7 @@ LARGEST, LEAST = (1000, 800), 160
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
 
-def automatic(scene: Scene, boxes: Sequence[Floats]) -> Scene:
+def automatic(scene: Scene, boxes: Sequence[Boxes]) -> Scene:
     """The scene with a size, and with a camera of known field of view or height; one that has neither is fitted.
 
     boxes  (n, 6) arrays: low and high corners of boxes that hold the elements
@@ -47,9 +48,9 @@ def proportionate(extent: Floats) -> tuple[int, int]:
     return max(LEAST, round(width * scale)), max(LEAST, round(height * scale))
 
 
-def crossings(boxes: Floats, plane: Plane) -> Floats:
+def crossings(boxes: Boxes, plane: Plane) -> Floats:
     """(k, 3) points in which the plane meets the edges of boxes (n, 6)."""
-    normal = plane.basis()[2]
+    normal, boxes = plane.basis()[2], boxes.astype(np.float64)
     middle, half = 0.5 * (boxes[:, 3:] + boxes[:, :3]), 0.5 * (boxes[:, 3:] - boxes[:, :3])
     slack = 1e-12 * float(np.abs(boxes).max(initial=0.0) + np.abs(plane.point).max())
     met = boxes[np.abs((middle - plane.point) @ normal) <= half @ np.abs(normal) + slack]
@@ -66,10 +67,11 @@ def crossings(boxes: Floats, plane: Plane) -> Floats:
     return np.asarray((1 - part) * ends[:, 0] + part * ends[:, 1])
 
 
-def surrounding(boxes: Sequence[Floats]) -> Floats:
+def surrounding(boxes: Sequence[Boxes]) -> Floats:
     """(2, 3) low and high corner of a box that holds all boxes."""
     low = np.min([some[:, :3].min(axis=0) for some in boxes if len(some)], axis=0)
-    return np.stack([low, np.max([some[:, 3:].max(axis=0) for some in boxes if len(some)], axis=0)])
+    high = np.max([some[:, 3:].max(axis=0) for some in boxes if len(some)], axis=0)
+    return np.stack([low, high]).astype(np.float64)
 
 
 def missed(plane: Plane, box: Floats) -> str:

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from elvis.formats.arrays import Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.plugins.registry import load, plugins
@@ -18,6 +19,7 @@ from elvis.renderer.device import Device
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
+from elvis.renderer.probing import Finder, Places
 from elvis.renderer.scene import Plane, Scene
 from elvis.renderer.view import View, seen
 
@@ -68,7 +70,9 @@ class Renderer:
         """Open a device (see render)."""
         self.device = Device(device)
         self.seconds: dict[str, float] = {}
+        self._volume: Volume | None = None
         self._cutter: Cutter | None = None
+        self._finder: Finder | None = None
 
     def __enter__(self) -> Renderer:
         return self
@@ -84,7 +88,15 @@ class Renderer:
 
     def show(self, volume: Volume) -> None:
         """Bring a runtime plugin's volume to the device."""
+        self._volume, self._finder = volume, None
         self._cutter = Cutter(self.device, volume)
+
+    def probe(self, points: Floats) -> Places:
+        """Elements and field at world points (n, 3), found on the device."""
+        if self._volume is None:
+            raise ElvisError("load a dataset before probing")
+        self._finder = self._finder or Finder(self.device, self._volume)
+        return self._finder.find(points)
 
     def render(self, scene: Scene, *, references: bool = True) -> Frame:
         """A picture of the volume; the scene has a plane.  Only exact records need reference coordinates."""

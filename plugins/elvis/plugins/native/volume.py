@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, frozen_floats, frozen_ints
 from elvis.formats.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
+from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.patch import Patch, patches
@@ -19,6 +20,9 @@ from elvis.formats.shapes import Shape
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.weights import weights
 from elvis.plugins.volume import Part
+
+#: coefficients that may all be raised to one order
+FEW_BYTES = 1 << 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +53,33 @@ class NativeVolume:
         if any(patch.fields[0] and patch.fields[0].homogeneous for patch in found):
             raise ElvisError(f"pictures of homogeneous (Fourier) data can't be made, as of field {field!r}")
 
-        found.sort(key=lambda patch: repr(_spaces(patch)))
-        parts = [_part(*spaces, list(group)) for spaces, group in groupby(found, key=_spaces)]
+        found.sort(key=lambda patch: repr((_map_space(patch), _field_space(patch))))
+        parts = [part for space, group in groupby(found, key=_map_space) for part in _parts(space, list(group))]
         return NativeVolume(mesh.dimension, parts)
 
 
-def _spaces(patch: Patch) -> tuple[BernsteinSpace, BernsteinSpace]:
-    """Spaces of map and field, of equal degrees in all directions where the shape's Slang type wants them."""
+def _map_space(patch: Patch) -> BernsteinSpace:
+    return _even(bernstein_space(patch.geometry), 1)
+
+
+def _field_space(patch: Patch) -> BernsteinSpace:
     field = patch.fields[0]
     assert field is not None
-    return _even(bernstein_space(patch.geometry), 1), _even(bernstein_space(field), 0)
+    return _even(bernstein_space(field), 0)
+
+
+def _parts(geometry: BernsteinSpace, found: list[Patch]) -> Iterator[Part]:
+    """Parts of elements with one kind of map: by order of the field, unless they are so few that one order does for all.
+
+    A part costs kernels of its own, which take longer to prepare than a few elements of higher degree to draw.
+    """
+    degrees = zip(*(_field_space(patch).degrees for patch in found), strict=True)
+    largest = BernsteinSpace(geometry.shape, tuple(map(max, degrees)))
+    if sum(map(len, found)) * largest.count * 8 <= FEW_BYTES:
+        yield _part(geometry, largest, found)
+    else:
+        for space, group in groupby(found, key=_field_space):
+            yield _part(geometry, space, list(group))
 
 
 def _even(space: BernsteinSpace, least: int) -> BernsteinSpace:
@@ -74,7 +95,6 @@ def _part(geometry: BernsteinSpace, field: BernsteinSpace, found: list[Patch]) -
     """One part of all elements of like spaces."""
     shape = geometry.shape
     controls = np.concatenate([_controls(p, geometry) for p in found])
-    boxes = np.concatenate([controls.min(axis=1), controls.max(axis=1)], axis=1)
     points, indices = _shared(controls * weights(geometry)[:, None], geometry)
     del controls
     coefficients = [_coefficients(p, field) for p in found]
@@ -82,7 +102,7 @@ def _part(geometry: BernsteinSpace, field: BernsteinSpace, found: list[Patch]) -
         module=f"native_{shape.name.lower()}",
         type=f"{shape.label}<{', '.join(map(str, _arguments(geometry) + _arguments(field)))}>",
         element_ids=frozen_ints(np.concatenate([p.element_ids for p in found])),
-        boxes=frozen_floats(boxes),
+        boxes=np.concatenate([element_boxes(p) for p in found]),
         buffers={
             "control_points": points,
             "control_indices": indices,
