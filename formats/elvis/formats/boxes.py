@@ -142,14 +142,16 @@ def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, In
 
 def _holds(boxes: Boxes, rows: Ints, points: Floats, point: Ints) -> Bools:
     """(k,) whether box ``rows`` (k,) holds point number ``point`` (k,)."""
-    box, where = boxes[rows], points[point]
-    return np.asarray(((box[:, :3] <= where) & (where <= box[:, 3:])).all(axis=1))
+    box, where = boxes[rows].T, points[point].T
+    sides: list[Bools] = [(box[axis] <= where[axis]) & (where[axis] <= box[axis + 3]) for axis in range(3)]
+    return sides[0] & sides[1] & sides[2]
 
 
 def _morton(boxes: Boxes) -> NDArray[np.uint64]:
     """(n,) 63-bit places of the centres along a Z-shaped curve through all of them."""
-    centres = boxes[:, :3].astype(np.float64) / 2 + boxes[:, 3:].astype(np.float64) / 2
-    centres[~np.isfinite(centres).all(axis=1)] = 0.0
+    finite = np.isfinite(boxes).all(axis=1, keepdims=True)
+    corners = np.where(finite, boxes, 0).astype(np.float64)
+    centres = (corners[:, :3] + corners[:, 3:]) / 2
     if not len(centres):
         return np.empty(0, np.uint64)
     low, high = centres.min(axis=0), centres.max(axis=0)

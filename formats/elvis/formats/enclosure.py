@@ -92,38 +92,38 @@ class _Search:
         return _cut(cells, low - TOLERANCE, high + 1 + TOLERANCE)
 
     def _round(self, cells: _Cells) -> _Cells:
-        """Cut all cells to where roots can be; seek the root in those that are nearly linear, halve the others."""
-        lower, upper, possible = _contraction(cells, self._slack(cells))
-        cells = _cut(cells.part(possible), lower[possible], upper[possible])
-        kept = np.maximum(upper - lower, 0)[possible]
+        """Cut all cells to where roots can be, seek roots from nearly linear ones, halve those still as large."""
+        lower, upper, linear = _contraction(cells, self._slack(cells))
+        possible = np.asarray((lower <= upper).all(axis=1))
         if self.shape in _SIMPLEX:
-            within = cells.low[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
-            cells, kept = cells.part(within), kept[within]
-        linear = kept.max(axis=1, initial=0) <= 0.5
-        cells, linear = self._sought(cells, linear)
-        return _joined(cells.part(linear), *_halves(cells.part(~linear)))
+            reach = cells.low + lower * (cells.high - cells.low)
+            possible &= reach[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
+        large: Bools = ((upper - lower).max(axis=1) > 0.5)[possible]
+        cells = _cut(cells.part(possible), lower[possible], upper[possible])
+        going = self._sought(cells, linear[possible])
+        return _joined(cells.part(going & ~large), *_halves(cells.part(going & large), self.shape))
 
     def _slack(self, cells: _Cells) -> Floats:
         """(c,) distance from zero within which the net may be at a root."""
         return np.maximum(self.targets.precision, self.targets.distance)[cells.pair]
 
-    def _sought(self, cells: _Cells, linear: Bools) -> tuple[_Cells, Bools]:
-        """Newton's method from small, nearly linear cells; those that it answers are gone afterwards."""
+    def _sought(self, cells: _Cells, linear: Bools) -> Bools:
+        """(c,) whether cells are still in question after Newton's method from the small, nearly linear ones."""
         width = (cells.high - cells.low).max(axis=1, initial=0)
         ready = np.flatnonzero(linear & (width < 0.1))
-        middles = 2 * (cells.low[ready] + cells.high[ready]) / 2 - 1
+        middles = cells.low[ready] + cells.high[ready] - 1
         starts = uncollapse(self.shape, middles) if self.shape is Shape.PYRAMID else middles
         points, converged, root = newton(self.targets.part(cells.pair[ready]), starts)
         inside = root & (margins(self.shape, points) >= -TOLERANCE)
         self.reference[cells.pair[ready[inside]]] = points[inside]
         self.found[cells.pair[ready[inside]]] = True
 
-        # off curves and surfaces a foot beside the cell is an answer: within the distance there is no other
+        # on curves and surfaces a foot near a tiny cell is the answer for it: cells cannot shrink below the distance
         going = ~self.found[cells.pair]
         if self.shape.dimension < 3:
             near = np.abs(points - starts).max(axis=1, initial=0) < 0.01
             going[ready[converged & near & (width[ready] < 1e-3)]] = False
-        return cells.part(going), linear[going]
+        return going
 
     def _given_up(self, cells: _Cells) -> _Cells:
         """Leave out pairs with cells too small or too many to go on."""
@@ -135,25 +135,27 @@ class _Search:
 
 
 def _contraction(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
-    """Where in each cell, from 0 to 1 in each direction, roots can be: lower and upper (c, d), and whether anywhere.
+    """Where in each cell, from 0 to 1 in each direction, roots can be: ``lower`` to ``upper`` (c, d), none if reversed.
 
-    With the inverse A of the mean slope, A times the net is t + e(t); a root has t = -e(t), in the range of -e.
+    With the inverse A of the mean slope, A times the net is t + e(t); a root has t = -e(t), in the range of -e.  The
+    map is called nearly linear, the third result (c,), where e varies by half the cell at most.
     """
     axes = tuple(range(2, cells.net.ndim))
-    dimension = len(axes)
     slopes = np.stack([span.mean(axis=axes[:-1]) for span in _spans(cells)], axis=2)
     inverse = duals(slopes)
     with np.errstate(invalid="ignore", over="ignore"):
         rest = np.einsum("cai,ca...->ci...", inverse, cells.net)
-        for i in range(dimension):
-            count = rest.shape[-1 - i]
-            rest[:, i] -= np.linspace(0, 1, count).reshape(-1, *[1] * i)
+        for i in range(len(axes)):
+            rest[:, i] -= np.linspace(0, 1, rest.shape[-1 - i]).reshape(-1, *[1] * i)
+        least, most = rest.min(axis=axes), rest.max(axis=axes)
+        linear = (most - least <= 0.5).all(axis=1)
         allowance = slack[:, None] * np.abs(inverse).sum(axis=1)
-        lower, upper = -rest.max(axis=axes) - allowance, -rest.min(axis=axes) + allowance
+        lower, upper = -most - allowance, -least + allowance
     lower, upper = np.where(np.isfinite(lower), lower, 0.0), np.where(np.isfinite(upper), upper, 1.0)
     beside = (cells.net.min(axis=axes) > slack[:, None]) | (cells.net.max(axis=axes) < -slack[:, None])
-    possible = ~beside.any(axis=1) & (lower <= 1).all(axis=1) & (upper >= 0).all(axis=1)
-    return np.clip(lower, 0.0, 1 - _SMALLEST), np.clip(upper, _SMALLEST, 1.0), possible
+    empty = beside.any(axis=1, keepdims=True) | (lower > 1) | (upper < 0)
+    lower, upper = np.clip(lower, 0.0, 1 - _SMALLEST), np.clip(upper, _SMALLEST, 1.0)
+    return np.where(empty, 1.0, lower), np.where(empty, 0.0, upper), linear
 
 
 def _spans(cells: _Cells) -> list[Floats]:
@@ -186,12 +188,15 @@ def _left_of(net: Floats, axis: int, t: Floats) -> Floats:
     return np.flip(_right_of(np.flip(net, axis), axis, 1 - t), axis)
 
 
-def _halves(cells: _Cells) -> tuple[_Cells, _Cells]:
-    """Both halves of the cells, cut where their image is longest."""
+def _halves(cells: _Cells, shape: Shape) -> tuple[_Cells, _Cells]:
+    """Both halves of the cells, cut where their image is longest; at the apex of a pyramid, across its axis."""
     dimension = cells.low.shape[1]
     axes = tuple(range(1, dimension + 1))
-    lengths = np.stack([np.abs(span).max(axis=axes) for span in _spans(cells)], axis=1)
-    across = np.arange(dimension) == np.argmax(lengths, axis=1)[:, None]
+    lengths = np.stack([np.ptp(cells.net, axis=-1 - i).max(axis=axes) for i in range(dimension)], axis=1)
+    longest = np.argmax(lengths, axis=1)
+    if shape is Shape.PYRAMID:
+        longest = np.where(cells.high[:, 2] >= 1, 2, longest)
+    across = np.arange(dimension) == longest[:, None]
     zero, one = np.zeros_like(cells.low), np.ones_like(cells.low)
     return _cut(cells, zero, np.where(across, 0.5, one)), _cut(cells, np.where(across, 0.5, zero), one)
 

@@ -11,14 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.formats.bernstein import bernstein_coefficients, bernstein_space
+from elvis.formats.collapse import uncollapse
 from elvis.formats.enclosure import search
-from elvis.formats.expansion import values_and_gradients
+from elvis.formats.expansion import values, values_and_gradients
 from elvis.formats.margins import TOLERANCE, heights, margins
 from elvis.formats.newton import Targets, newton
 from elvis.formats.orientation import chunks
@@ -28,6 +30,9 @@ from elvis.formats.tangents import duals
 
 #: residual of a root, in parts of the element's size; some units in the last place of the coordinates add to it
 RESIDUAL = 1e-13
+
+#: at most the ratio of an element's size to that of the net round it
+_NET = 0.25
 
 #: how far points may lie off an element that is a curve or surface, in parts of its size
 DISTANCE = 1e-6
@@ -109,12 +114,26 @@ def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, r
     guess = elements.guess(rows, points)
     possible = elements.may_hold(rows, guess)
     chosen, targets = chosen[possible], elements.targets(rows[possible], points[possible])
-    reference, converged, root = newton(targets, guess[possible])
-    margin = margins(elements.patch.shape, reference)
+    outside = _try(elements.patch.shape, targets, guess[possible], chosen, roots) & elements.is_affine
+    roots.status[chosen[outside]] = Status.OUTSIDE
+
+    # a second try from nearby where the linear part misled the first
+    again = roots.status[chosen] == Status.UNCERTAIN
+    chosen, targets = chosen[again], targets.part(again)
+    _try(elements.patch.shape, targets, elements.nearest(targets.rows, targets.points), chosen, roots)
+
+
+def _try(shape: Shape, targets: Targets, starts: Floats, chosen: Ints, roots: Roots) -> Bools:
+    """Newton's method; what it finds inside goes to the rows ``chosen`` of ``roots``.
+
+    Returns (n,) whether it converged elsewhere.
+    """
+    reference, converged, root = newton(targets, starts)
+    margin = margins(shape, reference)
     inside = root & (margin >= -TOLERANCE)
-    outside = converged & elements.is_affine
-    roots.status[chosen] = np.select([inside, outside], [Status.INSIDE, Status.OUTSIDE], Status.UNCERTAIN)
+    roots.status[chosen] = np.where(inside, Status.INSIDE, Status.UNCERTAIN)
     roots.reference[chosen[inside]], roots.margin[chosen[inside]] = reference[inside], margin[inside]
+    return converged & ~inside
 
 
 class _Elements:
@@ -151,7 +170,7 @@ class _Elements:
     def targets(self, rows: Ints, points: Floats) -> Targets:
         """The points (n, 3) as targets in the elements ``rows`` (n,), which are among these."""
         place = np.searchsorted(self.rows, rows)
-        precision = np.maximum(RESIDUAL * self.size, 16 * np.finfo(float).eps * self.magnitude)[place]
+        precision = np.maximum(_NET * RESIDUAL * self.size, 16 * np.finfo(float).eps * self.magnitude)[place]
         distance = self._distance * self.size[place] if self.patch.shape.dimension < 3 else precision
         return Targets(self.patch, rows, points, precision, np.maximum(distance, precision))
 
@@ -162,8 +181,25 @@ class _Elements:
         with np.errstate(invalid="ignore", over="ignore"):
             return np.asarray(self.centre + np.einsum("nci,nc->ni", self.duals[place], offsets))
 
+    def nearest(self, rows: Ints, points: Floats) -> Floats:
+        """(n, d) for each point the one of some reference points that is mapped nearest to it."""
+        lattice = _lattice(self.patch.shape)
+        modes, best = values(self.patch.geometry, lattice).T, np.empty(len(rows), np.int64)
+        for part in chunks(len(rows), max(1, _BATCH // (3 * len(lattice)))):
+            images = self.patch.geometry_coefficients[rows[part]] @ modes
+            best[part] = ((images - points[part, :, None]) ** 2).sum(axis=1).argmin(axis=1)
+        return lattice[best]
+
     def may_hold(self, rows: Ints, guess: Floats) -> Bools:
         """(n,) whether the guesses don't lie beyond all of the net of their element on some side."""
         lowest = self.lowest[np.searchsorted(self.rows, rows)]
         with np.errstate(invalid="ignore"):
             return np.asarray(~(heights(self.patch.shape, guess) < lowest - self._side).any(axis=1))
+
+
+@cache
+def _lattice(shape: Shape) -> Floats:
+    """(k, d) reference points all over a shape, its vertices among them."""
+    line = np.array([-1.0, -0.8, 0.0, 0.8, 1.0])
+    eta = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+    return frozen_floats(np.unique(uncollapse(shape, eta), axis=0))

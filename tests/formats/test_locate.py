@@ -1,0 +1,463 @@
+"""The inverse mapping and point location: round trips over every shape, strong curvature, shared faces, holes."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from elvis.formats import read
+from elvis.formats.arrays import frozen_floats, frozen_ints
+from elvis.formats.bases import Basis
+from elvis.formats.collapse import collapse_jacobian, uncollapse
+from elvis.formats.connectivity import connected
+from elvis.formats.dataset import Block, Dataset, Expansion, Field, Homogeneous
+from elvis.formats.enclosure import search
+from elvis.formats.errors import ElvisError
+from elvis.formats.inverse import Status, invert
+from elvis.formats.locate import Locator, locate
+from elvis.formats.margins import TOLERANCE, drawn_in, facets, heights, margins
+from elvis.formats.newton import Targets
+from elvis.formats.patch import patches
+from elvis.formats.pointwise import determinants, gradients, jacobians, positions, values
+from elvis.formats.sampling import Sampler, sample
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple, shuffled
+
+#: strength of `ripple` that bends an element as far as its Jacobian stays positive, by number of modes
+STRONG = {2: 0.4, 3: 0.4, 4: 0.3, 6: 0.3}
+
+
+def inside(shape, count, seed=0):
+    """(count, d) reference points, some of them on faces, edges and vertices."""
+    eta = np.random.default_rng(seed).uniform(-1.2, 1.2, (count, shape.dimension)).clip(-1, 1)
+    return uncollapse(shape, eta)
+
+
+@cache
+def bent(shape, n, amplitude, space=3):
+    """One element, bent, whose Jacobian is positive all over."""
+    for seed in range(100):
+        mesh = replace(curved(one_element(shape), ripple(amplitude, seed), n), space=space)
+        (patch,) = patches(Dataset(mesh))
+        points = inside(shape, 5000, 1)
+        sizes = determinants(patch, np.zeros(len(points), int), points)
+        if sizes.min() > 0.1 * sizes.max():
+            return patch
+    raise AssertionError("no valid element found")
+
+
+# Reference shapes
+
+
+@pytest.mark.parametrize("shape", list(Shape))
+def test_facets_bound_the_shape(shape):
+    normals, offsets = facets(shape)
+    faces = {1: 2, 2: len(shape.vertices), 3: len(shape.faces)}[shape.dimension]
+    assert normals.shape == (faces, shape.dimension)
+    at_vertices = heights(shape, shape.vertices)
+    assert (at_vertices.min(), at_vertices.max()) == (0, 1)
+    if shape.dimension == 3:
+        planes = {tuple(np.flatnonzero(column == 0)) for column in at_vertices.T}
+        assert planes == {tuple(sorted(face)) for face in shape.faces}
+    points = np.random.default_rng(1).uniform(-2, 2, (500, shape.dimension))
+    inner = margins(shape, inside(shape, 500))
+    assert inner.min() > -1e-15
+    drawn = drawn_in(shape, points, 0.25)
+    assert margins(shape, drawn).min() > -0.25 - 1e-12
+    near = margins(shape, points) > -0.25
+    np.testing.assert_allclose(drawn[near], points[near], rtol=0, atol=1e-15)
+    assert offsets.shape == (faces,)
+
+
+# Round trips
+
+
+@pytest.mark.parametrize("shape", list(Shape))
+@pytest.mark.parametrize("n", STRONG)
+@pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
+def test_reference_points_come_back(shape, n, part):
+    patch = bent(shape, n, part * STRONG[n])
+    points = inside(shape, 400)
+    rows = np.zeros(len(points), int)
+    world = positions(patch, rows, points)
+    found = invert(patch, rows, world)
+    assert (found.status == Status.INSIDE).all()
+    assert_residual(patch, rows, found.reference, world)
+    np.testing.assert_allclose(found.margin, margins(shape, found.reference))
+    np.testing.assert_allclose(found.reference, points, rtol=0, atol=1e-9)
+
+
+def assert_residual(patch, rows, reference, world):
+    size = np.linalg.norm(np.ptp(world, axis=0))
+    residual = np.linalg.norm(positions(patch, rows, reference) - world, axis=1)
+    assert residual.max() <= 1e-13 * size + 16 * np.finfo(float).eps * np.abs(world).max()
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.mark.parametrize("n", STRONG)
+def test_nothing_is_found_that_is_not_there(shape, n):
+    """Outside is proved: the share of random points found inside is the element's share of the volume."""
+    patch = bent(shape, n, STRONG[n])
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-1.8, 1.8, (8000, 3))
+    found = invert(patch, np.zeros(len(points), int), points)
+    assert not (found.status == Status.FAILED).any()
+    hits = found.status == Status.INSIDE
+    assert np.isnan(found.reference[~hits]).all()
+    assert_residual(patch, np.zeros(hits.sum(), int), found.reference[hits], points[hits])
+    eta = rng.uniform(-1, 1, (8000, 3))
+    weights = determinants(patch, np.zeros(8000, int), uncollapse(shape, eta)) * collapse_jacobian(shape, eta)
+    volume, error = 8 * weights.mean(), 8 * weights.std() / 89
+    share = hits.mean()
+    sigma = 3.6**3 * np.sqrt(share * (1 - share) / 8000)
+    assert abs(3.6**3 * share - volume) < 5 * np.hypot(error, sigma)
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.mark.parametrize("n", [3, 5])
+def test_the_search_alone_agrees_with_newton(shape, n):
+    patch = bent(shape, n, STRONG.get(n, 0.4))
+    points = np.random.default_rng(4).uniform(-1.5, 1.5, (1500, 3))
+    rows = np.zeros(len(points), int)
+    known = invert(patch, rows, points)
+    precision = np.full(len(points), 1e-12)
+    reference, found, undecided = search(Targets(patch, rows, points, precision, precision))
+    assert not undecided.any()
+    np.testing.assert_array_equal(found, known.status == Status.INSIDE)
+    np.testing.assert_allclose(reference[found], known.reference[found], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+def test_points_just_inside_and_just_outside_are_told_apart(shape):
+    patch = bent(shape, 4, 0.3)
+    border = inside(shape, 4000)
+    border = border[np.abs(margins(shape, border)) < 1e-15]
+    centre = shape.vertices.mean(axis=0)
+    rows = np.zeros(len(border), int)
+    for distance, expected in [(1e-8, Status.INSIDE), (0, Status.INSIDE), (-1e-8, Status.OUTSIDE)]:
+        world = positions(patch, rows, border + distance * (centre - border))
+        found = invert(patch, rows, world)
+        outside = margins(shape, border + distance * (centre - border)) < -TOLERANCE * 2
+        assert (found.status == Status.FAILED).sum() == 0
+        if expected is Status.INSIDE:
+            assert (found.status == Status.INSIDE).all()
+        else:
+            assert (found.status[outside] == Status.OUTSIDE).all()
+
+
+@pytest.mark.parametrize("shape", [s for s in Shape if s not in (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)])
+def test_collapsed_vertices_are_found(shape):
+    patch = bent(shape, 4, 0.3)
+    top = np.array([v for v in shape.vertices if v[-1] == 1])
+    rows = np.zeros(len(top), int)
+    found = invert(patch, rows, positions(patch, rows, top))
+    assert (found.status == Status.INSIDE).all()
+    np.testing.assert_allclose(found.reference, top, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.TRIANGLE, Shape.QUADRILATERAL])
+@pytest.mark.parametrize("space", [1, 2, 3])
+def test_curves_and_surfaces_hold_what_lies_on_them(shape, space):
+    if space < shape.dimension:
+        return
+    patch = bent(shape, 5, 0.3, space)
+    points = inside(shape, 300)
+    points = points[margins(shape, points) > 1e-3]
+    rows = np.zeros(len(points), int)
+    world, slopes = positions(patch, rows, points), jacobians(patch, rows, points)
+    found = invert(patch, rows, world)
+    assert (found.status == Status.INSIDE).all()
+    np.testing.assert_allclose(found.reference, points, rtol=0, atol=1e-9)
+
+    # a little off the element the foot is found, farther off nothing
+    normal = np.linalg.svd(slopes)[0][:, :, -1]
+    near = invert(patch, rows, world + 1e-8 * normal)
+    assert (near.status == Status.INSIDE).all()
+    np.testing.assert_allclose(near.reference, points, rtol=0, atol=1e-7)
+    assert (invert(patch, rows, world + 1e-4 * normal).status == Status.OUTSIDE).all()
+
+
+def test_a_folded_element_gives_some_root_or_fails():
+    """A map that isn't one to one still never gives a wrong answer."""
+    fold = curved(one_element(Shape.QUADRILATERAL, 2), lambda x: np.stack([x[:, 0] ** 2, x[:, 1], 0 * x[:, 2]], 1), 3)
+    (patch,) = patches(Dataset(fold))
+    x = np.linspace(0, 1, 11)
+    world = np.stack([x, 0.3 * x, 0 * x], axis=1)
+    found = invert(patch, np.zeros(11, int), world)
+    assert (found.status[1:] == Status.INSIDE).all()
+    np.testing.assert_allclose(found.reference[1:, 0] ** 2, x[1:], rtol=0, atol=1e-12)
+    assert found.status[0] in (Status.INSIDE, Status.FAILED)
+    assert (invert(patch, np.zeros(1, int), np.array([[-0.1, 0, 0]])).status == Status.OUTSIDE).all()
+
+
+def test_large_coordinates_cost_digits_but_no_answers():
+    mesh = curved(one_element(Shape.HEXAHEDRON), lambda x: 1e-3 * ripple(0.2)(x) + 1e3, 4)
+    (patch,) = patches(Dataset(mesh))
+    points = inside(Shape.HEXAHEDRON, 300)
+    rows = np.zeros(300, int)
+    found = invert(patch, rows, positions(patch, rows, points))
+    assert ((found.status == Status.INSIDE) | (margins(Shape.HEXAHEDRON, points) < 1e-8)).all()
+    hits = found.status == Status.INSIDE
+    np.testing.assert_allclose(found.reference[hits], points[hits], rtol=0, atol=1e-7)
+
+
+# Meshes
+
+
+@cache
+def bent_mesh(dimension, seed=1):
+    mesh = mixed_volume(seed) if dimension == 3 else mixed_plane(seed)
+    dataset = Dataset(curved(shuffled(mesh, seed), ripple(0.15, seed), 4))
+    field = approximated(dataset, "u", lambda x: np.sin(x[:, 0]) + x[:, 1], 4)
+    return replace(dataset, fields=(field,))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_every_element_finds_its_own_points(dimension):
+    dataset = bent_mesh(dimension)
+    parts = patches(dataset)
+    locator = Locator(parts)
+    for number, patch in enumerate(parts):
+        points = inside(patch.shape, 50, number)
+        points = points[margins(patch.shape, points) > 1e-6]
+        rows = np.repeat(np.arange(len(patch)), len(points))
+        own = np.tile(points, (len(patch), 1))
+        found = locator.locate(positions(patch, rows, own))
+        np.testing.assert_array_equal(found.point, np.arange(len(rows)))
+        np.testing.assert_array_equal(found.element_id, patch.element_ids[rows])
+        np.testing.assert_array_equal(found.patch, number)
+        np.testing.assert_array_equal(found.row, rows)
+        np.testing.assert_allclose(found.reference, own, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.margin, margins(patch.shape, own), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_points_on_shared_faces_belong_to_both_elements(dimension, seed):
+    parts = patches(bent_mesh(dimension, seed))
+    points = []
+    for patch in parts:
+        corners = patch.shape.faces if dimension == 3 else patch.shape.edges
+        for face in corners:
+            weights = np.random.default_rng(len(points)).dirichlet(np.ones(len(face)), 3)
+            local = weights @ patch.shape.vertices[list(face)]
+            for row in range(len(patch)):
+                points.append(positions(patch, np.full(3, row), local))
+    world = np.concatenate(points)
+    one, every = locate(parts, world), locate(parts, world, all=True)
+    assert (one.status == Status.INSIDE).all()
+    np.testing.assert_array_equal(one.point, np.arange(len(world)))
+    counts = np.bincount(every.point)
+    mesh = bent_mesh(dimension, seed).mesh
+    boundary = len(mesh.composites[-1].parts[0][1])
+    assert set(counts) == {1, 2}
+    assert (counts == 1).sum() == 3 * boundary
+
+    # both answers are right, and the single one is among them
+    for number, patch in enumerate(parts):
+        here = every.patch == number
+        back = positions(patch, every.row[here], every.reference[here])
+        np.testing.assert_allclose(back, world[every.point[here]], rtol=0, atol=1e-12)
+    pairs = set(zip(every.point.tolist(), every.element_id.tolist(), strict=True))
+    assert pairs >= set(zip(one.point.tolist(), one.element_id.tolist(), strict=True))
+
+
+def test_the_greatest_margin_wins():
+    parts = patches(bent_mesh(3))
+    world = np.random.default_rng(0).uniform([0, 0, 0], [3, 1, 1], (2000, 3))
+    one, every = locate(parts, world), locate(parts, world, all=True)
+    best = np.full(len(world), -np.inf)
+    hits = every.status == Status.INSIDE
+    np.maximum.at(best, every.point[hits], every.margin[hits])
+    inside = one.status == Status.INSIDE
+    np.testing.assert_array_equal(one.margin[inside], best[inside])
+    np.testing.assert_array_equal(np.isfinite(best), inside)
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(2) + Shape.of_dimension(3))
+def test_no_point_of_a_mesh_is_lost(shape):
+    """Curved neighbours leave no gap: each point in the middle of a bent grid has an element."""
+    bump = ripple(0.03, 4)
+    parts = patches(Dataset(curved(grid(shape, 3), bump, 3)))
+    rng = np.random.default_rng(1)
+    world = np.zeros((3000, 3))
+    world[:, : shape.dimension] = rng.uniform(0.05, 0.95, (3000, shape.dimension))
+    if shape.dimension == 2:
+        parts = patches(Dataset(replace(curved(grid(shape, 3), bump, 3), space=2)))
+    assert (locate(parts, world).status == Status.INSIDE).all()
+    beyond = world + np.array([1.2, 0, 0])
+    assert (locate(parts, beyond).status == Status.OUTSIDE).all()
+
+
+def test_holes_in_the_domain_are_outside():
+    mesh = grid(Shape.QUADRILATERAL, 3)
+    ring = replace(mesh.composites[0], parts=(("Q", frozen_ints([0, 1, 2, 3, 5, 6, 7, 8])),))
+    dataset = Dataset(replace(mesh, composites=(ring,)))
+    x = np.linspace(0.01, 0.99, 40)
+    points = np.stack([x, 0 * x + 0.5, 0 * x], axis=1)
+    found = locate(dataset, points)
+    hole = (x > 1 / 3) & (x < 2 / 3)
+    np.testing.assert_array_equal(found.status == Status.OUTSIDE, hole)
+    np.testing.assert_array_equal(found.element_id[hole], -1)
+    assert np.isnan(found.reference[hole]).all()
+    assert np.isnan(found.margin[hole]).all()
+
+
+def test_points_off_the_plane_and_odd_points_are_outside():
+    dataset = bent_mesh(2)
+    points = np.array([[0.5, 0.5, 0.1], [np.nan, 0.5, 0], [np.inf, 0.5, 0], [0.5, 0.5, 1e9], [0.5, 0.5, 0]])
+    status = locate(dataset, points).status
+    np.testing.assert_array_equal(status, [Status.OUTSIDE] * 4 + [Status.INSIDE])
+    assert len(locate(dataset, np.empty((0, 3)))) == 0
+    with pytest.raises(ElvisError, match=r"points \(n, 3\), found an array of shape \(2, 2\)"):
+        locate(dataset, np.zeros((2, 2)))
+
+
+def test_a_mesh_without_elements_holds_nothing():
+    found = Locator(()).locate(np.zeros((3, 3)), all=True)
+    np.testing.assert_array_equal(found.status, [Status.OUTSIDE] * 3)
+
+
+def test_overlapping_elements_are_all_found():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
+    mesh = connected(vertices, {Shape.TETRAHEDRON: np.array([[0, 1, 2, 3], [0, 1, 2, 4]])})
+    found = locate(Dataset(mesh), np.array([[0.3, 0.3, 0.1]]), all=True)
+    np.testing.assert_array_equal(found.element_id, [0, 1])
+
+
+# Fields
+
+
+def test_samples_are_the_field():
+    dataset = bent_mesh(3)
+    world = np.random.default_rng(3).uniform([-1, -1, -1], [4, 1.5, 1.5], (3000, 3))
+    taken = sample(dataset, ["u", "u"], world)
+    hits = taken.location.status == Status.INSIDE
+    assert 0 < hits.sum() < len(hits)
+    np.testing.assert_array_equal(taken.points, world)
+    np.testing.assert_allclose(taken.values[hits, 0], (np.sin(world[:, 0]) + world[:, 1])[hits], rtol=0, atol=1e-2)
+    np.testing.assert_array_equal(taken.values[:, 0], taken.values[:, 1])
+    assert np.isnan(taken.values[~hits]).all()
+    sampler = Sampler(dataset, ["u"])
+    slopes = sampler.gradients(taken.location)[hits, 0]
+    exact = np.stack([np.cos(world[hits, 0]), np.ones(hits.sum()), np.zeros(hits.sum())], axis=1)
+    np.testing.assert_allclose(slopes, exact, rtol=0, atol=0.2)
+
+
+def test_both_values_of_a_jump_are_given():
+    mesh = grid(Shape.HEXAHEDRON, 2)
+    (block,) = approximated(Dataset(mesh), "u", lambda x: x[:, 0], 2).blocks
+    jumping = Block(
+        block.expansion, block.element_ids, frozen_floats(block.coefficients + 10.0 * np.arange(8)[:, None])
+    )
+    dataset = Dataset(mesh, (Field("u", (jumping,), False),))
+    taken = sample(dataset, ["u"], np.array([[0.5, 0.2, 0.2], [0.5, 0.5, 0.5], [7, 7, 7]]), all=True)
+    np.testing.assert_array_equal(taken.location.point, [0] * 2 + [1] * 8 + [2])
+    by_element = taken.location.element_id[:-1].argsort(kind="stable")
+    np.testing.assert_allclose(
+        taken.values[:-1, 0][by_element], 0.5 + 10.0 * taken.location.element_id[:-1][by_element], rtol=0, atol=1e-12
+    )
+
+
+def test_a_field_that_lacks_elements_is_nan_there():
+    dataset = bent_mesh(3)
+    partial = Field("v", dataset.fields[0].blocks[1:])
+    taken = sample(
+        replace(dataset, fields=(*dataset.fields, partial)), ["u", "v"], np.array([[2.8, 0.5, 0.5], [0.5, 0.5, 0.5]])
+    )
+    assert np.isfinite(taken.values[:, 0]).all()
+    assert (taken.location.status == Status.INSIDE).all()
+    np.testing.assert_array_equal(np.isnan(taken.values[:, 1]), [True, False])
+    with pytest.raises(ElvisError, match="found p"):
+        sample(dataset, ["p"], np.zeros((1, 3)))
+
+
+def fourier(mesh, shape, lengths, bases, ids):
+    """u = 1 + x cos(2 pi z / LZ) on a mesh of one shape, times cos(2 pi y / LY) with two directions."""
+    plain = Expansion(shape, (Basis.MODIFIED_A,) * shape.dimension, (2,) * shape.dimension)
+    (ones,) = approximated(Dataset(mesh), "u", lambda x: np.ones(len(x)), 2).blocks
+    (slope,) = approximated(Dataset(mesh), "u", lambda x: x[:, 0], 2).blocks
+    y_ids = tuple(i for i, _ in ids) if len(lengths) == 2 else ()
+    z_ids = tuple(ids) if len(lengths) == 1 else tuple(i for _, i in ids)
+    planes = {0: ones.coefficients, len(ids) - 1: slope.coefficients}
+    rows = [planes.get(i, 0 * ones.coefficients) for i in range(len(ids))]
+    expansion = replace(plain, homogeneous=Homogeneous(bases, lengths, z_ids, y_ids))
+    return Field("u", (Block(expansion, ones.element_ids, frozen_floats(np.concatenate(rows, axis=1))),))
+
+
+@pytest.mark.parametrize("z", [0.0, 0.7, 2.5, 4.0, -0.3, 9.1])
+def test_one_fourier_direction_is_periodic(z):
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    field = fourier(mesh, Shape.QUADRILATERAL, (4.0,), (Basis.FOURIER,), (0, 1, 2))
+    points = np.column_stack([np.random.default_rng(0).random((50, 2)), np.full(50, z)])
+    dataset = Dataset(mesh, (field,))
+    taken = sample(dataset, ["u"], points)
+    assert (taken.location.status == Status.INSIDE).all()
+    angle = 2 * np.pi * z / 4
+    np.testing.assert_allclose(taken.values[:, 0], 1 + points[:, 0] * np.cos(angle), rtol=0, atol=1e-12)
+    slopes = Sampler(dataset, ["u"]).gradients(taken.location)[:, 0]
+    exact = [0 * points[:, 0] + np.cos(angle), 0 * points[:, 0], -points[:, 0] * np.sin(angle) * 2 * np.pi / 4]
+    np.testing.assert_allclose(slopes, np.stack(exact, axis=1), rtol=0, atol=1e-11)
+    (patch,) = patches(dataset, ["u"])
+    back = positions(patch, taken.location.row, taken.location.reference)
+    np.testing.assert_allclose(back[:, 2], z if 0 <= z <= 4 else z % 4, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(determinants(patch, taken.location.row, taken.location.reference), 2 / 16, rtol=1e-12)
+
+
+def test_two_fourier_directions():
+    mesh = grid(Shape.SEGMENT, 3)
+    ids = ((0, 0), (0, 1), (0, 2), (2, 2))
+    field = fourier(mesh, Shape.SEGMENT, (3.0, 5.0), (Basis.FOURIER, Basis.FOURIER), ids)
+    points = np.random.default_rng(1).random((100, 3)) * [1, 3, 5]
+    taken = sample(Dataset(mesh, (field,)), ["u"], points)
+    x, y, z = points.T
+    exact = 1 + x * np.cos(2 * np.pi * y / 3) * np.cos(2 * np.pi * z / 5)
+    np.testing.assert_allclose(taken.values[:, 0], exact, rtol=0, atol=1e-12)
+
+
+def test_patches_without_a_field_say_so():
+    (patch, *_) = patches(bent_mesh(3))
+    row, point = np.zeros(1, int), np.full((1, 3), -1.0)
+    with pytest.raises(IndexError):
+        values(patch, 0, row, point)
+    (tetrahedra, *_) = patches(replace(bent_mesh(3), fields=(Field("v", ()),)), ["v"])
+    for function in (values, gradients):
+        with pytest.raises(ElvisError, match="expected a patch with field 0, found none for element 0"):
+            function(tetrahedra, 0, row, point)
+
+
+# Real data
+
+
+def truths(folder):
+    """Rows of the table in a folder: element id, reference coordinates, world coordinates (three)."""
+    element, rows = -1, []
+    for line in next(folder.glob("*.truth.txt")).read_text().splitlines():
+        parts = line.split("|")
+        if line.startswith("E "):
+            element = int(line.split()[1])
+        elif len(parts) == 3 and not line.startswith("#"):
+            world = [float(x) for x in parts[1].split()]
+            rows.append((element, [float(x) for x in parts[0].split()], [*world, 0.0, 0.0][:3]))
+    return rows
+
+
+def test_the_points_of_real_elements_come_back(case, nektar, case_files):
+    if not list((nektar / case).glob("*.truth.txt")):
+        return
+    parts = patches(read(case_files(case)[0]))
+    rows = truths(nektar / case)
+    ids, world = np.array([row[0] for row in rows]), np.array([row[2] for row in rows])
+    reference = np.full((len(rows), parts[0].shape.dimension), np.nan)
+    for patch in parts:
+        here = np.flatnonzero(np.isin(ids, patch.element_ids))
+        order = np.argsort(patch.element_ids)
+        own = order[np.searchsorted(patch.element_ids, ids[here], sorter=order)]
+        reference[here] = invert(patch, own, world[here]).reference
+    np.testing.assert_allclose(reference, np.array([row[1] for row in rows]), rtol=0, atol=1e-9)
+
+    # and each is found in its element among all
+    found = locate(parts, world, all=True)
+    pairs = set(zip(found.point.tolist(), found.element_id.tolist(), strict=True))
+    assert pairs >= set(enumerate(ids.tolist()))
