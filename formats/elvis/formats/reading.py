@@ -41,6 +41,8 @@ def read(*paths: str | Path) -> Dataset:
         return reader.dataset([str(path) for path in paths])
     except MemoryError as error:
         raise ElvisError(f"{paths[0]}: there is not enough memory to read the data") from error
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or paths[0]) from error
 
 
 class _Reader:
@@ -53,6 +55,7 @@ class _Reader:
         self._sections: list[Section] = []
         self._mesh_metadata: dict[str, str] = {}
         self._field_metadata: dict[str, str] = {}
+        self._is_in_parts = False
 
     def add(self, path: Path) -> None:
         """Take in a file or a folder."""
@@ -69,7 +72,7 @@ class _Reader:
         mesh = self._mesh(names)
         found = fields.assemble(self._sections, mesh)
         metadata = {**self._mesh_metadata, **self._field_metadata}
-        return Dataset(mesh, found, time_of(metadata), metadata, rules)
+        return Dataset(mesh, found, time_of(metadata), metadata, expansions.resolve(rules, mesh))
 
     def _add_folder(self, folder: Path) -> None:
         names = sorted(entry.name for entry in folder.iterdir())
@@ -78,7 +81,7 @@ class _Reader:
         if not mesh_pieces and not field_pieces and "Info.xml" not in names:
             raise FormatError("expected P0000000.xml, or Info.xml and P0000000.fld, found neither", file=folder)
         for name in mesh_pieces:
-            self._add_xml(folder / name, is_piece=True)
+            self._add_xml(folder / name, is_mesh_piece=True)
         if "Info.xml" in names:
             self._add_xml(folder / "Info.xml")
         else:
@@ -95,33 +98,34 @@ class _Reader:
         self._sections += sections
         self._field_metadata.update(metadata)
 
-    def _add_xml(self, path: Path, is_piece: bool = False) -> None:
+    def _add_xml(self, path: Path, is_mesh_piece: bool = False) -> None:
         for root in xml.parse(load(path), str(path)):
             if root.tag != "NEKTAR":
                 raise FormatError(f"expected a root <NEKTAR>, found <{root.tag}>", file=path)
-            children = list(root.children())
-            tags = {child.tag for child in children}
-            metadata = {}
-            for child in children:
+            metadata: dict[str, str] = {}
+            parts: list[str] = []
+            is_field = False
+            for child in root.children():
+                is_field |= child.tag in ("ELEMENTS", *_PARTITIONS)
                 if child.tag == "ELEMENTS":
                     self._sections.append(fields_xml.read_section(child))
                 elif child.tag == "Metadata":
                     metadata.update(fields_xml.read_metadata(child))
                 elif child.tag in _PARTITIONS:
-                    self._add_partition(path.parent, child)
+                    parts.append(_file_name(child))
                 else:
-                    self._merge(child, is_piece)
-            is_field = tags & {"ELEMENTS", *_PARTITIONS}
+                    self._merge(child, is_mesh_piece)
+            self._add_parts(path, parts)
             (self._field_metadata if is_field else self._mesh_metadata).update(metadata)
 
-    def _add_partition(self, folder: Path, entry: Element) -> None:
-        """One piece of the fields of a parallel run, named by its Info.xml."""
-        name = entry.required("FileName")
-        if Path(name).name != name:
-            raise entry.error(f"expected the name of a file in the same folder, found {name!r}")
-        kept = dict(self._field_metadata)
-        self.add(folder / name)
-        self._field_metadata = kept
+    def _add_parts(self, info: Path, names: list[str]) -> None:
+        """The pieces of the fields of a parallel run, which its Info.xml names; their own metadata don't count."""
+        for name in dict.fromkeys(names):
+            if info.name == name or self._is_in_parts:
+                raise FormatError(f"expected the name of a piece, found {name}, which names others", file=info)
+            kept, self._is_in_parts = dict(self._field_metadata), True
+            self.add(info.parent / name)
+            self._field_metadata, self._is_in_parts = kept, False
 
     def _merge(self, child: Element, is_piece: bool) -> None:
         """A section of the session: it replaces an earlier one, unless it is empty; pieces of a mesh are collected."""
@@ -164,3 +168,11 @@ class _Reader:
             if path.is_file():
                 return path
         raise element.error(f"expected the file {name} beside it or in the working folder, found none")
+
+
+def _file_name(entry: Element) -> str:
+    """The name of a piece of a parallel run; FormatError where it leads out of the folder."""
+    name = entry.required("FileName")
+    if name in (".", "..") or Path(name).name != name:
+        raise entry.error(f"expected the name of a file in the same folder, found {name!r}")
+    return name

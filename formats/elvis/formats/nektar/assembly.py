@@ -12,6 +12,9 @@ from elvis.formats.nektar.raw import RawCurves, RawGeometry
 from elvis.formats.points import PointsType
 from elvis.formats.shapes import Shape
 
+#: dimension of what the tags name that stand for no one shape
+_DIMENSIONS = {"V": 0, "E": 1, "F": 2}
+
 
 def assemble(raw: RawGeometry) -> Mesh:
     """The mesh; FormatError where an id is unknown or given twice, or a curve or coordinate can't be.
@@ -116,7 +119,7 @@ def _composites(raw: RawGeometry, lookups: list[Lookup]) -> tuple[Composite, ...
     """The composites with those of their ids that exist; others are ignored, as the format asks."""
     Lookup(np.array([id for id, _, _ in raw.composites], np.int64), "composite")
     tags = {tag for _, tokens, _ in raw.composites for tag, _ in tokens}
-    present = {tag: lookups[dimension].ids for dimension, tag in enumerate("VEF")} | {"S": lookups[1].ids}
+    present = {tag: lookups[dimension].ids for tag, dimension in _DIMENSIONS.items() if tag in tags}
     present |= {shape.tag: np.sort(_ids(raw, shape)) for shape in Shape if shape.tag in tags}
     return tuple(
         Composite(id, tuple((tag, frozen_ints(ids.existing(present[tag]))) for tag, ids in tokens), name)

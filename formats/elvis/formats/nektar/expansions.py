@@ -4,23 +4,37 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
 
 from elvis.formats.dataset import ExpansionRule
 from elvis.formats.errors import FormatError
+from elvis.formats.mesh import Mesh
 from elvis.formats.nektar.composites import composite_ids
 from elvis.formats.nektar.expressions import evaluate
+from elvis.formats.nektar.idlist import IdList
 from elvis.formats.nektar.xml import Element, located
 
 _PARAMETER = re.compile(r"\s*([A-Za-z_]\w*)\s*=(.*)", re.DOTALL)
-_MOST_COMPOSITES = 1_000_000
+
+#: a rule whose composites are not yet compared with the mesh
+RawRule: TypeAlias = tuple[IdList, ExpansionRule]
 
 
-def read_rules(section: Element | None, conditions: Element | None) -> tuple[ExpansionRule, ...]:
+def read_rules(section: Element | None, conditions: Element | None) -> list[RawRule]:
     """The rules of the section; entries that take the expansion from a field file say nothing and are skipped."""
     if section is None or section.is_empty:
-        return ()
+        return []
     parameters = read_parameters(conditions)
-    return tuple(_rule(child, parameters) for child in section.children() if child.tag in "EH")
+    return [_rule(child, parameters) for child in section.children() if child.tag in ("E", "H")]
+
+
+def resolve(rules: list[RawRule], mesh: Mesh) -> tuple[ExpansionRule, ...]:
+    """The rules for the composites that the mesh has."""
+    present = np.sort(np.array([composite.id for composite in mesh.composites], np.int64))
+    return tuple(replace(rule, composites=tuple(ids.existing(present).tolist())) for ids, rule in rules)
 
 
 def read_parameters(conditions: Element | None) -> dict[str, float]:
@@ -37,19 +51,20 @@ def read_parameters(conditions: Element | None) -> dict[str, float]:
     return values
 
 
-def _rule(entry: Element, parameters: Mapping[str, float]) -> ExpansionRule:
+def _rule(entry: Element, parameters: Mapping[str, float]) -> RawRule:
     with located(entry):
         attributes = entry.attributes
-        composites = tuple(composite_ids(entry.required("COMPOSITE").encode()).expand(_MOST_COMPOSITES).tolist())
+        composites = composite_ids(entry.required("COMPOSITE").encode())
         fields = split(attributes.get("FIELDS", ""))
         if entry.tag == "H":
             kind = ",".join(attributes[f"TYPE-{axis}"] for axis in "XYZ" if f"TYPE-{axis}" in attributes)
             texts = [attributes[f"NUMMODES-{axis}"] for axis in "XYZ" if f"NUMMODES-{axis}" in attributes]
-            return ExpansionRule(composites, kind, _counts(texts, parameters), fields)
+            return composites, ExpansionRule((), kind, _counts(texts, parameters), fields)
         kind = attributes.get("TYPE") or ",".join(split(entry.required("BASISTYPE")))
         modes = _counts(split(entry.required("NUMMODES")), parameters)
         points = _counts(split(attributes.get("NUMPOINTS", "")), parameters)
-        return ExpansionRule(composites, kind, modes, fields, points, split(attributes.get("POINTSTYPE", "")))
+        families = split(attributes.get("POINTSTYPE", ""))
+        return composites, ExpansionRule((), kind, modes, fields, points, families)
 
 
 def split(text: str) -> tuple[str, ...]:

@@ -49,7 +49,7 @@ def _column(root: h5py.Group, name: str) -> NDArray[Any]:
 
 def _offsets(counts: NDArray[np.uint64], sizes: list[int]) -> list[list[tuple[int, int]]]:
     """For each block and dataset the span that it owns; FormatError where they don't fill the datasets exactly."""
-    if (counts > 1 << 48).any():
+    if counts.sum(dtype=np.float64) > 1 << 60:
         raise FormatError(f"expected counts of data, found {counts.max()}", place="/NEKTAR/DECOMPOSITION")
     ends = np.cumsum(counts.astype(np.int64), axis=0)
     for column, (name, size) in enumerate(zip(_COLUMNS, sizes, strict=True)):
@@ -66,12 +66,12 @@ def _section(root: h5py.Group, file: str, key: np.uint64, columns: list[NDArray[
     try:
         space = _space(definition, orders, len(ids), (y_ids, z_ids, strips))
         space.check_elements(len(ids))
-        expected = len(space.names) * int(space.counts(len(ids)).sum())
+        expected = space.total(len(ids))
         if len(values) != expected:
             raise FormatError(f"expected {expected} coefficients, found {len(values)}")
     except FormatError as error:
-        raise error.within(place=definition.name) from error
-    return Section(space, ids, values, file, str(definition.name))
+        raise error.within(place=f"/NEKTAR/{key}") from error
+    return Section(space, ids, values, file, f"/NEKTAR/{key}")
 
 
 def _space(definition: h5py.Group, orders: Ints, elements: int, ids: tuple[Ints, Ints, Ints]) -> Space:
@@ -116,7 +116,7 @@ def _metadata(root: h5py.Group) -> dict[str, str]:
     group = hdf5.group(root, "Metadata")
     if group is None:
         return {}
-    return {hdf5.text(key): _metadata_text(group, key) for key in group.attrs}
+    return {hdf5.text(key): _metadata_text(group, key) for key in hdf5.attribute_names(group)}
 
 
 def _metadata_text(group: h5py.Group, key: str) -> str:

@@ -31,9 +31,9 @@ def read_section(element: Element) -> Section:
         if 8 * least > possible_bytes(element.content):
             raise FormatError(f"expected {least} coefficients at least, found {len(element.content)} characters")
         element_ids = ids.expand(least)
-        total = len(space.names) * int(space.counts(len(element_ids)).sum())
-        values: Floats = decode_exactly(element.content, total).view("<f8").astype(np.float64, copy=False)
-        return Section(space, element_ids, values, element.file, element.place)
+        items = space.total(len(element_ids))
+        values: Floats = decode_exactly(element.content, items).view("<f8").astype(np.float64, copy=False)
+        return Section(space, element_ids, values, element.file, f"<ELEMENTS ID={element.attributes['ID'][:40]}>")
 
 
 def read_metadata(element: Element | None) -> dict[str, str]:

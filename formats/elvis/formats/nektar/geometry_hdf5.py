@@ -64,7 +64,9 @@ def read_geometry(path: Path, dimension: int | None = None, space: int | None = 
 def _vertices(mesh: h5py.Group, maps: h5py.Group) -> tuple[Ints, Floats]:
     ids, points = hdf5.ints(maps, "VERT"), hdf5.floats(mesh, "VERT", 3)
     if ids is None or points is None or len(ids) != len(points):
-        raise FormatError("expected VERT in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+        raise FormatError(
+            "expected VERT in MESH and MAPS, of one length, found otherwise", place="/NEKTAR/GEOMETRY/MESH"
+        )
     return ids, points
 
 
@@ -75,7 +77,9 @@ def _tables(mesh: h5py.Group, maps: h5py.Group) -> list[tuple[Shape, tuple[Ints,
         if members is None and ids is None:
             continue
         if members is None or ids is None or len(ids) != len(members):
-            raise FormatError(f"expected {name} in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+            raise FormatError(
+                f"expected {name} in MESH and MAPS, of one length, found otherwise", place="/NEKTAR/GEOMETRY/MESH"
+            )
         if len(ids):
             found.append((shape, (ids, members)))
     return found
@@ -93,7 +97,9 @@ def _curves(mesh: h5py.Group, maps: h5py.Group, name: str) -> RawCurves:
         return RawCurves.none()
     nodes = hdf5.floats(mesh, "CURVE_NODES", 3)
     if nodes is None or len(entities) != len(table):
-        raise FormatError(f"expected {name} in MESH and MAPS and CURVE_NODES, found otherwise", place=mesh.name)
+        raise FormatError(
+            f"expected {name} in MESH and MAPS and CURVE_NODES, found otherwise", place="/NEKTAR/GEOMETRY/MESH"
+        )
     counts = table[:, 0].copy()
     return RawCurves(entities, table[:, 1].copy(), counts, nodes[owned(counts, table[:, 2], len(nodes))])
 
@@ -101,7 +107,9 @@ def _curves(mesh: h5py.Group, maps: h5py.Group, name: str) -> RawCurves:
 def _composites(mesh: h5py.Group, maps: h5py.Group) -> tuple[RawComposite, ...]:
     texts, ids = hdf5.strings(mesh, "COMPOSITE") or [], hdf5.ints(maps, "COMPOSITE")
     if len(texts) != (0 if ids is None else len(ids)):
-        raise FormatError("expected COMPOSITE in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+        raise FormatError(
+            "expected COMPOSITE in MESH and MAPS, of one length, found otherwise", place="/NEKTAR/GEOMETRY/MESH"
+        )
     if ids is None:
         return ()
     names = _composite_names(maps, len(texts))
@@ -112,7 +120,7 @@ def _composites(mesh: h5py.Group, maps: h5py.Group) -> tuple[RawComposite, ...]:
 
 def _composite_names(maps: h5py.Group, count: int) -> list[str | None]:
     """Names that this project keeps in an attribute, for want of a place in the format."""
-    values = hdf5.attribute(maps["COMPOSITE"], "NAME", is_required=False)
+    values = hdf5.dataset_attribute(maps, "COMPOSITE", "NAME")
     return [hdf5.text(value) or None for value in values] if len(values) == count else [None] * count
 
 
@@ -122,5 +130,7 @@ def _domains(mesh: h5py.Group, maps: h5py.Group, version: int) -> dict[int, IdLi
     ids = hdf5.ints(maps, "DOMAIN") if version > 1 else None
     numbers = range(len(texts)) if ids is None else ids.tolist()
     if len(numbers) != len(texts):
-        raise FormatError("expected DOMAIN in MESH and MAPS, of one length, found otherwise", place=mesh.name)
+        raise FormatError(
+            "expected DOMAIN in MESH and MAPS, of one length, found otherwise", place="/NEKTAR/GEOMETRY/MESH"
+        )
     return {id: idlist.parse(text) for id, text in zip(numbers, texts, strict=True)}

@@ -75,7 +75,7 @@ def _curves_of(tag: str, heads: list[bytes], values: Floats, starts: Ints, stops
     joined = b"\n".join(heads)
     entities = numbers.ints(b" ".join(_attributes(tag, _ENTITY[tag], rb"[0-9]+", joined, len(heads))))
     counts = numbers.ints(b" ".join(_attributes(tag, "NUMPOINTS", rb"[0-9]+", joined, len(heads))))
-    wrong = np.flatnonzero(stops - starts != 3 * counts)
+    wrong = np.flatnonzero((counts > len(values)) | (stops - starts != 3 * np.minimum(counts, len(values))))
     if len(wrong):
         first = wrong[0]
         message = f"expected {counts[first]} points on <{tag} {_ENTITY[tag]}={entities[first]}>"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.mesh import MEMBERS
 from elvis.formats.nektar import composites, geometry_compressed, geometry_text
@@ -61,8 +63,9 @@ class Scaling:
     def __call__(self, points: Floats) -> Floats:
         """The points (n, 3), scaled in place where there is anything to do."""
         if not self._is_identity:
-            points *= self._scale
-            points += self._move
+            with np.errstate(over="ignore"):
+                points *= self._scale
+                points += self._move
         return points
 
 

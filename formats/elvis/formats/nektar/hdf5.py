@@ -1,6 +1,7 @@
 """HDF5 with suspicion: only what is stored in the file itself is read, sizes are checked before memory is taken.
 
-h5py raises many kinds of errors on damaged files; `opened` turns them all into FormatError.
+h5py raises many kinds of errors on damaged files; every call of it is made here, under `_guarded`, which turns them
+into FormatError.
 """
 
 from __future__ import annotations
@@ -27,15 +28,14 @@ _MOST_STRINGS = 1 << 24
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """The file, open for reading; errors of the block that come from damage in the file become FormatError."""
+    """The file, open for reading; errors of the block name it."""
     import h5py
 
     try:
-        with h5py.File(path, "r") as file:
+        with _guarded():
+            file = h5py.File(path, "r")
+        with file:
             yield file
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError) as error:
-        reason = " ".join(str(error).split())
-        raise FormatError(f"the HDF5 data are damaged ({reason[:200]})", file=path) from error
     except FormatError as error:
         raise error.within(path) from error
 
@@ -46,7 +46,7 @@ def group(parent: h5py.Group, name: str) -> h5py.Group | None:
 
     found = _member(parent, name)
     if found is not None and not isinstance(found, h5py.Group):
-        raise FormatError("expected a group, found a dataset", place=f"{parent.name}/{name}")
+        raise FormatError("expected a group, found a dataset", place=_place(parent, name))
     return found
 
 
@@ -54,28 +54,12 @@ def required_group(parent: h5py.Group, name: str) -> h5py.Group:
     """As `group`; FormatError where there is none."""
     found = group(parent, name)
     if found is None:
-        raise FormatError(f"expected a group {name}, found none", place=parent.name)
-    return found
-
-
-def dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
-    """A dataset of this name that is stored right here and as large as it claims, None where there is none."""
-    import h5py
-
-    found = _member(parent, name)
-    if found is None:
-        return None
-    place = f"{parent.name}/{name}"
-    if not isinstance(found, h5py.Dataset):
-        raise FormatError("expected a dataset, found a group", place=place)
-    if found.is_virtual or found.external:
-        raise FormatError("expected data in the file itself, found references to others", place=place)
-    _check_stored(found, place)
+        raise FormatError(f"expected a group {name}, found none", place=_place(parent))
     return found
 
 
 def ints(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | None:
-    """Whole numbers, (n,) or (n, columns), as int64."""
+    """Whole numbers, (n,) or (n, columns), as int64; None where there is no such dataset."""
     return _array(parent, name, columns, "iu", np.int64)
 
 
@@ -91,28 +75,43 @@ def floats(parent: h5py.Group, name: str, columns: int | None = None) -> Floats 
 
 def strings(parent: h5py.Group, name: str) -> list[str] | None:
     """A list of strings, of variable or fixed length."""
-    found = dataset(parent, name)
+    found = _dataset(parent, name)
     if found is None:
         return None
-    if found.ndim != 1 or found.dtype.kind not in "OS" or found.size > _MOST_STRINGS:
-        raise FormatError(f"expected a list of strings, found {_kind(found)}", place=f"{parent.name}/{name}")
-    return [text(item) for item in found[()]]
+    with _guarded(_place(parent, name)):
+        if found.ndim != 1 or found.dtype.kind not in "OS" or found.size > _MOST_STRINGS:
+            raise FormatError(f"expected a list of strings, found {_kind(found)}", place=_place(parent, name))
+        items = found[()]
+    return [text(item) for item in items]
 
 
-def attribute(owner: h5py.Group, name: str, is_required: bool = True) -> NDArray[Any]:
+def attribute(owner: h5py.Group | h5py.Dataset, name: str, is_required: bool = True) -> NDArray[Any]:
     """The values of an attribute, as a flat array; FormatError where it must be there and isn't."""
-    if name not in owner.attrs:
-        if is_required:
-            raise FormatError(f"expected an attribute {name}, found none", place=owner.name)
-        return np.empty(0)
-    return np.asarray(owner.attrs[name]).reshape(-1)
+    with _guarded(_place(owner)):
+        if name in owner.attrs:
+            return np.asarray(owner.attrs[name]).reshape(-1)
+    if is_required:
+        raise FormatError(f"expected an attribute {name}, found none", place=_place(owner))
+    return np.empty(0)
+
+
+def dataset_attribute(parent: h5py.Group, name: str, attribute_name: str) -> NDArray[Any]:
+    """The values of an attribute of a dataset, none where there are none."""
+    found = _dataset(parent, name)
+    return np.empty(0) if found is None else attribute(found, attribute_name, is_required=False)
+
+
+def attribute_names(owner: h5py.Group) -> list[str]:
+    """The names of all attributes."""
+    with _guarded(_place(owner)):
+        return list(owner.attrs)
 
 
 def text_attribute(owner: h5py.Group, name: str) -> str:
     """An attribute that is one string."""
     values = attribute(owner, name)
     if len(values) != 1:
-        raise FormatError(f"expected one string in {name}, found {len(values)}", place=owner.name)
+        raise FormatError(f"expected one string in {name}, found {len(values)}", place=_place(owner))
     return text(values[0])
 
 
@@ -129,38 +128,74 @@ def version(owner: h5py.Group, greatest: int) -> int:
     """FORMAT_VERSION of a group; FormatError where it is missing or greater than ``greatest``."""
     value = attribute(owner, "FORMAT_VERSION")
     if value.dtype.kind not in "iu" or value.size != 1 or not 1 <= value[0] <= greatest:
-        raise FormatError(f"expected FORMAT_VERSION 1 to {greatest}, found {value.tolist()}", place=owner.name)
+        raise FormatError(f"expected FORMAT_VERSION 1 to {greatest}, found {value.tolist()}", place=_place(owner))
     return int(value[0])
+
+
+@contextmanager
+def _guarded(place: str | None = None) -> Iterator[None]:
+    """What h5py raises in the block becomes FormatError."""
+    try:
+        yield
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FormatError(f"the HDF5 data are damaged ({reason[:200]})", place=place) from error
+
+
+def _place(owner: h5py.Group | h5py.Dataset, name: str = "") -> str:
+    with _guarded():
+        return f"{owner.name}/{name}".rstrip("/") or "/"
 
 
 def _member(parent: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     import h5py
 
-    link = parent.get(name, getlink=True)
-    if link is None:
+    with _guarded(_place(parent, name)):
+        link = parent.get(name, getlink=True)
+        if link is None:
+            return None
+        if not isinstance(link, h5py.HardLink):
+            raise FormatError("expected data in the file itself, found a link", place=_place(parent, name))
+        return parent[name]
+
+
+def _dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
+    """A dataset that is stored right here and as large as it claims, None where there is none."""
+    import h5py
+
+    found = _member(parent, name)
+    if found is None:
         return None
-    if not isinstance(link, h5py.HardLink):
-        raise FormatError("expected data in the file itself, found a link", place=f"{parent.name}/{name}")
-    return parent[name]
+    place = _place(parent, name)
+    if not isinstance(found, h5py.Dataset):
+        raise FormatError("expected a dataset, found a group", place=place)
+    with _guarded(place):
+        if found.is_virtual or found.external:
+            raise FormatError("expected data in the file itself, found references to others", place=place)
+        if found.shape is None:
+            raise FormatError("expected numbers or strings, found nothing", place=place)
+        _check_stored(found, place)
+    return found
 
 
 def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype: type) -> NDArray[Any] | None:
-    found = dataset(parent, name)
+    found = _dataset(parent, name)
     if found is None:
         return None
-    shape = (len(found), columns) if columns and found.ndim else found.shape[:1]
-    if found.dtype.kind not in kinds or found.dtype.itemsize > 8 or found.shape != shape or found.ndim == 0:
-        expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"
-        raise FormatError(f"expected {expected}, found {_kind(found)}", place=f"{parent.name}/{name}")
-    out = np.empty(found.shape, dtype)
-    if out.size:
-        found.read_direct(out)
-    return out
+    with _guarded(_place(parent, name)):
+        shape = (*found.shape[:1], columns) if columns else found.shape[:1]
+        if found.dtype.kind not in kinds or found.dtype.itemsize > 8 or found.shape != shape or not shape:
+            expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"
+            raise FormatError(f"expected {expected}, found {_kind(found)}", place=_place(parent, name))
+        out = np.empty(found.shape, dtype)
+        if out.size:
+            found.read_direct(out)
+        return out
 
 
 def _check_stored(found: h5py.Dataset, place: str) -> None:
     """FormatError where a dataset claims more than the file can hold for it."""
-    claimed = math.prod(found.shape or (0,)) * found.dtype.itemsize
+    claimed = math.prod(found.shape) * found.dtype.itemsize
     stored = found.id.get_storage_size()
     is_packed = found.id.get_create_plist().get_nfilters() > 0
     if claimed > stored * (_DEFLATE_RATIO if is_packed else 1):

@@ -17,6 +17,7 @@ from elvis.formats.nektar.xml import Buffer
 Number = TypeVar("Number", np.float64, np.int64)
 
 _CHUNK = 1 << 19
+_EXACT = 2.0**53
 _END_TAG = re.compile(rb"</[A-Z]\s*>")
 _WORD = re.compile(rb"\S{1,40}")
 
@@ -85,6 +86,9 @@ def vertex_rows(section: Buffer, start: int, stop: int) -> tuple[Ints, Floats]:
             raise FormatError(f"expected entries <V ID=…>, found {numbers[0]}")
         _check_lengths("V", 3, numbers, starts, np.diff(starts, append=len(numbers)))
         table = numbers.reshape(-1, 5)
+        _check_ends(filled + len(table), count)
+        if len(table) and table[:, 1].max() > _EXACT:
+            raise FormatError(f"expected ids below 2^53, found {table[:, 1].max():.0f}")
         ids[filled : filled + len(table)] = table[:, 1]
         points[filled : filled + len(table)] = table[:, 2:]
         filled += len(table)
@@ -101,14 +105,18 @@ class _Table:
     def extend(self, rows: Ints) -> None:
         """Add (n, 1 + width) rows; FormatError where entries don't end as they begin."""
         stop = self._filled + len(rows)
-        if stop > len(self._ids):
-            raise FormatError(f"expected every entry to end with its own tag, found {stop} and {len(self._ids)} ends")
+        _check_ends(stop, len(self._ids))
         self._ids[self._filled : stop], self._members[self._filled : stop] = rows[:, 0], rows[:, 1:]
         self._filled = stop
 
     def whole(self) -> tuple[Ints, Ints]:
         """Ids (n,) and members (n, width)."""
         return self._ids[: self._filled], self._members[: self._filled]
+
+
+def _check_ends(entries: int, ends: int) -> None:
+    if entries > ends:
+        raise FormatError(f"expected every entry to end with its own tag, found {ends} that do")
 
 
 def _opening(tag: str) -> re.Pattern[bytes]:

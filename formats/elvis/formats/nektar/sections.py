@@ -22,6 +22,7 @@ from elvis.formats.shapes import Shape
 _SHAPE = re.compile(r"(\w+?)(?:-HomogenousExp([12])D)?(-Strips)?")
 _FOURIER = frozenset({Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM})
 _ROWS_AT_ONCE = 1 << 14
+_MOST_COEFFICIENTS = 1 << 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,14 @@ class Space:
         """(elements,) coefficients of each element and field, all planes or lines together."""
         planes = 1 if self.homogeneous is None else len(self.homogeneous.z_ids)
         return np.broadcast_to(coefficient_counts(self.shape, self.modes) * planes, elements)
+
+    def total(self, elements: int) -> int:
+        """Coefficients of all elements and fields; FormatError where no file could hold them."""
+        counts = self.counts(elements)
+        roughly = len(self.names) * float(counts.sum(dtype=np.float64))
+        if roughly > _MOST_COEFFICIENTS:
+            raise FormatError(f"expected coefficients that a file can hold, found {roughly:.3g} declared")
+        return len(self.names) * int(counts.sum())
 
     def check_elements(self, elements: int) -> None:
         """FormatError where orders are given element by element for another number of elements."""
@@ -139,10 +148,10 @@ def read_bases(labels: str) -> tuple[Basis, ...]:
 def pieces(section: Section) -> Iterator[Piece]:
     """The section by numbers of modes, in the order of first appearance; uniform sections are not copied."""
     space, elements = section.space, len(section.element_ids)
-    distinct, first, group = np.unique(space.modes, axis=0, return_index=True, return_inverse=True)
-    counts = space.counts(elements)
     if not elements:
         return
+    distinct, first, group = np.unique(space.modes, axis=0, return_index=True, return_inverse=True)
+    counts = space.counts(elements)
     if len(distinct) == 1:
         values = section.values.reshape(len(space.names), elements, int(counts[0]))
         yield Piece(space.names, _expansion(space, distinct[0]), section.element_ids, values)
@@ -150,8 +159,10 @@ def pieces(section: Section) -> Iterator[Piece]:
 
     starts = np.cumsum(counts) - counts
     fields = section.values.reshape(len(space.names), -1)
+    by_group = np.argsort(group.reshape(-1), kind="stable")
+    rows_of = np.split(by_group, np.cumsum(np.bincount(group.reshape(-1)))[:-1])
     for index in np.argsort(first):
-        rows = np.flatnonzero(group.reshape(-1) == index)
+        rows = rows_of[index]
         gathered = _gather(fields, starts[rows], int(counts[rows[0]]))
         yield Piece(space.names, _expansion(space, distinct[index]), section.element_ids[rows], gathered)
 

@@ -6,13 +6,13 @@ import zlib
 from pathlib import Path
 
 from elvis.formats.errors import FormatError
-from elvis.formats.nektar.xml import Buffer
+from elvis.formats.nektar.xml import Buffer, begins_like_xml
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 GZIP_SIGNATURE = b"\x1f\x8b"
 
 #: data of meshes and text shrink at most so far; what grows more on unpacking is refused
-GREATEST_RATIO = 200
+GREATEST_RATIO = 64
 ALWAYS_ALLOWED = 1 << 24
 _STEP = 1 << 18
 
@@ -56,7 +56,10 @@ def _member(raw: bytes, out: bytearray, limit: int, path: Path) -> bytes:
             rest, start = raw[start : start + _STEP], start + _STEP
         piece = decompressor.decompress(rest, _STEP)
         rest = decompressor.unconsumed_tail
+        is_first = not out
         out += piece
+        if is_first and out and not begins_like_xml(out):
+            raise FormatError(f"expected XML in the gzip data, found {bytes(out[:8])!r}", file=path)
         if len(out) > limit:
             message = f"the gzip data grow beyond {GREATEST_RATIO} times their size, which no data of this format do"
             raise FormatError(message, file=path)

@@ -23,6 +23,7 @@ _NAME = re.compile(rb"[A-Za-z_:][\w:.\-]*")
 _ATTRIBUTE = re.compile(rb"""([A-Za-z_:][\w:.\-]*)\s*=\s*("[^"]*"|'[^']*')""")
 _MARK = re.compile(rb"""[<>"']""")
 _DECLARATION = re.compile(rb"<!(?!--|\[CDATA\[)")
+_BEGINNING = re.compile(rb"(\xef\xbb\xbf)?[\x01-\x20]*<")
 _SPECIAL = re.compile(rb"<!--|<!\[CDATA\[")
 _REFERENCE = re.compile(r"&(lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9a-fA-F]{1,6});")
 _NAMED = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
@@ -89,7 +90,7 @@ def parse(data: Buffer, file: str) -> list[Element]:
 
     FormatError for what is not XML, or holds a document type or entity declaration, or ends within an element.
     """
-    if not data.lstrip(b"\xef\xbb\xbf\0\t\n\r\f\v ")[:1] == b"<":
+    if not begins_like_xml(data):
         raise FormatError("expected XML or HDF5, found " + _description(data), file=file)
     declaration = _DECLARATION.search(data)
     cleaned = _without_comments(data, file) if _SPECIAL.search(data) else data
@@ -97,6 +98,11 @@ def parse(data: Buffer, file: str) -> list[Element]:
         line = _line(cleaned, found.start())
         raise FormatError("declarations of document types and entities are refused", file=file, place=f"line {line}")
     return list(_elements(cleaned, 0, len(cleaned), file))
+
+
+def begins_like_xml(data: Buffer) -> bool:
+    """Whether the first character is that of a tag, marks of encoding and blanks aside."""
+    return _BEGINNING.match(data) is not None
 
 
 def unescape(text: str) -> str:
