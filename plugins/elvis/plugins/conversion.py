@@ -1,0 +1,181 @@
+"""Conversion plugins: what the author of a converter writes.
+
+A converter is a subclass of `Converter`.  It says which files it opens, lists blocks of elements and fields, and
+evaluates both at reference points.  Projection, numbering, curves, continuity, error measurement and file formats are
+the project's.
+
+Reference points come in the coordinates of `elvis.formats.shapes`, [-1, 1] each way, with local vertices in that order.
+A block whose source uses other coordinates declares a ``frame``; the points then come in the source's.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+from typing import Any, ClassVar
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.shapes import Shape
+
+#: relative spacing of float64, float32 and of text with eight digits
+DOUBLE, SINGLE, EIGHT_DIGITS = 2.0**-52, 2.0**-23, 1e-8
+
+
+class PyramidSpace(Enum):
+    """Which functions of order p live on the pyramids of a source; e is a collapsed coordinate, c = (1 - e3)/2.
+
+    POLYNOMIAL  x^i y^j z^k, k <= p - max(i, j)                  (PyFR)
+    RATIONAL    e1^i e2^j c^max(i,j) e3^k, k <= p - max(i, j)    (Bergot; Gmsh, NGSolve)
+    TENSOR      e1^i e2^j e3^k, i, j, k <= p                     (MFEM, VTK, anything else)
+    NATIVE      the modified pyramid of Nektar++
+    """
+
+    POLYNOMIAL = "polynomial"
+    RATIONAL = "rational"
+    TENSOR = "tensor"
+    NATIVE = "native"
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """A block of elements: one shape, one order of the map.
+
+    shape     of the elements
+    count     how many there are
+    order     degree of the map from the reference element
+    vertices  (count, n_vertices) the source's own numbers of the vertices, in the local order of ``shape``; None where
+              the source has no such numbers, then vertices at the same place are the same
+    frame     (n_vertices, d) the source's reference coordinates of the vertices, None where they are those of ``shape``
+    ids       (count,) the source's numbers of the elements, kept as global ids where they are unique over all blocks
+    region    name of the part of the domain that they belong to
+    pyramid   the functions on pyramids, of the map and of the fields
+    is_polynomial  whether the map is in the space of that order; False for NURBS and the like
+    key       anything by which the converter knows the block again
+    rows      which of the block's elements are meant; `Converter.positions` and `Converter.sample` index by it
+    """
+
+    shape: Shape
+    count: int
+    order: int = 1
+    vertices: Ints | None = None
+    frame: Floats | None = None
+    ids: Ints | None = None
+    region: str = ""
+    pyramid: PyramidSpace = PyramidSpace.TENSOR
+    is_polynomial: bool = True
+    key: Any = None
+    rows: slice | Ints = field(default_factory=lambda: slice(None))
+
+    def __len__(self) -> int:
+        return self.count
+
+    def take(self, rows: slice | Ints) -> Elements:
+        """The elements ``rows`` of this block, counted from its beginning."""
+        count = len(range(*rows.indices(self.count))) if isinstance(rows, slice) else len(rows)
+        return replace(self, count=count, rows=rows)
+
+
+@dataclass(frozen=True)
+class SourceField:
+    """A scalar field of a source; a vector ``v`` makes three of them: ``v_x``, ``v_y``, ``v_z``.
+
+    order          polynomial degree in the reference element, one for all blocks or one a block; None for a block that
+                   doesn't hold the field
+    is_continuous  whether elements that share a face agree there
+    is_polynomial  whether the field is in the space of that order; False for what is derived, rational, on H(div) ...
+    key            anything by which the converter knows the field again
+    """
+
+    name: str
+    order: int | Sequence[int | None]
+    is_continuous: bool = False
+    is_polynomial: bool = True
+    key: Any = None
+
+    def order_on(self, block: int) -> int | None:
+        """The degree on a block, None where it lacks the field."""
+        return self.order if isinstance(self.order, int) else self.order[block]
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """A named set of faces (of edges in 2D, of vertices in 1D).
+
+    vertices  arrays (n, k) of the source's vertex numbers, in any order, each for faces of k vertices
+    sides     triples of a block's number, rows (n,) of elements in it, and the local face (n,) of each, as in `Shape`
+    """
+
+    name: str
+    vertices: Sequence[Ints] = ()
+    sides: Sequence[tuple[int, Ints, Ints]] = ()
+
+
+@dataclass(frozen=True)
+class Option:
+    """A choice that the user has: ``elvis convert --name VALUE`` becomes a keyword of the converter's constructor.
+
+    choices  the values it may take, empty where any text will do, None for a flag
+    """
+
+    name: str
+    help: str
+    choices: tuple[str, ...] | None = ()
+    default: str | None = None
+
+
+class Converter(ABC):
+    """Reads the data of one format; subclasses are what the entry points ``elvis.converters`` name.
+
+    Of the class:
+    format   what it reads, in a few words
+    keeps, loses   what of a file arrives, and what doesn't
+    needs    packages to import beyond ElVis's own, brought by the extra ``converters``
+    options  choices of the user, keywords of the constructor
+
+    Of an object, set by its constructor:
+    blocks, fields, boundaries   the data; fields and boundaries may be empty
+    time, metadata               of the dataset
+    precision                    relative rounding of the source's numbers
+    is_conforming                False where faces of elements meet parts of others (hanging nodes)
+    notes                        sentences for the report: what was decided or left out in reading
+    """
+
+    format: ClassVar[str] = ""
+    keeps: ClassVar[str] = ""
+    loses: ClassVar[str] = ""
+    needs: ClassVar[tuple[str, ...]] = ()
+    options: ClassVar[tuple[Option, ...]] = ()
+
+    blocks: Sequence[Elements] = ()
+    fields: Sequence[SourceField] = ()
+    boundaries: Sequence[Boundary] = ()
+    time: float | None = None
+    metadata: Mapping[str, str] = {}
+    precision: float = DOUBLE
+    is_conforming: bool = True
+    notes: Sequence[str] = ()
+
+    @classmethod
+    @abstractmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether these files, all of them, are for this converter; told by content, quickly, without raising."""
+
+    @abstractmethod
+    def __init__(self, paths: Sequence[Path], **options: Any) -> None:
+        """Read the files; FormatError where they are not what they should be."""
+
+    @abstractmethod
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """(len(block), n, 3) world coordinates at reference points (n, d) of the elements ``block.rows``; or (…, 2)."""
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """(len(block), n) values of a field at reference points (n, d) of the elements ``block.rows``."""
+        raise NotImplementedError(f"{type(self).__name__} lists fields but doesn't sample them")
+
+    def summary(self) -> str:
+        """One line for messages: how many elements and fields there are."""
+        counts = ", ".join(f"{len(block)} {block.shape.label.lower()}" for block in self.blocks if len(block))
+        return f"{counts or 'no elements'}; {len(self.fields)} fields"

@@ -1,0 +1,280 @@
+"""Conversion: from a converter's samples to a dataset of the native format, with a report of what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from elvis.formats.arrays import Ints, frozen_floats, frozen_ints
+from elvis.formats.dataset import Block, Dataset, Field
+from elvis.formats.errors import ElvisError
+from elvis.formats.geometry import MAP_FIELDS
+from elvis.formats.mesh import Mesh
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
+from elvis.plugins.projection.adaptivity import adapted
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.curves import with_curves
+from elvis.plugins.projection.fitting import Fitted, fit_fields, fit_positions, joined, padded
+from elvis.plugins.projection.sampling import Sampler
+from elvis.plugins.projection.spaces import needs_hexahedra
+from elvis.plugins.projection.topology import Topology, topology
+from elvis.plugins.projection.traces import Traces
+from elvis.plugins.projection.verification import Findings, Tally, check
+from elvis.plugins.report import Measure, Report, is_rounding
+
+GeometryChoice = Literal["auto", "curves", "map"]
+PyramidChoice = Literal["exact", "native"]
+
+#: the highest order that is asked of a source; more is a slip
+HIGHEST = 30
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to convert.
+
+    order      of every field; None keeps the source's
+    tolerance  relative error that each element must reach at the lowest order that does; None keeps the orders
+    geometry   whether the full map travels as fields: always, never, or where the mesh file can't hold it
+    pyramids   ``native`` projects onto the modified pyramid of Nektar++ whatever cannot be held by it
+    fields     names of those to convert; None for all
+    """
+
+    order: int | None = None
+    tolerance: float | None = None
+    geometry: GeometryChoice = "auto"
+    pyramids: PyramidChoice = "exact"
+    fields: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.order is not None and not 1 <= self.order <= HIGHEST:
+            raise ElvisError(f"expected an order from 1 to {HIGHEST}, found {self.order}")
+        if self.tolerance is not None and not 0 < self.tolerance < np.inf:
+            raise ElvisError(f"expected a positive tolerance, found {self.tolerance}")
+        if self.geometry not in get_args(GeometryChoice) or self.pyramids not in get_args(PyramidChoice):
+            raise ElvisError(f"expected known choices, found geometry {self.geometry} and pyramids {self.pyramids}")
+
+
+@dataclass(frozen=True, eq=False)
+class Conversion:
+    """The converted data and the report; ``blocks`` tell how each element lies in the source's."""
+
+    dataset: Dataset
+    report: Report
+    blocks: tuple[NativeBlock, ...]
+
+
+def convert(source: Converter, settings: Settings | None = None, files: Sequence[str | Path] = ()) -> Conversion:
+    """The native dataset of a source, checked against the source's own samples.
+
+    files  to be named in the report
+    ElvisError where the source can't be represented, or contradicts itself.
+    """
+    settings = settings or Settings()
+    fields = _chosen(source, settings.fields)
+    plan = topology(source, lambda number: _is_collapsed(source, number, fields, settings))
+    plan = replace(plan, blocks=tuple(_spaced(block, settings) for block in plan.blocks))
+    sampler = Sampler(source)
+    mesh = _curved(sampler, plan)
+    findings = check(sampler, Dataset(mesh), plan.blocks, (), source.precision)
+    has_map = settings.geometry == "map" or (settings.geometry == "auto" and findings.exceeding)
+
+    blocks = _ordered(sampler, plan.blocks, fields, settings)
+    fitted = _fitted(sampler, mesh, blocks, fields, source)
+    maps = _maps(sampler, mesh, blocks) if has_map else []
+    modes = [max((own[i] for own in _orders(fitted, maps)), default=2) for i in range(len(blocks))]
+    dataset = Dataset(
+        mesh,
+        (*(_field(each, blocks, modes) for each in (*fitted, *maps)),),
+        source.time,
+        {**source.metadata, **({"GeometryMap": ",".join(MAP_FIELDS)} if has_map else {})},
+    )
+    final = check(sampler, dataset, blocks, fitted, source.precision)
+    report = _report(source, plan, final, findings, fitted, has_map, [Path(file).name for file in files])
+    dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
+    return Conversion(dataset, report, tuple(blocks))
+
+
+def _chosen(source: Converter, names: tuple[str, ...] | None) -> list[SourceField]:
+    """The fields to convert; ElvisError for unknown, doubled or reserved names, and where some elements lack one."""
+    known = [field.name for field in source.fields]
+    for name in names or ():
+        if name not in known:
+            raise ElvisError(f"there is no field {name!r}; the fields are {', '.join(known) or 'none'}")
+    chosen = [field for field in source.fields if names is None or field.name in names]
+    for field in chosen:
+        if [each.name for each in chosen].count(field.name) > 1:
+            raise ElvisError(f"expected fields of distinct names, found several {field.name!r}")
+        if field.name in MAP_FIELDS:
+            raise ElvisError(f"expected no field {field.name!r}, for the coordinates go by that name")
+        _check_field(source, field)
+    return chosen
+
+
+def _check_field(source: Converter, field: SourceField) -> None:
+    if not isinstance(field.order, int) and len(field.order) != len(source.blocks):
+        raise ElvisError(f"field {field.name}: expected {len(source.blocks)} orders, found {len(field.order)}")
+    for number, block in enumerate(source.blocks):
+        order = field.order_on(number)
+        if order is None and len(block):
+            missing = sum(len(b) for i, b in enumerate(source.blocks) if field.order_on(i) is None)
+            total = sum(map(len, source.blocks))
+            raise ElvisError(
+                f"field {field.name}: expected values on all {total} elements, found none on {missing}; "
+                "choose the fields to convert"
+            )
+        if order is not None and not 0 <= order <= HIGHEST:
+            raise ElvisError(f"field {field.name}: expected an order from 0 to {HIGHEST}, found {order}")
+
+
+def _is_collapsed(source: Converter, number: int, fields: Sequence[SourceField], settings: Settings) -> bool:
+    if settings.pyramids == "native":
+        return False
+    return needs_hexahedra(source.blocks[number], number, fields)
+
+
+def _spaced(block: NativeBlock, settings: Settings) -> NativeBlock:
+    """The block with the family of its expansions."""
+    is_polynomial = block.shape is Shape.PYRAMID and block.source.pyramid is PyramidSpace.POLYNOMIAL
+    return replace(block, is_ortho=is_polynomial and settings.pyramids == "exact")
+
+
+def _curved(sampler: Sampler, plan: Topology) -> Mesh:
+    """The mesh with the curves of the source's map."""
+    positions = fit_positions(sampler, plan.blocks)
+    traces = Traces(plan.mesh, plan.blocks, [block.source.order + 1 for block in plan.blocks])
+    own = [(block.mesh_rows, found) for block, found in zip(plan.blocks, positions, strict=True)]
+    return with_curves(plan.mesh, traces.gather(positions), own)
+
+
+def _ordered(
+    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], settings: Settings
+) -> list[NativeBlock]:
+    """The blocks with the order that the settings ask for; parted by order where it is chosen by element."""
+    filled = [block for block in blocks if len(block)]
+    if settings.tolerance is not None and fields:
+        return adapted(sampler, filled, fields, settings.tolerance, settings.order or HIGHEST)
+    if settings.order is not None:
+        return [replace(block, modes=settings.order + 1) for block in filled]
+    return filled
+
+
+def _fitted(
+    sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], source: Converter
+) -> list[Fitted]:
+    """The fields, those that are continuous with one trace on what elements share."""
+    result = fit_fields(sampler, blocks, fields)
+    known: dict[tuple[int, ...], Traces] = {}
+    for i, each in enumerate(result):
+        if not each.field.is_continuous or not source.is_conforming:
+            continue
+        modes = tuple(0 if block.is_ortho else n for block, n in zip(blocks, each.modes, strict=True))
+        if modes not in known:
+            known[modes] = Traces(mesh, blocks, modes)
+        magnitude = max((float(np.abs(own).max(initial=0)) for own in each.coefficients), default=0.0)
+        result[i] = joined(each, (1e-9 + 16 * source.precision) * magnitude, known[modes])
+    return result
+
+
+def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[Fitted]:
+    """The coordinates as fields, with one trace on what elements share wherever theirs agree."""
+    positions = fit_positions(sampler, blocks, in_own_space=True)
+    modes = tuple(block.source.order + 1 for block in blocks)
+    traces = Traces(mesh, blocks, [0 if b.is_ortho else n for b, n in zip(blocks, modes, strict=True)])
+    skins = traces.gather(positions)
+    magnitude = max(float(np.abs(own).max(initial=0)) for own in positions)
+    if skins.largest_change(positions).max(initial=0) <= 1e-12 * magnitude:
+        skins.apply(positions)
+    columns = [tuple(np.ascontiguousarray(own[:, axis]) for own in positions) for axis in range(3)]
+    source_fields = [SourceField(name, max(modes) - 1) for name in MAP_FIELDS]
+    kept = zip(source_fields, columns, strict=True)
+    return [Fitted(field, modes, column) for field, column in list(kept)[: mesh.space]]
+
+
+def _orders(fitted: Sequence[Fitted], maps: Sequence[Fitted]) -> list[tuple[int, ...]]:
+    return [each.modes for each in (*fitted, *maps)]
+
+
+def _field(fitted: Fitted, blocks: Sequence[NativeBlock], modes: Sequence[int]) -> Field:
+    """The field with as many modes on each block as the richest field there has: one section a shape in files."""
+    parts = []
+    for block, few, many, own in zip(blocks, fitted.modes, modes, fitted.coefficients, strict=True):
+        full = padded(own, block.expansion(few), block.expansion(many))
+        parts.append(Block(block.expansion(many), frozen_ints(block.ids), frozen_floats(full)))
+    return Field(fitted.field.name, tuple(parts), fitted.is_continuous)
+
+
+def _report(
+    source: Converter,
+    plan: Topology,
+    findings: Findings,
+    straight: Findings,
+    fitted: Sequence[Fitted],
+    has_map: bool,
+    files: Sequence[str],
+) -> Report:
+    """The report of findings on the finished data; ``straight`` those on the mesh file alone."""
+    geometry = findings.coordinates
+    diagonal = float(np.sqrt((np.ptp(findings.box, axis=0) ** 2).sum()))
+    magnitude = float(np.abs(findings.box).max(initial=0))
+    order = max(block.source.order for block in plan.blocks)
+    measured = _measure("coordinates", order, geometry, diagonal, magnitude, source.precision, None)
+    counts = {shape.label.lower(): len(entities) for shape, entities in plan.mesh.elements.items()}
+    listed = {
+        "inverted": _ids(findings.inverted),
+        "degenerate": _ids([*findings.degenerate, plan.repeated]),
+        "detached": _ids([plan.detached]),
+        "not finite": _ids([ids for tally in findings.fields for ids in tally.broken]),
+    }
+    return Report(
+        type(source).format or type(source).__name__,
+        tuple(files),
+        counts,
+        measured,
+        straight.deviation,
+        has_map,
+        tuple(_of_field(each, tally, source.precision) for each, tally in zip(fitted, findings.fields, strict=True)),
+        listed,
+        (*source.notes, *plan.notes, *_notes(source, plan, fitted)),
+    )
+
+
+def _of_field(fitted: Fitted, tally: Tally, precision: float) -> Measure:
+    spread = max(0.0, tally.high - tally.low)
+    magnitude = max(abs(tally.low), abs(tally.high)) if np.isfinite(spread) else 0.0
+    order = max(fitted.modes, default=1) - 1
+    return _measure(fitted.field.name, order, tally, spread, magnitude, precision, fitted.is_continuous)
+
+
+def _measure(
+    name: str, order: int, tally: Tally, spread: float, magnitude: float, precision: float, continuous: bool | None
+) -> Measure:
+    exact = is_rounding(tally.worst, spread, magnitude, precision)
+    spread = spread if np.isfinite(spread) else 0.0
+    return Measure(name, order, tally.worst, float(np.sqrt(tally.square)), spread, tally.element, exact, continuous)
+
+
+def _notes(source: Converter, plan: Topology, fitted: Sequence[Fitted]) -> list[str]:
+    notes = []
+    hexahedra = sum(len(block) for block in plan.blocks if block.is_collapsed)
+    if hexahedra:
+        notes.append(
+            f"{hexahedra} pyramids became hexahedra with a vanishing upper face, which hold their functions exactly"
+        )
+    for each in fitted:
+        if each.field.is_continuous and not each.is_continuous and source.is_conforming:
+            notes.append(
+                f"field {each.field.name} jumps between elements by up to {each.jump:.2g}; the jumps were kept"
+            )
+    if not source.is_conforming and any(each.field.is_continuous for each in fitted):
+        notes.append("faces meet parts of others: continuous fields were converted element by element")
+    return notes
+
+
+def _ids(parts: Sequence[Ints]) -> tuple[int, ...]:
+    return tuple(np.unique(np.concatenate([np.empty(0, np.int64), *parts])).tolist())

@@ -1,0 +1,1 @@
+"""From samples to the native format: numbering, projection, traces, curves, errors."""

@@ -1,0 +1,98 @@
+"""Orders chosen element by element: the lowest at which every field is within a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.evaluation import evaluate
+from elvis.formats.terminal import track
+from elvis.plugins.conversion import SourceField
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.checking import check_points
+from elvis.plugins.projection.fitting import operator
+from elvis.plugins.projection.sampling import Sampler
+from elvis.plugins.projection.spaces import is_contained
+
+#: points inside an element at which the error is measured
+_INSIDE = 24
+
+#: share of the tolerance that an element may use up: taking over a neighbour's trace may cost as much again
+_SHARE = 0.4
+
+#: orders tried beyond those of the source, for fields that no order holds
+_BEYOND = 6
+
+
+def adapted(
+    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], tolerance: float, highest: int
+) -> list[NativeBlock]:
+    """The blocks parted by the number of modes that their elements need, at most ``highest`` + 1.
+
+    tolerance  of the largest error, as a share of each field's range
+    """
+    ranges = _ranges(sampler, blocks, fields)
+    bounds = [_SHARE * tolerance * spread for spread in ranges]
+    result = []
+    for block in track(list(blocks), "choosing orders"):
+        modes = _needed(sampler, block, fields, bounds, highest)
+        for count in np.unique(modes).tolist():
+            result.append(block.select(np.flatnonzero(modes == count), count))
+    return result
+
+
+def _ranges(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]) -> list[float]:
+    """Greatest minus least finite value of each field; its magnitude where it is constant."""
+    low, high = np.full(len(fields), np.inf), np.full(len(fields), -np.inf)
+    for block in blocks:
+        for rows, points in sampler.pieces(block, check_points(block.shape, _INSIDE)):
+            for i, field in enumerate(fields):
+                values = sampler.values(block, rows, field, points)
+                finite = values[np.isfinite(values)]
+                low[i], high[i] = min(low[i], finite.min(initial=np.inf)), max(high[i], finite.max(initial=-np.inf))
+    spread = np.where(high > low, high - low, np.maximum(np.abs(low), 1e-300))
+    return [float(value) for value in spread]
+
+
+def _needed(
+    sampler: Sampler, block: NativeBlock, fields: Sequence[SourceField], bounds: Sequence[float], highest: int
+) -> Ints:
+    """(n,) modes each way that the elements of a block need for every field."""
+    last = min(highest, max(_last_order(block, field) for field in fields))
+    modes = np.full(len(block), last + 1)
+    left = np.arange(len(block))
+    for order in range(1, last):
+        part = replace(block.select(left), modes=order + 1)
+        good = np.ones(len(left), bool)
+        for field, bound in zip(fields, bounds, strict=True):
+            good &= _errors(sampler, part, field) <= bound
+        modes[left[good]] = order + 1
+        left = left[~good]
+        if not len(left):
+            break
+    return modes
+
+
+def _last_order(block: NativeBlock, field: SourceField) -> int:
+    """The order at which nothing is gained any more."""
+    order = field.order_on(block.number) or 0
+    held = field.is_polynomial and is_contained(block.source, order, order, block.is_ortho, block.is_collapsed)
+    return max(1, order if held else order + _BEYOND)
+
+
+def _errors(sampler: Sampler, block: NativeBlock, field: SourceField) -> Floats:
+    """(n,) largest difference on each element; values that are not finite make none."""
+    assert block.modes is not None
+    which, own = operator(block, field, block.modes), check_points(block.shape, _INSIDE)
+    coefficients = np.empty((len(block), which.matrix.shape[1]))
+    for rows, points in sampler.pieces(block, which.points):
+        coefficients[rows] = sampler.values(block, rows, field, points) @ which.matrix
+    errors = np.empty(len(block))
+    for rows, points in sampler.pieces(block, own):
+        values = sampler.values(block, rows, field, points)
+        differences = np.abs(evaluate(block.expansion(block.modes), coefficients[rows], own) - values)
+        errors[rows] = np.where(np.isnan(differences), 0.0, differences).max(axis=1)
+    return errors

@@ -1,0 +1,54 @@
+"""Where a conversion is checked: random reference points that no fit has seen, inside and on the border."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, frozen_floats
+from elvis.formats.collapse import uncollapse
+from elvis.formats.shapes import Shape
+
+#: points inside, in all and at least and at most an element
+_IN_ALL, _LEAST, _MOST = 1 << 16, 12, 1000
+
+#: 1 + the power of (1 - eta)/2 in the volume element of collapsed coordinates, by direction
+_DIMENSIONS = {
+    Shape.SEGMENT: (1,),
+    Shape.TRIANGLE: (1, 2),
+    Shape.QUADRILATERAL: (1, 1),
+    Shape.TETRAHEDRON: (1, 2, 3),
+    Shape.PYRAMID: (1, 1, 3),
+    Shape.PRISM: (1, 1, 2),
+    Shape.HEXAHEDRON: (1, 1, 1),
+}
+
+
+def inside_count(elements: int) -> int:
+    """How many points inside each of so many elements are checked."""
+    return int(np.clip(_IN_ALL // max(1, elements), _LEAST, _MOST))
+
+
+@lru_cache(maxsize=64)
+def check_points(shape: Shape, inside: int) -> Floats:
+    """(n, d) reference points: ``inside`` evenly distributed ones first, then half as many on faces, then the vertices.
+
+    The same ones every time.
+    """
+    rng = np.random.default_rng(20261120)
+    points = [_scattered(shape, inside, rng)]
+    for local in shape.faces if shape.dimension == 3 else shape.edges if shape.dimension == 2 else ():
+        kind = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}[len(local)]
+        t = (1 + _scattered(kind, 1 + inside // (2 * len(shape.faces) or 2), rng)) / 2
+        corners = shape.vertices[list(local)]
+        axes = corners[[1, 3]] if kind is Shape.QUADRILATERAL else corners[1:]
+        points.append(corners[0] + t @ (axes - corners[0]))
+    return frozen_floats(np.concatenate([*points, shape.vertices]))
+
+
+def _scattered(shape: Shape, count: int, rng: np.random.Generator) -> Floats:
+    """(count, d) points of even density."""
+    u = rng.random((count, shape.dimension))
+    c = u ** (1 / np.array(_DIMENSIONS[shape]))
+    return uncollapse(shape, 1 - 2 * c)

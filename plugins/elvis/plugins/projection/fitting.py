@@ -1,0 +1,135 @@
+"""Coefficients from samples: of the coordinates and of fields, block by block, with one trace on what is shared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.dataset import Expansion
+from elvis.formats.expansion import mode_count, mode_indices
+from elvis.formats.interpolation import modified
+from elvis.formats.terminal import track
+from elvis.plugins.conversion import SourceField
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.operators import Operator, best, conforming
+from elvis.plugins.projection.sampling import Sampler
+from elvis.plugins.projection.spaces import is_contained
+from elvis.plugins.projection.traces import Traces
+
+#: quadrature points each way beyond the order, for what isn't in the space
+_EXTRA = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A field on native blocks.
+
+    modes         number of modes each way on each block
+    coefficients  (n, m) on each block
+    jump          largest difference of coefficients between elements that share an entity, 0 where none was sought
+    is_continuous whether elements that share an entity hold the same coefficients
+    """
+
+    field: SourceField
+    modes: tuple[int, ...]
+    coefficients: tuple[Floats, ...]
+    jump: float = 0.0
+    is_continuous: bool = False
+
+
+def field_modes(block: NativeBlock, field: SourceField) -> int:
+    """Number of modes each way in which a field is projected on a block; at least 2."""
+    order = field.order_on(block.number)
+    assert order is not None
+    return max(2, block.modes or order + 1)
+
+
+def operator(block: NativeBlock, field: SourceField, modes: int) -> Operator:
+    """The projection of a field on a block."""
+    order = field.order_on(block.number) or 0
+    source = block.source
+    is_exact = field.is_polynomial and is_contained(source, order, modes - 1, block.is_ortho, block.is_collapsed)
+    extra = 0 if is_exact else _EXTRA
+    if field.is_continuous and not block.is_ortho:
+        return conforming(block.expansion(modes), extra)
+    return best(block.expansion(modes), extra)
+
+
+def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]) -> list[Fitted]:
+    """The fields on the blocks, each element for itself."""
+    modes = [[field_modes(block, field) for block in blocks] for field in fields]
+    found = [
+        [np.empty((len(b), mode_count(b.expansion(n)))) for b, n in zip(blocks, own, strict=True)] for own in modes
+    ]
+    for number, rows, points, group in track(list(_work(sampler, blocks, fields)), "projecting"):
+        for i, which in group:
+            samples = sampler.values(blocks[number], rows, fields[i], points)
+            found[i][number][rows] = samples @ which.matrix
+    return [Fitted(f, tuple(n), tuple(c)) for f, n, c in zip(fields, modes, found, strict=True)]
+
+
+def _work(
+    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]
+) -> Iterator[tuple[int, slice | Ints, Floats, list[tuple[int, Operator]]]]:
+    """Block number, rows, points, and the fields to sample there with the operators that ask for these points."""
+    for number, block in enumerate(blocks):
+        groups: dict[int, list[tuple[int, Operator]]] = {}
+        for i, field in enumerate(fields):
+            own = operator(block, field, field_modes(block, field))
+            groups.setdefault(id(own.points), []).append((i, own))
+        for group in groups.values():
+            for rows, points in sampler.pieces(block, group[0][1].points):
+                yield number, rows, points, group
+
+
+def fit_positions(sampler: Sampler, blocks: Sequence[NativeBlock], in_own_space: bool = False) -> list[Floats]:
+    """(n, 3, m) coefficients of the coordinates on each block.
+
+    in_own_space  in the block's own expansion; else in the Modified one, whose edges and faces a mesh file holds
+    """
+    result = []
+    for block in blocks:
+        which = position_operator(block, in_own_space)
+        found = np.empty((len(block), 3, which.matrix.shape[1]))
+        for rows, points in track(list(sampler.pieces(block, which.points)), "mapping"):
+            found[rows] = sampler.positions(block, rows, points).transpose(0, 2, 1) @ which.matrix
+        result.append(found)
+    return result
+
+
+def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:
+    """The projection of the coordinates of a block."""
+    source, modes = block.source, block.source.order + 1
+    is_ortho = block.is_ortho and in_own_space
+    is_exact = source.is_polynomial and is_contained(source, source.order, source.order, is_ortho, block.is_collapsed)
+    extra = 0 if is_exact else _EXTRA
+    if is_ortho:
+        return best(block.expansion(modes), extra)
+    return conforming(modified(block.shape, (modes,) * block.shape.dimension), extra)
+
+
+def joined(fitted: Fitted, tolerance: float, traces: Traces) -> Fitted:
+    """The field with one trace on every shared entity, where elements agree there to ``tolerance`` already."""
+    wide = [own[:, None, :] for own in fitted.coefficients]
+    skins = traces.gather(wide)
+    jump = float(skins.largest_change(wide)[0])
+    if not jump <= tolerance:
+        return Fitted(fitted.field, fitted.modes, fitted.coefficients, jump)
+    skins.apply(wide)
+    return Fitted(fitted.field, fitted.modes, fitted.coefficients, jump, True)
+
+
+def padded(coefficients: Floats, few: Expansion, many: Expansion) -> Floats:
+    """Coefficients (..., m) in an expansion of the same family with more modes, the new ones zero."""
+    if few == many:
+        return coefficients
+    index = mode_indices(many)
+    sizes = index.max(axis=0) + 1
+    places = np.full(tuple(sizes), -1)
+    places[tuple(index.T)] = np.arange(len(index))
+    result = np.zeros((*coefficients.shape[:-1], len(index)))
+    result[..., places[tuple(mode_indices(few).T)]] = coefficients
+    return result

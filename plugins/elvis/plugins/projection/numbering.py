@@ -1,0 +1,118 @@
+"""An order of vertices, and of each element's own, in which every shared triangle collapses at one vertex.
+
+Format notes 2.3.  A triangle collapses at the vertex of highest rank.  Ranks are such that prisms can follow: vertices
+joined by the edges between a prism's triangles rank together; and so that an apex ranks above the base of its pyramid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Ints
+from elvis.formats.shapes import Shape
+from elvis.plugins.projection.frames import orders
+from elvis.plugins.projection.vertices import connected_labels
+
+#: edges between the two triangles of a prism
+_UPRIGHT = ((0, 3), (1, 2), (4, 5))
+
+#: rounds after which pyramids that stand on one another in circles are left as they are
+_ROUNDS = 64
+
+#: local faces that are triangles, each collapsed at its last vertex
+TRIANGLES: Mapping[Shape, tuple[tuple[int, ...], ...]] = {
+    shape: tuple(face for face in shape.faces if len(face) == 3) for shape in Shape.of_dimension(3)
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """The vertices (n, n_vertices) of a block of native elements, numbered over the whole mesh, and its mirroring."""
+
+    shape: Shape
+    vertices: Ints
+    is_mirrored: bool = False
+
+
+def ranks(blocks: Sequence[Corners], count: int) -> Ints:
+    """(count,) place of each vertex in the order: that of the vertices themselves wherever nothing forbids it."""
+    lines = np.arange(count)
+    for block in blocks:
+        if block.shape is Shape.PRISM:
+            ends = np.concatenate([block.vertices[:, pair] for pair in _UPRIGHT])
+            lines = connected_labels(lines, ends[:, 0], ends[:, 1])
+    heights = _heights(blocks, lines)
+    result = np.empty(count, np.int64)
+    result[np.lexsort((np.arange(count), lines, heights[lines]))] = np.arange(count)
+    return result
+
+
+def _heights(blocks: Sequence[Corners], lines: Ints) -> Ints:
+    """Of each line, at least one more than those of every base below an apex on it."""
+    heights = np.zeros(len(lines), np.int64)
+    pyramids = [lines[block.vertices] for block in blocks if block.shape is Shape.PYRAMID and len(block.vertices)]
+    if not pyramids:
+        return heights
+    corners = np.concatenate(pyramids)
+    for _ in range(_ROUNDS):
+        wanted = heights[corners[:, :4]].max(axis=1) + 1
+        if (heights[corners[:, 4]] >= wanted).all():
+            break
+        np.maximum.at(heights, corners[:, 4], wanted)
+    return heights
+
+
+def chosen_orders(block: Corners, rank: Ints) -> Ints:
+    """(n,) which of the `orders` of its shape each element takes."""
+    own, table = rank[block.vertices], np.array(orders(block.shape, block.is_mirrored))
+    if len(table) == 1 or not len(own):
+        return np.zeros(len(own), np.int64)
+    if block.shape is Shape.TETRAHEDRON:
+        return _ascending(own, table)
+
+    # prisms: the upright edge with the highest vertex becomes the collapsed one
+    upright = np.stack([own[:, list(pair)].max(axis=1) for pair in _UPRIGHT], axis=1)
+    highest = upright.argmax(axis=1)
+    places = np.array([[set(pair) for pair in _UPRIGHT].index({order[4], order[5]}) for order in table])
+    chosen: Ints = np.argsort(places)[highest]
+    return chosen
+
+
+def _ascending(own: Ints, table: Ints) -> Ints:
+    """The order that puts the highest vertex last and the second highest before it, without changing the hand."""
+    last_two = np.argsort(own, axis=1)[:, 2:]
+    lookup = np.zeros(16, np.int64)
+    lookup[table[:, 2] * 4 + table[:, 3]] = np.arange(len(table))
+    chosen: Ints = lookup[last_two[:, 0] * 4 + last_two[:, 1]]
+    return chosen
+
+
+def disputed(blocks: Sequence[Corners], rank: Ints) -> list[Bools]:
+    """For each block, (n,) elements in their chosen order that share a triangle which another collapses elsewhere.
+
+    Of those that disagree, only the ones that don't collapse it at its highest vertex.
+    """
+    marks = [np.zeros(len(block.vertices), bool) for block in blocks]
+    views = [(i, rows) for i, b in enumerate(blocks) if b.shape.dimension == 3 for rows in TRIANGLES[b.shape]]
+    faces = [rank[blocks[i].vertices[:, list(face)]] for i, face in views]
+    if not faces:
+        return marks
+    stacked = np.concatenate(faces)
+    key = np.sort(stacked, axis=1)
+    order = np.lexsort(key.T)
+    starts = np.flatnonzero(np.append(True, (np.diff(key[order], axis=0) != 0).any(axis=1)))
+    group = np.empty(len(key), np.int64)
+    group[order] = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(key))))
+
+    # a triangle is disputed where the vertices at which it is collapsed are not all one
+    collapsed = stacked[:, 2]
+    lowest, highest = np.full(len(starts), np.iinfo(np.int64).max), np.full(len(starts), -1)
+    np.minimum.at(lowest, group, collapsed)
+    np.maximum.at(highest, group, collapsed)
+    wrong = (lowest < highest)[group] & (collapsed != key[:, 2])
+    for (i, _), part in zip(views, np.split(wrong, np.cumsum([len(face) for face in faces])[:-1]), strict=True):
+        marks[i] |= part
+    return marks

@@ -1,0 +1,140 @@
+"""Projections as matrices: from samples at fixed reference points to the coefficients of an expansion.
+
+`best` is the best approximation in the mean on the element alone.  `conforming` goes from the vertices to the edges,
+the faces and the inside, each with the best approximation of what is left: what it gives on a face depends on the
+samples on that face alone, so elements that agree there get the same trace.  Both reproduce the functions of the
+expansion.  Projection-based interpolation: Demkowicz, Computing with hp-adaptive finite elements, 2006, chapter 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints, frozen_floats
+from elvis.formats.collapse import uncollapse
+from elvis.formats.dataset import Expansion
+from elvis.formats.errors import ElvisError
+from elvis.formats.expansion import mode_count, values
+from elvis.formats.quadrature import gauss
+from elvis.formats.shapes import Shape
+from elvis.plugins.projection.entities import entities
+
+#: powers of (1 - eta)/2 in the volume element of collapsed coordinates, by direction
+_COLLAPSE = {
+    Shape.SEGMENT: (0,),
+    Shape.TRIANGLE: (0, 1),
+    Shape.QUADRILATERAL: (0, 0),
+    Shape.TETRAHEDRON: (0, 1, 2),
+    Shape.PYRAMID: (0, 0, 2),
+    Shape.PRISM: (0, 0, 1),
+    Shape.HEXAHEDRON: (0, 0, 0),
+}
+
+#: a fit that loses more digits than this is refused
+_WORST_CONDITION = 1e9
+
+#: numbers in a matrix beyond which an order is absurd
+_LARGEST = 1 << 27
+
+
+@dataclass(frozen=True, eq=False)
+class Operator:
+    """Samples (…, n) at ``points`` (n, d) times ``matrix`` (n, m) are coefficients (…, m).
+
+    condition  of the worst fit in it
+    """
+
+    points: Floats
+    matrix: Floats
+    condition: float
+
+
+def rule(shape: Shape, count: int) -> tuple[Floats, Floats]:
+    """Points xi (n, d) and weights (n,) of the Gauss rule of ``count`` points each way, the collapse in the weights."""
+    lines = [gauss(count, power, 0) for power in _COLLAPSE[shape]]
+    axes = np.meshgrid(*(nodes for nodes, _ in lines), indexing="ij")
+    weights = np.ones(1)
+    for _, line in lines:
+        weights = np.multiply.outer(weights, line).reshape(-1)
+    return uncollapse(shape, np.stack([axis.reshape(-1) for axis in axes], axis=1)), weights
+
+
+@lru_cache(maxsize=64)
+def best(expansion: Expansion, extra: int = 0) -> Operator:
+    """The best approximation in the mean on the reference element.
+
+    extra  points each way beyond those that make it exact on the expansion itself
+    """
+    shape, modes = expansion.shape, max(expansion.modes)
+    more = modes - 1 if shape is Shape.PYRAMID else 0
+    count = modes + more // 2 + extra
+    _check_size(expansion, count**shape.dimension)
+    points, weights = rule(shape, count)
+    matrix, condition = _fit(values(expansion, points), weights, expansion)
+    return Operator(frozen_floats(points), frozen_floats(matrix.T), condition)
+
+
+@lru_cache(maxsize=64)
+def conforming(expansion: Expansion, extra: int = 0) -> Operator:
+    """Best approximations on vertices, edges, faces and the inside in turn; for Modified expansions of equal orders."""
+    shape, modes = expansion.shape, max(expansion.modes)
+    groups = entities(shape, modes)
+    count = modes + extra
+    stages = [(shape.vertices[[i]], np.ones(1), groups.vertices[[i]]) for i in range(len(shape.vertices))]
+    stages += [(*_on(shape, ends, count), own) for ends, own in zip(shape.edges, groups.edges, strict=False)]
+    stages += [(*_on(shape, local, count), own) for local, own in zip(shape.faces, groups.faces, strict=False)]
+    stages.append((*rule(shape, count + (modes // 2 if shape is Shape.PYRAMID else 0)), groups.inside))
+    stages = [stage for stage in stages if len(stage[2])]
+    _check_size(expansion, sum(len(stage[0]) for stage in stages))
+    return _staged(expansion, stages)
+
+
+def _staged(expansion: Expansion, stages: Sequence[tuple[Floats, Floats, Ints]]) -> Operator:
+    """The operator that fits the modes of each stage, at its points and weights, to what earlier ones leave."""
+    total = sum(len(points) for points, _, _ in stages)
+    matrix = np.zeros((mode_count(expansion), total))
+    worst, start = 1.0, 0
+    known = np.empty(0, np.int64)
+    for points, weights, own in stages:
+        table = values(expansion, points)
+        fit, condition = _fit(table[:, own], weights, expansion)
+        here = np.arange(start, start + len(points))
+        matrix[own] = -(fit @ table[:, known]) @ matrix[known]
+        matrix[np.ix_(own, here)] += fit
+        known, start, worst = np.concatenate([known, own]), start + len(points), max(worst, condition)
+    return Operator(frozen_floats(np.concatenate([s[0] for s in stages])), frozen_floats(matrix.T), worst)
+
+
+def _on(shape: Shape, local: tuple[int, ...], count: int) -> tuple[Floats, Floats]:
+    """Gauss points and weights on an edge or face given by its local vertices."""
+    corners = shape.vertices[list(local)]
+    kind = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}[len(local)]
+    points, weights = rule(kind, count)
+    t = (1 + points) / 2
+    axes = corners[[1, 3]] if kind is Shape.QUADRILATERAL else corners[1:]
+    return corners[0] + t @ (axes - corners[0]), weights
+
+
+def _fit(table: Floats, weights: Floats, expansion: Expansion) -> tuple[Floats, float]:
+    """(m, n) matrix of the weighted least-squares fit of modes with values ``table`` (n, m), and its condition."""
+    roots = np.sqrt(weights)[:, None]
+    weighted = table * roots
+    scales = np.sqrt((weighted**2).sum(axis=0))
+    q, r = np.linalg.qr(weighted / scales)
+    condition = float(np.linalg.cond(r)) if r.size else 1.0
+    if not condition < _WORST_CONDITION:
+        order = max(expansion.modes) - 1
+        raise ElvisError(
+            f"expected an order that 64 bits can resolve on a {expansion.shape.label.lower()}, found {order}"
+        )
+    return np.linalg.solve(r, q.T) / scales[:, None] * roots.T, condition
+
+
+def _check_size(expansion: Expansion, points: int) -> None:
+    if points * mode_count(expansion) > _LARGEST:
+        order = max(expansion.modes) - 1
+        raise ElvisError(f"expected an order that fits in memory on a {expansion.shape.label.lower()}, found {order}")

@@ -1,0 +1,54 @@
+"""Samples of a source at native reference points: in its own frame, a piece at a time, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import ElvisError
+from elvis.plugins.conversion import Converter, SourceField
+from elvis.plugins.projection.blocks import NativeBlock
+
+#: numbers in an array of samples of one field
+BATCH = 1 << 18
+
+
+class Sampler:
+    """Asks a converter for samples; ElvisError where an answer has the wrong shape."""
+
+    def __init__(self, source: Converter) -> None:
+        self.source = source
+
+    def pieces(self, block: NativeBlock, points: Floats) -> Iterator[tuple[slice | Ints, Floats]]:
+        """Rows of the block in pieces of bounded size, each with the source's points for native ``points`` (n, d)."""
+        cache: dict[int, Floats] = {}
+        for order, part in block.pieces(BATCH // max(1, len(points))):
+            if order not in cache:
+                cache[order] = np.ascontiguousarray(block.points(order, points))
+            yield part, cache[order]
+
+    def positions(self, block: NativeBlock, rows: slice | Ints, points: Floats) -> Floats:
+        """(k, n, 3) world coordinates at the source's points (n, d) of elements ``rows`` of the block."""
+        elements = block.taken(rows)
+        found = np.asarray(self.source.positions(elements, points), np.float64)
+        if found.ndim != 3 or found.shape[:2] != (len(elements), len(points)) or found.shape[2] not in (1, 2, 3):
+            raise self._error("positions", f"({len(elements)}, {len(points)}, 3)", found)
+        if found.shape[2] == 3:
+            return found
+        padded = np.zeros((*found.shape[:2], 3))
+        padded[:, :, : found.shape[2]] = found
+        return padded
+
+    def values(self, block: NativeBlock, rows: slice | Ints, field: SourceField, points: Floats) -> Floats:
+        """(k, n) values of a field at the source's points (n, d) of elements ``rows`` of the block."""
+        elements = block.taken(rows)
+        found = np.asarray(self.source.sample(elements, field, points), np.float64)
+        if found.shape != (len(elements), len(points)):
+            raise self._error(f"sample of {field.name}", f"({len(elements)}, {len(points)})", found)
+        return found
+
+    def _error(self, method: str, expected: str, found: Floats) -> ElvisError:
+        name = type(self.source).__name__
+        return ElvisError(f"{name}: {method}: expected an array of shape {expected}, found {found.shape}")

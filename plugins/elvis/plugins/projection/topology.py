@@ -1,0 +1,283 @@
+"""The mesh of a source: vertices told apart, elements put in native order, faces found, parts named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.formats.connectivity import connected
+from elvis.formats.errors import ElvisError
+from elvis.formats.expansion import values_and_gradients
+from elvis.formats.interpolation import modified
+from elvis.formats.mesh import Entities, Mesh
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import Converter, Elements
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.entities import entities
+from elvis.plugins.projection.frames import orders
+from elvis.plugins.projection.naming import composites
+from elvis.plugins.projection.numbering import Corners, chosen_orders, disputed, ranks
+from elvis.plugins.projection.vertices import merging_tolerance, unified
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """A mesh of straight elements, and the source's blocks in it.
+
+    numbers   (n_vertices,) the source's number of each vertex, -1 where it has none
+    repeated  global ids of elements with one vertex at several corners
+    detached  global ids of elements whose triangles could not be collapsed as their neighbours' are
+    notes     sentences for the report
+    """
+
+    mesh: Mesh
+    blocks: tuple[NativeBlock, ...]
+    repeated: Ints
+    detached: Ints
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(eq=False)
+class _Draft:
+    """What is known of a block before the mesh is put together.
+
+    source    (n, v) unified vertices in the source's local order
+    vertices  (n, n_vertices) those of the native elements, in the source's order until orders are chosen
+    """
+
+    number: int
+    elements: Elements
+    shape: Shape
+    source: Ints
+    vertices: Ints
+    is_mirrored: bool
+    order: Ints = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @property
+    def corners(self) -> Corners:
+        return Corners(self.shape, self.vertices, self.is_mirrored)
+
+
+def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology:
+    """The topology of a source's blocks.
+
+    is_collapsed  whether hexahedra stand for the pyramids of the block of this number
+    ElvisError where there are no elements, elements of several dimensions, or vertices that don't fit.
+    """
+    blocks = _checked(source)
+    places = [_corner_places(source, block) for block in blocks]
+    tolerance = merging_tolerance(_longest_first(places), source.precision)
+    numbers, which, vertices = _vertices(blocks, places, tolerance)
+    is_planar = not vertices[:, 2].any()
+    drafts = []
+    for number, (block, own) in enumerate(zip(blocks, which, strict=True)):
+        is_mirrored = _is_left_handed(block.shape, vertices[own], is_planar)
+        shape = Shape.HEXAHEDRON if is_collapsed(number) else block.shape
+        drafts.append(_Draft(number, block, shape, own, own, is_mirrored))
+
+    pool = _Pool(vertices, numbers)
+    repeated = [_part_repeated(draft, pool) for draft in drafts]
+    _raise_apexes(drafts, pool)
+    detached = _order(drafts, pool)
+    return _assembled(source, drafts, pool, repeated, detached, is_planar)
+
+
+class _Pool:
+    """Vertices, and copies of them where elements must not share one."""
+
+    def __init__(self, places: Floats, numbers: Ints) -> None:
+        self.places, self.numbers = places, numbers
+
+    def copies(self, vertices: Ints) -> Ints:
+        """New vertices at the places of ``vertices`` (...)."""
+        first = len(self.places)
+        self.places = np.concatenate([self.places, self.places[vertices.reshape(-1)]])
+        self.numbers = np.concatenate([self.numbers, self.numbers[vertices.reshape(-1)]])
+        return np.arange(first, len(self.places)).reshape(vertices.shape)
+
+    def renumber(self, rank: Ints) -> None:
+        """Vertices in the order of their rank (n,)."""
+        order = np.argsort(rank)
+        self.places, self.numbers = self.places[order], self.numbers[order]
+
+
+def _checked(source: Converter) -> Sequence[Elements]:
+    dimensions = {block.shape.dimension for block in source.blocks if len(block)}
+    if not dimensions:
+        raise ElvisError("expected elements to convert, found none")
+    if len(dimensions) > 1:
+        raise ElvisError(f"expected elements of one dimension, found {' and '.join(map(str, sorted(dimensions)))}")
+    for number, block in enumerate(source.blocks):
+        wanted = (block.count, len(block.shape.vertices))
+        if block.vertices is not None and np.shape(block.vertices) != wanted:
+            raise ElvisError(f"block {number}: expected vertices {wanted}, found {np.shape(block.vertices)}")
+        if block.order < 1:
+            raise ElvisError(f"block {number}: expected a map of order 1 or more, found {block.order}")
+    return source.blocks
+
+
+def _corner_places(source: Converter, block: Elements) -> Floats:
+    """(n, v, 3) where the vertices of the source's elements lie."""
+    points = block.shape.vertices if block.frame is None else np.asarray(block.frame, np.float64)
+    found = np.asarray(source.positions(block.take(slice(0, block.count)), points), np.float64)
+    if found.ndim != 3 or found.shape[:2] != (len(block), len(points)):
+        raise ElvisError(f"positions: expected an array of shape ({len(block)}, {len(points)}, 3), found {found.shape}")
+    wrong = np.flatnonzero(~np.isfinite(found).all(axis=(1, 2)))
+    if len(wrong):
+        name = wrong[0] if block.ids is None else block.ids[wrong[0]]
+        raise ElvisError(
+            f"{block.shape.label.lower()} {name}: expected finite coordinates, found {len(wrong)} elements without"
+        )
+    places = np.zeros((*found.shape[:2], 3))
+    places[:, :, : found.shape[2]] = found
+    return places
+
+
+def _longest_first(places: Sequence[Floats]) -> Floats:
+    """All elements' corners as (n, 2, 3): ends of the pairs that neighbour in each element."""
+    pairs = [np.stack([p, np.roll(p, 1, axis=1)], axis=2).reshape(-1, 2, 3) for p in places]
+    return np.concatenate(pairs)
+
+
+def _vertices(
+    blocks: Sequence[Elements], places: Sequence[Floats], tolerance: float
+) -> tuple[Ints, list[Ints], Floats]:
+    """The source's number of each vertex, the vertices of each block's elements, and where they lie."""
+    numbers = [
+        np.full(np.prod(p.shape[:2]), -1) if b.vertices is None else np.asarray(b.vertices, np.int64).reshape(-1)
+        for b, p in zip(blocks, places, strict=True)
+    ]
+    stacked = np.concatenate(numbers)
+    vertex, where = unified(stacked, np.concatenate([p.reshape(-1, 3) for p in places]), tolerance)
+    own = np.full(len(where), -1)
+    own[vertex] = stacked
+    parts = np.split(vertex, np.cumsum([len(part) for part in numbers])[:-1])
+    return own, [part.reshape(p.shape[:2]) for part, p in zip(parts, places, strict=True)], where
+
+
+def _is_left_handed(shape: Shape, corners: Floats, is_planar: bool) -> bool:
+    """Whether most elements with ``corners`` (n, v, 3) have a negative Jacobian at their centre."""
+    if shape.dimension == 1 or (shape.dimension == 2 and not is_planar) or not len(corners):
+        return False
+    centre = shape.vertices.mean(axis=0, keepdims=True)
+    if shape is not Shape.HEXAHEDRON and shape is not Shape.QUADRILATERAL:
+        centre = 0.5 * centre + 0.5 * shape.vertices[:1]
+    linear = modified(shape, (2,) * shape.dimension)
+    slopes = values_and_gradients(linear, centre)[1][0][:, entities(shape, 2).vertices]
+    jacobians = np.einsum("evc,dv->ecd", corners[:, :, : shape.dimension], slopes)
+    return bool((np.linalg.det(jacobians) < 0).mean() > 0.5)
+
+
+def _part_repeated(draft: _Draft, pool: _Pool) -> Ints:
+    """Rows of elements with a vertex at several corners; they get vertices of their own."""
+    ordered = np.sort(draft.vertices, axis=1)
+    rows = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
+    draft.vertices = draft.vertices.copy()
+    draft.vertices[rows] = pool.copies(draft.vertices[rows])
+    return rows
+
+
+def _raise_apexes(drafts: Sequence[_Draft], pool: _Pool) -> None:
+    """Hexahedra for pyramids: the apex becomes a vertex above each corner of the base, shared with like neighbours."""
+    for draft in drafts:
+        if draft.shape is draft.elements.shape:
+            continue
+        base, apex = draft.vertices[:, :4], np.repeat(draft.vertices[:, 4:], 4, axis=1)
+        pairs = np.stack([apex.reshape(-1), base.reshape(-1)], axis=1)
+        distinct, which = np.unique(pairs, axis=0, return_inverse=True)
+        tops = pool.copies(distinct[:, 0])[which.reshape(-1)].reshape(-1, 4)
+        draft.vertices = np.concatenate([base, tops], axis=1)
+
+
+def _order(drafts: Sequence[_Draft], pool: _Pool) -> list[Ints]:
+    """Put every element's vertices in native order and number vertices by rank; rows of the elements detached."""
+    rank = ranks([draft.corners for draft in drafts], len(pool.places))
+    for draft in drafts:
+        corners = draft.corners
+        draft.order = chosen_orders(corners, rank)
+        table = np.array(_native_orders(draft))
+        draft.vertices = np.take_along_axis(draft.vertices, table[draft.order], axis=1)
+    marks = disputed([draft.corners for draft in drafts], rank)
+    for draft, mark in zip(drafts, marks, strict=True):
+        draft.vertices[mark] = pool.copies(draft.vertices[mark])
+    rank = np.concatenate([rank, np.arange(len(rank), len(pool.places))])
+    pool.renumber(rank)
+    for draft in drafts:
+        draft.vertices = rank[draft.vertices]
+    return [np.flatnonzero(mark) for mark in marks]
+
+
+def _native_orders(draft: _Draft) -> tuple[tuple[int, ...], ...]:
+    """The vertex orders of the native shape; a mirrored pyramid that becomes a hexahedron is mirrored in its base."""
+    if draft.shape is draft.elements.shape or not draft.is_mirrored:
+        return orders(draft.shape, draft.is_mirrored)
+    return ((1, 0, 3, 2, 5, 4, 7, 6),)
+
+
+def _assembled(
+    source: Converter,
+    drafts: Sequence[_Draft],
+    pool: _Pool,
+    repeated: Sequence[Ints],
+    detached: Sequence[Ints],
+    is_planar: bool,
+) -> Topology:
+    """The mesh, and native blocks with the places of their elements in it."""
+    dimension = drafts[0].shape.dimension
+    shapes = [shape for shape in Shape.of_dimension(dimension) if any(draft.shape is shape for draft in drafts)]
+    stacked = {s: np.concatenate([d.vertices for d in drafts if d.shape is s]) for s in shapes}
+    mesh = connected(pool.places, stacked, 2 if dimension == 2 and is_planar else 3)
+    ids = _ids([draft.elements for draft in drafts])
+    blocks = tuple(_native(draft, own, first) for draft, own, first in zip(drafts, ids, _firsts(drafts), strict=True))
+    kinds = dict(mesh.entities)
+    for shape in shapes:
+        own = np.concatenate([block.ids for block in blocks if block.shape is shape])
+        kinds[shape] = Entities(frozen_ints(own), mesh.of(shape).members)
+    mesh = replace(mesh, entities=kinds, vertices=frozen_floats(pool.places), composites=(), domains={})
+    parts, domain, notes = composites(source, mesh, blocks, [d.source for d in drafts], pool.numbers)
+    return Topology(
+        replace(mesh, composites=parts, domains={0: domain}),
+        blocks,
+        np.concatenate([block.ids[rows] for block, rows in zip(blocks, repeated, strict=True)]),
+        np.concatenate([block.ids[rows] for block, rows in zip(blocks, detached, strict=True)]),
+        notes,
+    )
+
+
+def _native(draft: _Draft, ids: Ints, first: int) -> NativeBlock:
+    rows = np.arange(len(draft.vertices))
+    return NativeBlock(
+        draft.number,
+        draft.elements,
+        draft.shape,
+        draft.vertices,
+        draft.order,
+        draft.is_mirrored,
+        rows,
+        first + rows,
+        ids,
+    )
+
+
+def _firsts(drafts: Sequence[_Draft]) -> list[int]:
+    """Where the elements of each block begin among all of their shape."""
+    counts: dict[Shape, int] = {}
+    firsts = []
+    for draft in drafts:
+        firsts.append(counts.get(draft.shape, 0))
+        counts[draft.shape] = firsts[-1] + len(draft.vertices)
+    return firsts
+
+
+def _ids(blocks: Sequence[Elements]) -> list[Ints]:
+    """Global ids: the source's where they are unique and not negative, else counted from 0."""
+    if all(block.ids is not None for block in blocks):
+        given = [np.asarray(block.ids, np.int64) for block in blocks]
+        stacked = np.concatenate(given)
+        if stacked.min(initial=0) >= 0 and len(np.unique(stacked)) == len(stacked):
+            return given
+    ends = np.cumsum([len(block) for block in blocks])
+    return [np.arange(end - len(block), end) for block, end in zip(blocks, ends, strict=True)]

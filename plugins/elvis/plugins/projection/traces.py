@@ -1,0 +1,222 @@
+"""Traces: the coefficients of vertices, edges and faces, one set for all elements that share them.
+
+Each entity takes its coefficients from the first of the elements of lowest order around it; they are then handed to all
+of them.  Elements see a shared face through sign changes and exchanges alone (format notes 2.3), so that the traces
+of what they hold are equal to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.expansion import mode_indices
+from elvis.formats.interpolation import modified
+from elvis.formats.mesh import Mesh
+from elvis.formats.orientation import chunks, face_shape, face_turns, first_face_row, polygon_vertices, turned
+from elvis.formats.shapes import Shape
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.entities import edge_places, face_grid
+
+_FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
+
+
+@dataclass(frozen=True, eq=False)
+class _Link:
+    """How the elements of a block see one of their faces.
+
+    rows   (n,)  of the faces among all of their kind
+    turns  (n,)  how each lies in its element: see `orientation.turned`
+    owns   (n,)  elements whose coefficients the face takes
+    """
+
+    kind: Shape
+    rows: Ints
+    turns: Ints
+    owns: Bools
+
+
+class Traces:
+    """The vertices, edges and faces of a mesh, ready to take and hand out coefficients of Modified expansions.
+
+    blocks  of elements with modes (b,) each way; those of modes 0 take no part
+    """
+
+    def __init__(self, mesh: Mesh, blocks: Sequence[NativeBlock], modes: Sequence[int]) -> None:
+        self.mesh, self.blocks, self.modes = mesh, tuple(blocks), tuple(modes)
+        self.most = max(modes, default=2)
+        self.faces = {kind: polygon_vertices(mesh, kind) for kind in _FACES} if mesh.dimension > 1 else {}
+        self._by_order = sorted((i for i in range(len(blocks)) if modes[i]), key=lambda i: modes[i])
+        self._face_modes = {kind: np.full(len(rows), np.iinfo(np.int64).max) for kind, rows in self.faces.items()}
+        self._links = dict(self._linked())
+        self._edges = {kind: self._edge_links(kind) for kind in self.faces}
+
+    def _linked(self) -> Iterator[tuple[int, list[_Link]]]:
+        """The links of each block; blocks of low order own first."""
+        for number in self._by_order:
+            block = self.blocks[number]
+            links: list[_Link] = []
+            for local in block.shape.faces if block.shape.dimension > 1 else ():
+                links.append(self._link(number, local, len(links)))
+            yield number, links
+
+    def _link(self, number: int, local: tuple[int, ...], face: int) -> _Link:
+        block, kind = self.blocks[number], face_shape(local)
+        if self.mesh.dimension == 2:
+            rows, turns = block.mesh_rows, np.zeros(len(block), np.int64)
+        else:
+            members = self.mesh.of(block.shape).members[block.mesh_rows, face]
+            rows = members - first_face_row(self.mesh, kind)
+            turns = face_turns(block.vertices[:, list(local)], self.faces[kind][rows])
+        free = self._face_modes[kind][rows] == np.iinfo(np.int64).max
+        owns = np.zeros(len(rows), bool)
+        first = np.unique(rows[free], return_index=True)[1]
+        owns[np.flatnonzero(free)[first]] = True
+        self._face_modes[kind][rows[free]] = self.modes[number]
+        return _Link(kind, rows, turns, owns)
+
+    def _edge_links(self, kind: Shape) -> list[tuple[Ints, Bools]]:
+        """For each local edge of a kind of faces: the edges (n,) and which of them run against its direction."""
+        members, starts = self.mesh.of(kind).members, self.mesh.of(Shape.SEGMENT).members[:, 0]
+        places = edge_places(kind, 2)
+        return [
+            (members[:, i], starts[members[:, i]] != self.faces[kind][:, start])
+            for i, (start, _, _) in enumerate(places)
+        ]
+
+    def gather(self, coefficients: Sequence[Floats]) -> Skins:
+        """The coefficients of all vertices, edges and faces, from those (n, c, m) of each block."""
+        width = next((coefficients[i].shape[1] for i in self._by_order), 1)
+        skins = Skins(self, width)
+        for number in self._by_order:
+            self._take(skins, number, coefficients[number])
+        skins.settle()
+        return skins
+
+    def _take(self, skins: Skins, number: int, own: Floats) -> None:
+        """What the elements of a block give to the entities that they own."""
+        block, modes = self.blocks[number], self.modes[number]
+        if block.shape.dimension == 1:
+            ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows]
+            skins.vertices[ends[:, 0]], skins.vertices[ends[:, 1]] = own[:, :, 0], own[:, :, 1]
+        for face, link in enumerate(self._links[number]):
+            for turn, rows in _by_turn(link.turns, np.flatnonzero(link.owns)):
+                carried, places, signs = self._view(block.shape, face, modes, turn)
+                skins.faces[link.kind][link.rows[rows][:, None], :, places] = (
+                    own[rows][:, :, carried] * signs
+                ).transpose(0, 2, 1)
+
+    def _view(self, shape: Shape, face: int, modes: int, turn: int) -> tuple[Ints, Ints, Floats]:
+        """Modes of an element on a face, their places in the face's own square, and their signs there."""
+        if shape.dimension == 2:
+            p, q = mode_indices(modified(shape, (modes, modes))).T
+            return np.arange(len(p)), p * self.most + q, np.ones(len(p))
+        valid, carried = face_grid(shape, face, modes)
+        index, signs = turned(len(shape.faces[face]), turn, modes)
+        p, q = np.divmod(index[valid], modes)
+        return carried, p * self.most + q, signs[valid]
+
+    def views(self, number: int, skins: Skins) -> Iterator[tuple[Ints, Ints, Floats]]:
+        """Rows of elements of a block, modes on one of their faces, and their coefficients (rows, c, modes) there."""
+        block, modes = self.blocks[number], self.modes[number]
+        if block.shape.dimension == 1:
+            ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows]
+            yield np.arange(len(block)), np.arange(2), skins.vertices[ends].transpose(0, 2, 1)
+            return
+        for face, link in enumerate(self._links[number]):
+            for turn, every in _by_turn(link.turns, np.arange(len(block))):
+                carried, places, signs = self._view(block.shape, face, modes, turn)
+                if block.shape.dimension == 2:  # the inside is the element's own
+                    outer = skins.outer[block.shape][places]
+                    carried, places, signs = carried[outer], places[outer], signs[outer]
+                for part in chunks(len(every)):
+                    rows = every[part]
+                    yield rows, carried, skins.faces[link.kind][link.rows[rows]][:, :, places] * signs
+
+
+class Skins:
+    """Coefficients of vertices (n, c), edges (n, c, modes) and faces (n, c, modes^2), each in its own frame."""
+
+    def __init__(self, traces: Traces, width: int) -> None:
+        mesh, most = traces.mesh, traces.most
+        self._traces = traces
+        self.vertices = np.zeros((len(mesh.vertices), width))
+        count = len(mesh.of(Shape.SEGMENT)) if mesh.dimension > 1 else 0
+        self.edges = np.zeros((count, width, most))
+        self.faces = {kind: np.zeros((len(rows), width, most * most)) for kind, rows in traces.faces.items()}
+        self.outer = {kind: _outer(kind, most) for kind in _FACES}
+
+    def settle(self) -> None:
+        """Edges take their coefficients from faces of lowest order, vertices from any; then faces from both."""
+        traces = self._traces
+        low = np.full(len(self.edges), np.iinfo(np.int64).max)
+        for kind, links in traces._edges.items():
+            for edges, _ in links:
+                np.minimum.at(low, edges, traces._face_modes[kind])
+        for kind, vertices in traces.faces.items():
+            for corner, place in enumerate(_corners(kind, traces.most)):
+                self.vertices[vertices[:, corner]] = self.faces[kind][:, :, place]
+            for (edges, backwards), places in zip(traces._edges[kind], _edges(kind, traces.most), strict=True):
+                # written in reverse, so that the first face is the last word
+                rows = np.flatnonzero(traces._face_modes[kind] == low[edges])[::-1]
+                self.edges[edges[rows], :, 2:] = self._signed(kind, rows, places, backwards[rows])
+        if traces.mesh.dimension > 1:
+            ends = traces.mesh.of(Shape.SEGMENT).members
+            self.edges[:, :, 0], self.edges[:, :, 1] = self.vertices[ends[:, 0]], self.vertices[ends[:, 1]]
+        self._spread()
+
+    def _signed(self, kind: Shape, rows: Ints, places: Ints, backwards: Bools) -> Floats:
+        """(n, c, modes - 2) what faces hold at ``places``, read along the edges."""
+        signs = np.where(backwards[:, None], (-1.0) ** np.arange(2, self._traces.most), 1.0)
+        return self.faces[kind][rows][:, :, places] * signs[:, None]
+
+    def _spread(self) -> None:
+        """Vertices and edges hand what they have to the faces."""
+        traces = self._traces
+        for kind, vertices in traces.faces.items():
+            for corner, place in enumerate(_corners(kind, traces.most)):
+                self.faces[kind][:, :, place] = self.vertices[vertices[:, corner]]
+            for (edges, backwards), places in zip(traces._edges[kind], _edges(kind, traces.most), strict=True):
+                signs = np.where(backwards[:, None], (-1.0) ** np.arange(2, traces.most), 1.0)
+                self.faces[kind][:, :, places] = self.edges[edges][:, :, 2:] * signs[:, None]
+
+    def largest_change(self, coefficients: Sequence[Floats]) -> Floats:
+        """(c,) the largest difference between what the elements hold and what `apply` would give them."""
+        worst = np.zeros(self.vertices.shape[1])
+        for number in self._traces._by_order:
+            for rows, carried, seen in self._traces.views(number, self):
+                change = np.abs(coefficients[number][rows][:, :, carried] - seen)
+                worst = np.maximum(worst, change.max(axis=(0, 2), initial=0))
+        return worst
+
+    def apply(self, coefficients: Sequence[Floats]) -> None:
+        """Give every element of every block (n, c, m) the coefficients of its vertices, edges and faces."""
+        for number in self._traces._by_order:
+            for rows, carried, seen in self._traces.views(number, self):
+                coefficients[number][rows[:, None], :, carried] = seen.transpose(0, 2, 1)
+
+
+def _by_turn(turns: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
+    for turn in np.unique(turns[rows]).tolist():
+        yield turn, rows[turns[rows] == turn]
+
+
+def _corners(kind: Shape, most: int) -> Ints:
+    """Places in the square of the vertex modes of a face."""
+    p, q = (kind.vertices > 0).astype(np.int64).T
+    return np.asarray(p * most + q)
+
+
+def _edges(kind: Shape, most: int) -> list[Ints]:
+    """Places in the square of the modes 2, 3, ... of each edge of a face."""
+    return [p * most + q for _, p, q in edge_places(kind, most)]
+
+
+def _outer(kind: Shape, most: int) -> Bools:
+    """(most^2,) which places of the square belong to vertices and edges."""
+    marks = np.zeros(most * most, bool)
+    marks[np.concatenate([_corners(kind, most), *_edges(kind, most)])] = True
+    return marks

@@ -1,0 +1,194 @@
+"""What a conversion lost: the converted data against the source's own samples, at points that no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.dataset import Dataset
+from elvis.formats.evaluation import evaluate, evaluate_with_gradients
+from elvis.formats.geometry import geometry
+from elvis.formats.shapes import Shape
+from elvis.formats.tangents import determinants
+from elvis.formats.terminal import track
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.checking import check_points, inside_count
+from elvis.plugins.projection.fitting import Fitted
+from elvis.plugins.projection.sampling import Sampler
+
+#: of the reference shapes
+_VOLUMES = {
+    Shape.SEGMENT: 2.0,
+    Shape.TRIANGLE: 2.0,
+    Shape.QUADRILATERAL: 4.0,
+    Shape.TETRAHEDRON: 4 / 3,
+    Shape.PYRAMID: 8 / 3,
+    Shape.PRISM: 4.0,
+    Shape.HEXAHEDRON: 8.0,
+}
+
+#: Jacobians below this share of an element's size to the power d are zero
+_FLAT = 1e-12
+
+
+@dataclass(eq=False)
+class Tally:
+    """Differences of one quantity, summed up piece by piece.
+
+    worst    the largest, and ``element`` the global id of the element where it is; -1 where there is none
+    square   integral of the squared difference
+    low, high  of the source's values
+    broken   ids of elements where the source's values are not finite
+    """
+
+    worst: float = 0.0
+    element: int = -1
+    square: float = 0.0
+    low: float = np.inf
+    high: float = -np.inf
+    broken: list[Ints] = field(default_factory=list)
+
+    def add(self, ids: Ints, differences: Floats, weights: Floats, values: Floats) -> None:
+        """Take in differences (k, n) with weights (k, i), of which the first i points count in the integral."""
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            self.broken.append(ids[~finite])
+            ids, differences, weights, values = ids[finite], differences[finite], weights[finite], values[finite]
+        if not len(ids):
+            return
+        most = differences.max(axis=1)
+        first = int(most.argmax())
+        if most[first] > self.worst or self.element < 0:
+            self.worst, self.element = float(most[first]), int(ids[first])
+        self.square += float((weights * differences[:, : weights.shape[1]] ** 2).sum())
+        self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
+
+
+@dataclass(eq=False)
+class Findings:
+    """All that a check found.
+
+    coordinates  distance between the map and the source's
+    fields       for each field
+    volume       of the domain
+    box          (2, 3) of the points seen
+    deviation    the largest distance as a share of its element's size, and the element's id
+    exceeding    whether some distance is beyond what rounding explains
+    inverted, degenerate   ids of elements with a negative Jacobian somewhere, with a vanishing one everywhere
+    """
+
+    coordinates: Tally
+    fields: list[Tally]
+    volume: float = 0.0
+    box: Floats = field(default_factory=lambda: np.array([[np.inf] * 3, [-np.inf] * 3]))
+    deviation: tuple[float, int] = (0.0, -1)
+    exceeding: bool = False
+    inverted: list[Ints] = field(default_factory=list)
+    degenerate: list[Ints] = field(default_factory=list)
+
+
+def check(
+    sampler: Sampler, dataset: Dataset, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], precision: float
+) -> Findings:
+    """Compare the map of a dataset and the fields with the source.
+
+    fitted     on ``blocks``, which may part the source's otherwise than the dataset's
+    precision  relative rounding of the source's coordinates
+    """
+    maps = _Maps(dataset)
+    findings = Findings(Tally(), [Tally() for _ in fitted])
+    inside = inside_count(sum(map(len, blocks)))
+    work = [
+        (i, rows, points)
+        for i, block in enumerate(blocks)
+        for rows, points in sampler.pieces(block, check_points(block.shape, inside))
+    ]
+    for i, rows, points in track(work, "checking"):
+        block = blocks[i]
+        weights = _check_map(sampler, maps, findings, block, rows, points, inside, precision)
+        own = check_points(block.shape, inside)
+        for tally, each in zip(findings.fields, fitted, strict=True):
+            values = sampler.values(block, rows, each.field, points)
+            ours = evaluate(block.expansion(each.modes[i]), each.coefficients[i][rows], own)
+            with np.errstate(invalid="ignore"):
+                tally.add(block.ids[rows], np.abs(ours - values), weights, values)
+    return findings
+
+
+def _check_map(
+    sampler: Sampler,
+    maps: _Maps,
+    findings: Findings,
+    block: NativeBlock,
+    rows: slice | Ints,
+    points: Floats,
+    inside: int,
+    precision: float,
+) -> Floats:
+    """Compare the map on some elements, judge their Jacobians; the weights (k, inside) of integrals over them."""
+    ids, own = block.ids[rows], check_points(block.shape, inside)
+    places = sampler.positions(block, rows, points)
+    ours, jacobians = maps.at(ids, own, inside)
+    distances = np.sqrt(((ours - places) ** 2).sum(axis=2))
+    sizes = np.ptp(places, axis=1).max(axis=1)
+    weights = np.abs(jacobians) * (_VOLUMES[block.shape] / inside)
+    findings.coordinates.add(ids, distances, weights, places.reshape(len(ids), -1))
+    findings.volume += float(weights.sum())
+    findings.box = np.stack(
+        [np.minimum(findings.box[0], places.min((0, 1))), np.maximum(findings.box[1], places.max((0, 1)))]
+    )
+
+    # judged against the size of each element, and against what 64 bits or the source's own digits can tell
+    most = distances.max(axis=1)
+    share = most / np.where(sizes > 0, sizes, 1.0)
+    if len(share) and share.max() > findings.deviation[0]:
+        findings.deviation = (float(share.max()), int(ids[share.argmax()]))
+    noise = (2 * precision + 64 * np.finfo(float).eps * (block.source.order + 1)) * np.abs(places).max(axis=(1, 2))
+    findings.exceeding |= bool((most > 1e-12 * sizes + noise).any())
+    scale = sizes**block.shape.dimension
+    flat: Bools = (np.abs(jacobians) <= _FLAT * scale[:, None]).all(axis=1)
+    findings.degenerate.append(ids[flat])
+    findings.inverted.append(ids[(jacobians < 0).any(axis=1) & ~flat])
+    return weights
+
+
+class _Maps:
+    """The geometry of a dataset, by element."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self.blocks = geometry(dataset)
+        self.is_flat = dataset.mesh.space == dataset.mesh.dimension == 2
+        ids = np.concatenate([block.element_ids for block in self.blocks])
+        self._order = np.argsort(ids, kind="stable")
+        self._ids = ids[self._order]
+        self._block = np.repeat(np.arange(len(self.blocks)), [len(block) for block in self.blocks])
+        self._row = np.concatenate([np.arange(len(block)) for block in self.blocks])
+
+    def at(self, ids: Ints, points: Floats, inside: int) -> tuple[Floats, Floats]:
+        """Positions (k, n, 3) of elements ``ids`` at reference points (n, d), and Jacobians (k, inside) at the first."""
+        places = np.empty((len(ids), len(points), 3))
+        jacobians = np.empty((len(ids), inside))
+        for number, here, rows in self._parts(ids):
+            block = self.blocks[number]
+            own = block.coefficients[rows]
+            places[here] = evaluate(block.expansion, own, points).transpose(0, 2, 1)
+            slopes = evaluate_with_gradients(block.expansion, own, points[:inside])[1]
+            jacobians[here] = self._determinants(slopes.transpose(0, 2, 1, 3))
+        return places, jacobians
+
+    def _parts(self, ids: Ints) -> Iterator[tuple[int, Ints, Ints]]:
+        place = self._order[np.searchsorted(self._ids, ids)]
+        which, rows = self._block[place], self._row[place]
+        for number in np.unique(which).tolist():
+            here = np.flatnonzero(which == number)
+            yield number, here, rows[here]
+
+    def _determinants(self, matrices: Floats) -> Floats:
+        """(k, n) of Jacobian matrices (k, n, 3, d); unsigned for curves and surfaces in space."""
+        if matrices.shape[3] == 3 or not self.is_flat:
+            flat = determinants(matrices.reshape(-1, 3, matrices.shape[3]))
+            return flat.reshape(matrices.shape[:2])
+        return np.asarray(np.linalg.det(matrices[:, :, :2]))

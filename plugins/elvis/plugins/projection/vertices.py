@@ -1,0 +1,105 @@
+"""Vertices of a source's elements, told apart by the source's numbers and by place."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+
+#: corners closer than this share of the nearest pair of corners of an element may be one vertex
+_SHARE = 1e-3
+
+
+def unified(numbers: Ints, corners: Floats, tolerance: float) -> tuple[Ints, Floats]:
+    """The vertex (n,) of each corner and the place (m, 3) of each vertex.
+
+    numbers  (n,) the source's number of each corner, -1 where it has none
+    corners  (n, 3) where the corners lie; those of one number that lie apart are vertices of their own (periodic
+             meshes), those without a number are the same where they lie together
+    Vertices are numbered in the order of the source's numbers, then of the first corner.
+    """
+    _, first, which = np.unique(numbers, return_index=True, return_inverse=True)
+    which = which.reshape(-1)
+    apart = np.abs(corners - corners[first][which]).max(axis=1, initial=0) > tolerance
+    unsure = (numbers < 0) | np.isin(which, which[apart])
+    if not unsure.any():
+        return which, corners[first]
+
+    # corners of one number fall into clusters; a vertex is a pair of number and cluster
+    cluster = np.zeros(len(numbers), np.int64)
+    rows = np.flatnonzero(unsure)
+    cluster[rows] = clusters(corners[rows], tolerance)
+    keys = np.stack([which, cluster], axis=1)
+    _, first, vertex = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return vertex.reshape(-1), corners[first]
+
+
+def clusters(points: Floats, tolerance: float) -> Ints:
+    """(n,) number of the cluster of each point (n, 3): points within ``tolerance`` of one another are together.
+
+    Clusters are numbered by their first point.
+    """
+    distinct, first, which = np.unique(points + 0.0, axis=0, return_index=True, return_inverse=True)
+    labels = first.astype(np.int64)
+    cell = max(4 * tolerance, np.finfo(float).tiny)
+    for shift in product((0.0, 0.5), repeat=3):
+        labels = _joined(distinct, labels, np.floor(distinct / cell + np.array(shift)), tolerance)
+    roots: Ints = labels[which.reshape(-1)]
+    return np.unique(roots, return_inverse=True)[1].reshape(-1)
+
+
+def _joined(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints:
+    """The labels once neighbours in the order of cells that share one, and lie together, are joined."""
+    order = np.lexsort((*points.T, *cells.T))
+    same = (cells[order[1:]] == cells[order[:-1]]).all(axis=1)
+    near = np.abs(points[order[1:]] - points[order[:-1]]).max(axis=1, initial=0) <= tolerance
+    pairs = np.flatnonzero(same & near)
+    return connected_labels(labels, order[pairs], order[pairs + 1])
+
+
+def connected_labels(labels: Ints, first: Ints, second: Ints) -> Ints:
+    """The least label of each connected set, where item ``first[k]`` is connected to ``second[k]``.
+
+    Equal labels count as connected too; a label must be the number of an item that bears it, or of none.
+    """
+    if not len(first):
+        return labels
+    parents = np.arange(max(int(labels.max(initial=0)) + 1, len(labels)))
+    a, b = labels[first], labels[second]
+    while True:
+        low, high = np.minimum(parents[a], parents[b]), np.maximum(parents[a], parents[b])
+        if (low == high).all():
+            return parents[labels]
+        np.minimum.at(parents, high, low)
+        parents = _compressed(parents)
+
+
+def _compressed(parents: Ints) -> Ints:
+    """Parents replaced by the root that they lead to."""
+    while True:
+        grand: Ints = parents[parents]
+        if np.array_equal(grand, parents):
+            return parents
+        parents = grand
+
+
+def merging_tolerance(corners: Floats, precision: float) -> float:
+    """Distance up to which corners (n, v, 3) of elements are one vertex: rounding, but never a real edge."""
+    if not corners.size:
+        return 0.0
+    rounding = 64 * precision * float(np.abs(corners).max())
+    box = np.ptp(corners.reshape(-1, 3), axis=0).max()
+    return float(min(max(rounding, 1e-10 * box), _SHARE * _shortest(corners) or rounding))
+
+
+def _shortest(corners: Floats) -> float:
+    """The least distance between two corners of an element that lie apart."""
+    least = np.inf
+    for i in range(corners.shape[1]):
+        for j in range(i):
+            distances = np.abs(corners[:, i] - corners[:, j]).max(axis=1)
+            apart: Bools = distances > 0
+            least = min(least, float(distances[apart].min(initial=np.inf)))
+    return least if np.isfinite(least) else 0.0

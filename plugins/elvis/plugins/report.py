@@ -1,0 +1,151 @@
+"""The report of a conversion: what arrived exactly, what with which error, and what was found on the way."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+#: an error below this share of the range, or of the largest magnitude, is rounding
+_OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
+
+#: ids of elements in a sentence
+_MANY = 8
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The error of the coordinates or of a field.
+
+    order       polynomial degree, of the coordinates or of the field as converted (the highest, where it varies)
+    max, l2     largest difference, and root of the integrated squared difference, to the source's own values
+    range       greatest minus least value of the field, or the diagonal of the box around the mesh
+    relative    ``max`` as a share of ``range``
+    element     global id of the element where the difference is largest, -1 where there is none
+    is_exact    whether the difference is rounding
+    is_continuous  whether elements that share a face hold the same values there; None for the coordinates
+    """
+
+    name: str
+    order: int
+    max: float
+    l2: float
+    range: float
+    element: int
+    is_exact: bool
+    is_continuous: bool | None = None
+
+    @property
+    def relative(self) -> float:
+        """The largest difference as a share of the range; as it is where there is no range."""
+        return self.max / self.range if self.range > 0 else self.max
+
+    @property
+    def state(self) -> str:
+        """``exact`` or ``projected``."""
+        return "exact" if self.is_exact else "projected"
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON."""
+        facts = {
+            "state": self.state,
+            "exact": self.is_exact,
+            "order": self.order,
+            "max": self.max,
+            "L2": self.l2,
+            "relative": self.relative,
+            "range": self.range,
+            "element": self.element,
+        }
+        return facts if self.is_continuous is None else {**facts, "continuous": self.is_continuous}
+
+
+def is_rounding(error: float, spread: float, magnitude: float, precision: float) -> bool:
+    """Whether an error is explained by rounding: of 64 bits, or of a source with numbers of less ``precision``."""
+    return error <= max(_OF_RANGE * spread, (_OF_MAGNITUDE + 4 * precision) * magnitude)
+
+
+@dataclass(frozen=True)
+class Report:
+    """What there is to say about a conversion.
+
+    converter, files  names
+    elements      number of each shape in the converted mesh
+    geometry      error of the map
+    deviation     largest distance between the map of the mesh file alone and the source's, as a share of the element's
+                  size, and that element
+    has_map       whether the map travels as fields
+    fields        errors of the fields
+    listed        ids of elements by what is the matter with them: inverted, degenerate, ...
+    notes         sentences
+    """
+
+    converter: str
+    files: tuple[str, ...]
+    elements: Mapping[str, int]
+    geometry: Measure
+    deviation: tuple[float, int]
+    has_map: bool
+    fields: tuple[Measure, ...]
+    listed: Mapping[str, tuple[int, ...]]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def worst(self) -> float:
+        """The largest relative error of all."""
+        return max(measure.relative for measure in (self.geometry, *self.fields))
+
+    def facts(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {
+            "converter": self.converter,
+            "files": list(self.files),
+            "elements": dict(self.elements),
+            "geometry": {
+                **self.geometry.facts(),
+                "map": "fields" if self.has_map else "curves",
+                "deviation": {"share_of_element": self.deviation[0], "element": self.deviation[1]},
+            },
+            "fields": {measure.name: measure.facts() for measure in self.fields},
+            **{name: list(ids) for name, ids in self.listed.items()},
+            "notes": list(self.notes),
+        }
+
+    def metadata(self) -> dict[str, str]:
+        """Keys and texts for the dataset."""
+        short = {name: f"{len(ids)}: {_some(ids)}" for name, ids in self.listed.items() if ids}
+        facts = {**self.facts(), **dict.fromkeys(self.listed, None), **short}
+        kept = {name: value for name, value in facts.items() if value not in (None, [], {})}
+        return {"ConvertedFrom": self.converter, "ConversionReport": json.dumps(kept, allow_nan=False)}
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row for the coordinates and one for each field: the cells of `HEADERS`."""
+        return [_row(self.geometry), *(_row(measure) for measure in self.fields)]
+
+    def sentences(self) -> list[str]:
+        """What the table doesn't show."""
+        said = []
+        if self.has_map:
+            share, element = self.deviation
+            said.append(
+                f"the map travels as fields: the curves of the mesh file alone are off by up to {share:.2g} of an "
+                f"element's size, in element {element}"
+            )
+        said += [
+            f"{len(ids)} {name} elements, kept as they are: {_some(ids)}" for name, ids in self.listed.items() if ids
+        ]
+        return [*said, *self.notes]
+
+
+HEADERS = ("", "order", "state", "max error", "of the range", "L2 error", "in element", "continuous")
+
+
+def _row(measure: Measure) -> tuple[str, ...]:
+    continuous = {None: "", True: "yes", False: "no"}[measure.is_continuous]
+    numbers = (f"{measure.max:.3g}", f"{measure.relative:.3g}", f"{measure.l2:.3g}")
+    return (measure.name, str(measure.order), measure.state, *numbers, str(measure.element), continuous)
+
+
+def _some(ids: Sequence[int]) -> str:
+    return ", ".join(map(str, ids[:_MANY])) + (", ..." if len(ids) > _MANY else "")
