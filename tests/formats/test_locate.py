@@ -326,6 +326,40 @@ def test_overlapping_elements_are_all_found():
     np.testing.assert_array_equal(found.element_id, [0, 1])
 
 
+def spoilt(vertices, how, rng):
+    """Vertices of a mesh that no solver would accept."""
+    some = rng.integers(len(vertices), size=2)
+    if how == "coincident":
+        vertices[some[0]] = vertices[some[1]]
+    elif how == "tangled":
+        vertices += rng.normal(size=vertices.shape) / 2
+    elif how == "thin":
+        vertices *= [1, 1e-9, 1]
+    elif how == "a point":
+        vertices[:] = vertices[0]
+    else:
+        vertices[some[0]] = float(how)
+    return frozen_floats(vertices)
+
+
+@pytest.mark.parametrize("how", ["coincident", "tangled", "thin", "a point", "nan", "inf", "-1e300", "1e160"])
+@pytest.mark.parametrize("seed", range(4))
+def test_spoilt_meshes_give_right_answers_or_none(how, seed):
+    rng = np.random.default_rng(seed)
+    mesh = mixed_volume(seed) if seed % 2 else mixed_plane(seed)
+    mesh = replace(mesh, vertices=spoilt(np.array(mesh.vertices), how, rng))
+    if seed > 1 and np.isfinite(mesh.vertices).all():
+        mesh = curved(mesh, ripple(0.2, seed), 3)
+    parts = patches(Dataset(mesh))
+    world = rng.uniform([-0.5, -1.5, -0.5], [3.5, 1.5, 1.5], (200, 3)) * [1, 1, mesh.dimension - 2]
+    found = locate(parts, world, all=True)
+    for number, patch in enumerate(parts):
+        here = found.patch == number
+        back = positions(patch, found.row[here], found.reference[here])
+        np.testing.assert_allclose(back, world[found.point[here]], rtol=0, atol=1e-5 if mesh.dimension == 2 else 1e-12)
+        assert (margins(patch.shape, found.reference[here, : patch.shape.dimension]) >= -TOLERANCE).all()
+
+
 # Fields
 
 

@@ -39,7 +39,8 @@ def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
     result = np.empty((len(patch), 6), np.float32)
     count = 3 * bernstein_space(patch.geometry).count
     for part in chunks(len(patch), max(1, _BATCH // count)):
-        net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[part])
+        with np.errstate(invalid="ignore", over="ignore"):
+            net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[part])
         low, high = net.min(axis=2), net.max(axis=2)
         for axis, length in patch.periods:
             low[:, axis], high[:, axis] = 0.0, length
@@ -48,14 +49,14 @@ def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
 
 
 def _outward(low: Floats, high: Floats, margin: float) -> Boxes:
-    """Boxes a little larger than the corners (n, 3), whatever the rounding; empty where a corner isn't finite."""
-    extra = margin * np.linalg.norm(high - low, axis=1, keepdims=True)
-    inner = np.concatenate([low - extra, high + extra], axis=1)
-    with np.errstate(over="ignore"):
+    """Boxes a little larger than the corners (n, 3), whatever the rounding; empty beyond the range of 32-bit floats."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        extra = margin * np.sqrt(3) * (high - low).max(axis=1, keepdims=True)
+        inner = np.concatenate([low - extra, high + extra], axis=1)
         box = inner.astype(np.float32)
     box[:, :3] = np.where(box[:, :3] > inner[:, :3], np.nextafter(box[:, :3], np.float32(-np.inf)), box[:, :3])
     box[:, 3:] = np.where(box[:, 3:] < inner[:, 3:], np.nextafter(box[:, 3:], np.float32(np.inf)), box[:, 3:])
-    box[~np.isfinite(inner).all(axis=1)] = _EMPTY
+    box[~np.isfinite(box).all(axis=1)] = _EMPTY
     return box
 
 

@@ -56,7 +56,8 @@ def newton(targets: Targets, starts: Floats) -> tuple[Floats, Bools, Bools]:
             break
         state.advance()
     converged = state.change <= targets.precision
-    return state.best, converged, converged & (state.distance <= targets.distance)
+    root = (converged & (state.distance <= targets.distance)) | (state.distance <= targets.precision)
+    return state.best, converged, root
 
 
 class _State:
@@ -89,8 +90,8 @@ class _State:
         nearer = distance < self.distance[active]
         self._accept(active[nearer], trial[nearer], gap[nearer], distance[nearer], slopes[nearer])
         self.damping[active[~nearer]] /= 4
-        going = (self.change[active] > targets.precision) & (self.damping[active] > 1e-4) & (self.idle[active] < 4)
-        self.active = active[going]
+        near = (self.change[active] <= targets.precision) | (self.distance[active] <= targets.precision / 4)
+        self.active = active[~near & (self.damping[active] > 1e-4) & (self.idle[active] < 4)]
 
     def _accept(self, rows: Ints, trial: Floats, gap: Floats, distance: Floats, slopes: Floats) -> None:
         hardly = distance > 0.8 * self.distance[rows]
