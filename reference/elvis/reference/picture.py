@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.inverse import Status as Verdict
@@ -89,15 +89,16 @@ def _patches(dataset: Dataset, field: str) -> list[Patch]:
     """The patches that have the field; ElvisError for data without a plane picture."""
     mesh = dataset.mesh
     if mesh.dimension < 2 or mesh.space != mesh.dimension:
-        found = f"DIM={mesh.dimension} SPACE={mesh.space}"
-        raise ElvisError(f"pictures are made of 2D data in the plane and of 3D data, found {found}")
+        raise ElvisError(
+            f"pictures are made of 2D data in the plane and of 3D data, found DIM={mesh.dimension} SPACE={mesh.space}"
+        )
     found = [patch for patch in patches(dataset, [field]) if patch.fields[0] is not None]
     if any(patch.homogeneous for patch in found):
         raise ElvisError(f"pictures of homogeneous (Fourier) data can't be made, as of field {field!r}")
     return found
 
 
-def _frame(scene: Scene, view: View, pixels: np.typing.NDArray[np.int64], found: Location, field: Floats) -> Frame:
+def _frame(scene: Scene, view: View, pixels: Ints, found: Location, field: Floats) -> Frame:
     """The answers for some pixels as a picture; all others are misses."""
     count, shape = view.width * view.height, (view.height, view.width)
     values, element, status = np.full(count, np.nan), np.full(count, -1), np.zeros(count, np.uint8)
