@@ -1,0 +1,178 @@
+"""HOPR meshes and FLEXI or GALAEXI states: HDF5 files with elements as they stand.
+
+A mesh holds the evenly spaced nodes of every element, a state the values at the tensor product of Gauss or
+Gauss-Lobatto nodes.  The state names its mesh, which is sought beside it.  Layout: HOPR documentation, mesh format.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elvis.converters.hdf5 import attribute, holds, opened, require, text
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.quadrature import gauss, lobatto
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.nodal import NodalBasis
+
+if TYPE_CHECKING:
+    import h5py  # type: ignore[import-untyped]
+
+#: last digit of an element's type: its number of corners
+_SHAPES = {4: Shape.TETRAHEDRON, 5: Shape.PYRAMID, 6: Shape.PRISM, 8: Shape.HEXAHEDRON}
+
+#: the file's corner at each local vertex, and the file's side at each local side; prisms are given as two triangles
+_CORNERS = {6: (0, 2, 5, 3, 1, 4)}
+_SIDES = {6: (2, 3, 1, 4, 0)}
+
+_NODES = {"GAUSS": gauss, "GAUSS-LOBATTO": lobatto}
+
+
+class Hopr(Converter):
+    """A mesh, with the state that goes with it."""
+
+    format = "HOPR mesh and FLEXI/GALAEXI state (HDF5)"
+    keeps = "curved elements of all shapes and orders, boundaries, all variables of DG_Solution, time"
+    loses = "element data, extra fields; states with finite-volume sub-cells are refused"
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether every file is a HOPR mesh or a state that names one."""
+        return all(holds(path, "ElemInfo", "NodeCoords") or holds(path, "DG_Solution") for path in paths)
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        mesh, state = _roles(paths)
+        with opened(mesh) as file:
+            self._read_mesh(file)
+        if state is not None:
+            with opened(state) as file:
+                self._read_state(file)
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """Interpolation through the evenly spaced nodes."""
+        table = self._geometry[block.shape].at(points)
+        return np.asarray(np.einsum("eni,pn->epi", self._nodes[block.shape][block.rows], table))
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """Interpolation through the nodes of the state."""
+        return np.asarray(self._values[field.key][block.rows] @ self._basis.at(points).T)
+
+    def _read_mesh(self, file: h5py.File) -> None:
+        order = int(attribute(file, "Ngeo"))
+        info = np.asarray(require(file, "ElemInfo"), np.int64)
+        coordinates, ids = require(file, "NodeCoords"), np.asarray(require(file, "GlobalNodeIDs"), np.int64)
+        self._info, self._geometry, self._nodes = info, {}, {}
+        self.blocks = []
+        for corners in np.unique(info[:, 0] % 10).tolist():
+            if corners not in _SHAPES:
+                raise FormatError(f"expected elements of 4, 5, 6 or 8 corners, found {corners}", file=file.filename)
+            rows = np.flatnonzero(info[:, 0] % 10 == corners)
+            lattice, vertices = _lattice(corners, order)
+            nodes = info[rows, 4:5] + np.arange(len(lattice))
+            if (info[rows, 5] - info[rows, 4] != len(lattice)).any() or nodes.max(initial=-1) >= len(ids):
+                expected = f"{len(lattice)} nodes for each element of {corners} corners"
+                raise FormatError(f"expected {expected}, found another number", file=file.filename, place="ElemInfo")
+            shape, space = _SHAPES[corners], PyramidSpace.RATIONAL
+            self._geometry[shape] = NodalBasis(shape, order, _own(corners, lattice, order), space)
+            self._nodes[shape] = np.asarray(coordinates, np.float64)[nodes]
+            own = ids[nodes[:, vertices]]
+            self.blocks.append(Elements(shape, len(rows), order, own, ids=rows, pyramid=space))
+        self.boundaries = self._boundaries(file)
+
+    def _boundaries(self, file: h5py.File) -> list[Boundary]:
+        """Sides by the number of their boundary condition; 0 is inside."""
+        sides, names = np.asarray(require(file, "SideInfo"), np.int64), [text(n) for n in require(file, "BCNames")]
+        result = []
+        for number, name in enumerate(names, 1):
+            found = []
+            for index, block in enumerate(self.blocks):
+                corners = len(block.shape.vertices)
+                first, count = self._info[block.ids, 2], len(block.shape.faces)
+                own = sides[first[:, None] + np.arange(count), 4] == number
+                rows, local = np.nonzero(own)
+                order = np.array(_SIDES.get(corners, range(count)))
+                found.append((index, rows, order[local]))
+            result.append(Boundary(name, sides=found))
+        return result
+
+    def _read_state(self, file: h5py.File) -> None:
+        values = require(file, "DG_Solution")
+        if any(block.shape is not Shape.HEXAHEDRON for block in self.blocks):
+            raise FormatError("expected a mesh of hexahedra for a state, found other elements", file=file.filename)
+        if values.ndim != 5 or len(values) != len(self._info):
+            found = f"an array of shape {values.shape}"
+            expected = f"values on the {len(self._info)} elements of the mesh"
+            raise FormatError(f"expected {expected}, found {found}", file=file.filename, place="DG_Solution")
+        self._refuse_subcells(file)
+        names = [text(name) for name in np.ravel(file.attrs["VarNames"])]
+        kind = text(attribute(file, "NodeType")).upper()
+        if kind not in _NODES or len(names) != values.shape[4]:
+            expected = f"GAUSS or GAUSS-LOBATTO nodes and {values.shape[4]} names"
+            raise FormatError(f"expected {expected}, found {kind} nodes and {len(names)}", file=file.filename)
+        count = values.shape[3]
+        line = _NODES[kind](count)[0]
+        self._basis = NodalBasis(Shape.HEXAHEDRON, count - 1, _tensor(line))
+        filled = np.asarray(values, np.float64)
+        if values.shape[1] == 1 < count:  # two-dimensional: constant along the third direction
+            filled = np.repeat(filled, count, axis=1)
+        flat = np.moveaxis(filled, 4, 0).reshape(len(names), len(filled), -1)
+        self._values = dict(zip(names, flat, strict=True))
+        self.fields = [SourceField(name, count - 1, key=name) for name in names]
+        self.time = float(attribute(file, "Time"))
+        self.metadata = {key: text(attribute(file, key)) for key in ("Program", "Project_Name") if key in file.attrs}
+
+    def _refuse_subcells(self, file: h5py.File) -> None:
+        """FormatError where elements hold finite-volume sub-cells, which are no polynomials."""
+        names = [text(name) for name in np.ravel(file.attrs.get("VarNamesAdd", ()))]
+        if "FV_Elems" in names and "ElemData" in file:
+            count = int((np.asarray(file["ElemData"])[:, names.index("FV_Elems")] > 0.5).sum())
+            if count:
+                found = f"finite-volume sub-cells in {count}"
+                raise FormatError(f"expected a polynomial on every element, found {found}", file=file.filename)
+
+
+def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
+    """The mesh, and the state where there is one; the mesh that a state names is sought beside it."""
+    meshes = [path for path in paths if holds(path, "ElemInfo", "NodeCoords")]
+    states = [path for path in paths if path not in meshes]
+    if len(meshes) > 1 or len(states) > 1:
+        raise FormatError(f"expected one mesh and at most one state, found {len(meshes)} and {len(states)}")
+    if meshes:
+        return meshes[0], states[0] if states else None
+    with opened(states[0]) as file:
+        name = text(attribute(file, "MeshFile"))
+    mesh = states[0].parent / Path(name).name
+    if not mesh.is_file():
+        raise FormatError(f"expected its mesh {name} beside it, found none; give the mesh file too", file=states[0])
+    return mesh, states[0]
+
+
+def _lattice(corners: int, order: int) -> tuple[Ints, Ints]:
+    """(n, 3) indices of the nodes of an element in the file's order, and the node at each local vertex of ours."""
+    k, j, i = np.indices((order + 1,) * 3).reshape(3, -1)
+    inside = {4: i + j + k <= order, 5: (i + k <= order) & (j + k <= order), 6: i + j <= order, 8: i >= 0}[corners]
+    lattice = np.stack([i, j, k], axis=1)[inside]
+    ends = {
+        4: [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+        5: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)],
+        6: [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+        8: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
+    }[corners]
+    places = [int(np.flatnonzero((lattice == order * np.array(end)).all(axis=1))[0]) for end in ends]
+    return lattice, np.array(places)[list(_CORNERS.get(corners, range(corners)))]
+
+
+def _own(corners: int, lattice: Ints, order: int) -> Floats:
+    """(n, 3) reference coordinates, in ours, of the nodes of a lattice; the triangle of a prism lies in (z, x)."""
+    points = 2.0 * lattice / order - 1.0
+    return points[:, [1, 2, 0]] if corners == 6 else points
+
+
+def _tensor(line: Floats) -> Floats:
+    z, y, x = np.meshgrid(line, line, line, indexing="ij")
+    return np.stack([axis.reshape(-1) for axis in (x, y, z)], axis=1)
