@@ -14,6 +14,7 @@ from time import perf_counter
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
+from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.inverse import Status as Verdict
@@ -22,31 +23,31 @@ from elvis.formats.margins import TOLERANCE
 from elvis.formats.patch import Patch, patches
 from elvis.formats.pointwise import values
 from elvis.renderer.errors import SceneError
-from elvis.renderer.fitting import missed
+from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame, Status
-from elvis.renderer.scene import Camera, Scene
-from elvis.renderer.view import View
+from elvis.renderer.scene import Scene
+from elvis.renderer.view import View, seen
 
 
 def render(dataset: Dataset, scene: Scene) -> Frame:
-    """A picture of 2D data in the plane or of a plane cut through 3D data.
+    """A picture of 2D data in the plane or of a plane cut through 3D data; the scene has a plane.
 
-    The scene comes from `elvis.renderer.render`: it has a plane, and a camera with a height or a field of view.
     A point within 1e-10 of the border of elements (`elvis.formats.margins`) is ambiguous and goes to the one of lowest
     global id.  Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
     """
-    start, view = perf_counter(), _view(scene)
-    locator = Locator(_patches(dataset, scene.field))
+    start, chosen = perf_counter(), _patches(dataset, scene.field)
+    boxes = [element_boxes(patch) for patch in chosen]
+    view = seen(automatic(scene, boxes))
     points = view.points().reshape(-1, 3)
     pixels = np.flatnonzero(np.isfinite(points).all(axis=1))
-    found = owners(locator, points[pixels])
+    found = owners(Locator(chosen), points[pixels])
     located = perf_counter()
-    frame = _frame(scene, view, pixels, found, field_of(locator.patches, found))
+    frame = _frame(scene, view, pixels, found, field_of(chosen, found))
     if not frame.seen.any():
-        raise SceneError(missed(view.plane, _box(locator)))
+        raise SceneError(missed(view.plane, surrounding(boxes)))
     frame.stats.update(
         device={"name": "reference", "label": "NumPy"},
-        elements=sum(map(len, locator.patches)),
+        elements=sum(map(len, chosen)),
         pixels=frame.counts(),
         seconds={"locate": located - start, "frame": perf_counter() - start},
     )
@@ -78,13 +79,6 @@ def field_of(patches: Sequence[Patch], found: Location) -> Floats:
     return result
 
 
-def _view(scene: Scene) -> View:
-    camera, plane = scene.camera, scene.plane
-    if not isinstance(camera, Camera) or (camera.fov is None and camera.height is None) or plane is None:
-        raise SceneError("the reference needs a plane and a camera with a height or a field of view")
-    return View.of(camera, plane, scene.size or (1000, 800))
-
-
 def _patches(dataset: Dataset, field: str) -> list[Patch]:
     """The patches that have the field; ElvisError for data without a plane picture."""
     mesh = dataset.mesh
@@ -114,8 +108,3 @@ def _frame(scene: Scene, view: View, pixels: Ints, found: Location, field: Float
     return Frame(
         scene, view, values.reshape(shape), element.reshape(shape), reference.reshape(*shape, 3), status.reshape(shape)
     )
-
-
-def _box(locator: Locator) -> Floats:
-    """(2, 3) corners of a box that holds all elements."""
-    return np.asarray(locator.tree.nodes[0].reshape(2, 3), np.float64)
