@@ -28,7 +28,7 @@ _SHAPES = {4: Shape.TETRAHEDRON, 5: Shape.PYRAMID, 6: Shape.PRISM, 8: Shape.HEXA
 
 #: the file's corner at each local vertex, and the file's side at each local side; prisms are given as two triangles
 _CORNERS = {6: (0, 2, 5, 3, 1, 4)}
-_SIDES = {6: (2, 3, 1, 4, 0)}
+_SIDES = {6: (4, 2, 0, 1, 3)}
 
 _NODES = {"GAUSS": gauss, "GAUSS-LOBATTO": lobatto}
 

@@ -30,6 +30,9 @@ _VOLUMES = {
     Shape.HEXAHEDRON: 8.0,
 }
 
+#: distances from the map of the source below this share of an element are rounding
+_DEVIATION = 1e-11
+
 #: Jacobians below this share of an element's size to the power d are zero
 _FLAT = 1e-12
 
@@ -147,7 +150,7 @@ def _check_map(
     if len(share) and share.max() > findings.deviation[0]:
         findings.deviation = (float(share.max()), int(ids[share.argmax()]))
     noise = (2 * precision + 64 * np.finfo(float).eps * (block.source.order + 1)) * np.abs(places).max(axis=(1, 2))
-    findings.exceeding |= bool((most > 1e-12 * sizes + noise).any())
+    findings.exceeding |= bool((most > _DEVIATION * sizes + noise).any())
     scale = sizes**block.shape.dimension
     flat: Bools = (np.abs(jacobians) <= _FLAT * scale[:, None]).all(axis=1)
     findings.degenerate.append(ids[flat])
