@@ -2,7 +2,7 @@
 
 from elvis.formats.testing.bending import curved, ripple, shuffled
 from elvis.formats.testing.fields import approximated
-from elvis.formats.testing.meshes import grid, mixed_plane, mixed_volume, one_element, rotated
+from elvis.formats.testing.meshes import grid, mixed_plane, mixed_volume, one_element, rotated, scattered
 
 __all__ = [
     "approximated",
@@ -13,5 +13,6 @@ __all__ = [
     "one_element",
     "ripple",
     "rotated",
+    "scattered",
     "shuffled",
 ]

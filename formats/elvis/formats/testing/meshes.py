@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.collapse import uncollapse
 from elvis.formats.connectivity import connected
 from elvis.formats.mesh import Mesh
 from elvis.formats.shapes import Shape
@@ -119,3 +120,9 @@ def grid(shape: Shape, cells: int) -> Mesh:
     if shape is Shape.PYRAMID:
         vertices[len(corners) :] = vertices[firsts] + 0.5 / cells
     return connected(vertices, {shape: table[:, _FILLINGS[shape]].reshape(-1, len(shape.vertices))}, dimension)
+
+
+def scattered(shape: Shape, count: int, seed: int = 0) -> Floats:
+    """(count, d) random reference points of a shape, some on its faces, edges and vertices."""
+    eta = np.random.default_rng(seed).uniform(-1.2, 1.2, (count, shape.dimension)).clip(-1, 1)
+    return uncollapse(shape, eta)
