@@ -101,3 +101,14 @@ def tensor_nodes(shape: Shape, nodes: tuple[float, ...]) -> Floats:
     """(n^d, d) the product of nodes on the line, first coordinate fastest; for segments, quadrilaterals, hexahedra."""
     axes = np.meshgrid(*(nodes,) * shape.dimension, indexing="ij")
     return frozen_floats(np.stack([axis.reshape(-1) for axis in axes[::-1]], axis=1))
+
+
+def native_points(shape: Shape, frame: Floats, points: Floats) -> Floats:
+    """Reference points (n, d) of a source in the coordinates of ``shape``.
+
+    frame  (n_vertices, d) the source's reference coordinates of the vertices, in the local order of ``shape``
+    """
+    from elvis.plugins.projection.frames import affine_between
+
+    matrix, offset = affine_between(np.asarray(frame, np.float64), shape.vertices)
+    return np.asarray(points, np.float64) @ matrix.T + offset

@@ -1,0 +1,200 @@
+"""``elvis convert``: solver output into the native format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from elvis.plugins.conversion import Option
+    from elvis.plugins.converting import Conversion
+    from elvis.plugins.discovery import Candidate
+    from elvis.plugins.report import Report
+
+EPILOG = """\b
+Examples:
+  elvis convert case.pyfrm case-01.pyfrs -o case.xml        writes case.xml and case.fld
+  elvis convert flow.msh -o flow.xml --tolerance 1e-6       the lowest order on each element that is as good
+  elvis convert mine.dat -o mine.xml --plugin my_solver.py  with a converter of your own
+  elvis convert case.h5 -o case.xml --json --max-error 1e-10
+  elvis convert --list
+"""
+
+FILE = click.Path(path_type=Path)
+
+
+class ConvertCommand(click.Command):
+    """A command that also has the options of the installed converters."""
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Its own, then those that converters declare; of one name once."""
+        params = super().get_params(ctx)
+        taken = {name for param in params for name in param.opts}
+        for name, option in _declared().items():
+            if f"--{name}" not in taken:
+                params.insert(-1, _parameter(option))
+        return params
+
+
+def _declared() -> dict[str, Option]:
+    """The options of all installed converters by name."""
+    from elvis.plugins.discovery import installed
+
+    found: dict[str, Option] = {}
+    for candidate in installed():
+        for option in candidate.converter.options if candidate.converter else ():
+            found.setdefault(option.name, option)
+    return found
+
+
+def _parameter(option: Option) -> click.Option:
+    """A flag, a choice or a text; left out it is None."""
+    name = "converter_" + option.name.replace("-", "_")
+    text = option.help + (f"  [default: {option.default}]" if option.default else "")
+    if option.choices is None:
+        return click.Option([f"--{option.name}", name], is_flag=True, default=None, help=text)
+    kind = click.Choice(option.choices) if option.choices else click.STRING
+    return click.Option([f"--{option.name}", name], type=kind, default=None, help=text)
+
+
+def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    """``NAME=VALUE`` texts as a dictionary."""
+    for value in values:
+        if "=" not in value:
+            raise click.BadParameter(f"expected NAME=VALUE, found {value!r}")
+    return dict(value.split("=", 1) for value in values)
+
+
+@click.command("convert", cls=ConvertCommand, epilog=EPILOG, short_help="Convert solver output to the native format.")
+@click.argument("files", nargs=-1, type=FILE, metavar="FILES...")
+@click.option("--output", "-o", type=FILE, help="The mesh file to write, .xml; fields go beside it, .fld.")
+@click.option("--from", "name", metavar="CONVERTER", help="The converter to use.  [default: the one that opens FILES]")
+@click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
+@click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
+@click.option("--fields", metavar="NAMES", help="Fields to convert, commas between them.  [default: all]")
+@click.option("--order", type=int, help="Polynomial order of every field.  [default: the source's]")
+@click.option("--tolerance", type=float, help="Choose the order by element: the lowest with a smaller relative error.")
+@click.option(
+    "--geometry",
+    type=click.Choice(["auto", "curves", "map"]),
+    default="auto",
+    show_default=True,
+    help="Let the full map travel as fields: always (map), never (curves), or where curves of edges and faces lack it.",
+)
+@click.option(
+    "--pyramids",
+    type=click.Choice(["exact", "native"]),
+    default="exact",
+    show_default=True,
+    help="Pyramids in the smallest form that holds them, or projected onto the native one.",
+)
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice(["compressed", "text", "hdf5"]),
+    default="compressed",
+    show_default=True,
+    help="How to write; hdf5 writes a .nekg file beside the .xml.",
+)
+@click.option("--max-error", type=float, help="Fail, and write nothing, where a relative error is greater.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, numbers with all their digits.")
+@click.option("--set", "pairs", multiple=True, metavar="NAME=VALUE", callback=_pairs, help="An option of the converter.")
+def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **options: Any) -> None:
+    """Convert FILES, a solver's mesh and solution, and report what that cost.
+
+    Every converted quantity is compared with the solver's own at points that no fit has seen: the report says, for the
+    geometry and each field, whether it arrived exactly, to rounding, or with which error and where.
+    """
+    if show_list:
+        _print_list()
+        return
+    context = click.get_current_context()
+    if not files or output is None:
+        raise click.UsageError("expected FILES to convert and --output", context)
+    if output.suffix not in (".xml", ".gz"):
+        raise click.BadParameter(f"expected a name ending in .xml, found {output}", context, param_hint="'-o'")
+    _convert(files, output, **options)
+
+
+def _convert(
+    files: tuple[Path, ...],
+    output: Path,
+    kind: str,
+    max_error: float | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Convert, report, and write where the errors are in bounds."""
+    from elvis.formats import write
+    from elvis.formats.errors import ElvisError
+    from elvis.formats.terminal import print_json, stage
+
+    conversion = _converted(files, **options)
+    report = conversion.report
+    if as_json:
+        print_json(report.facts())
+    else:
+        _print_report(report)
+    if max_error is not None and not report.worst <= max_error:
+        raise ElvisError(f"{output}: not written: expected errors up to {max_error:g}, found {report.worst:.3g}")
+    formats: dict[str, Any] = {"mesh_format": kind, "field_format": "hdf5" if kind == "hdf5" else "xml"}
+    with stage(f"writing {output.name}"):
+        written = write(conversion.dataset, output, **formats)
+    if not as_json:
+        click.echo(f"\nwrote {' and '.join(map(str, written))}")
+
+
+def _converted(
+    files: tuple[Path, ...],
+    name: str | None,
+    plugin: Path | None,
+    fields: str | None,
+    pairs: dict[str, str],
+    **options: Any,
+) -> Conversion:
+    """The converted data; options that begin with ``converter_`` are the converter's."""
+    from elvis.formats.terminal import stage
+    from elvis.plugins.converting import Settings
+    from elvis.plugins.converting import convert as convert_source
+    from elvis.plugins.discovery import chosen, in_file, installed, with_defaults
+
+    own = {key: value for key, value in options.items() if not key.startswith("converter_")}
+    names = None if fields is None else tuple(part.strip() for part in fields.split(","))
+    settings = Settings(fields=names, **own)
+    converter = chosen(in_file(plugin) if plugin else installed(), files, name).converter
+    assert converter is not None
+    given = {
+        key.removeprefix("converter_").replace("_", "-"): value
+        for key, value in options.items()
+        if key.startswith("converter_") and value is not None
+    }
+    with stage(f"reading {', '.join(file.name for file in files)}"):
+        source = converter(files, **with_defaults(converter, {**given, **pairs}))
+    return convert_source(source, settings, files)
+
+
+def _print_report(report: Report) -> None:
+    from elvis.formats.terminal import print_table
+    from elvis.plugins.report import HEADERS
+
+    counts = ", ".join(f"{count} {label}" for label, count in report.elements.items())
+    click.echo(f"{report.converter}: {counts}\n")
+    print_table(HEADERS, report.rows())
+    for sentence in report.sentences():
+        click.echo(f"\nnote: {sentence}")
+
+
+def _print_list() -> None:
+    from elvis.formats.terminal import print_table
+    from elvis.plugins.discovery import installed
+
+    print_table(("name", "reads", "state", "keeps", "loses"), [_row(candidate) for candidate in installed()])
+
+
+def _row(candidate: Candidate) -> tuple[str, ...]:
+    if candidate.converter is None:
+        return candidate.name, "", candidate.fault or "", "", ""
+    state = f"needs {', '.join(candidate.missing)}" if candidate.missing else "ready"
+    return candidate.name, candidate.converter.format, state, candidate.converter.keeps, candidate.converter.loses

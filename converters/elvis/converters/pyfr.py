@@ -1,0 +1,271 @@
+"""PyFR meshes and solutions (.pyfrm, .pyfrs): HDF5 files that describe themselves.
+
+Elements hold nodes at their shape points, solutions values at their solution points; both points are in the files.
+Layout: PyFR documentation, file format, version 1 (PyFR 2.1 and later).
+"""
+
+from __future__ import annotations
+
+import configparser
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elvis.converters.hdf5 import holds, opened, require, text
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, PyramidSpace, SourceField
+from elvis.plugins.nodal import NodalBasis, native_points, space_size
+
+if TYPE_CHECKING:
+    import h5py  # type: ignore[import-untyped]
+
+_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+_BASE = tuple((x, y, -1) for x, y in _SQUARE)
+
+#: by type of element: our shape; its reference vertices in our order; our local face for each of the file's
+_KINDS: dict[str, tuple[Shape, tuple[tuple[int, ...], ...], tuple[int, ...]]] = {
+    "quad": (Shape.QUADRILATERAL, _SQUARE, (0, 1, 2, 3)),
+    "tri": (Shape.TRIANGLE, ((-1, -1), (1, -1), (-1, 1)), (0, 1, 2)),
+    "hex": (Shape.HEXAHEDRON, (*_BASE, *((x, y, 1) for x, y in _SQUARE)), (0, 1, 2, 3, 4, 5)),
+    "pri": (
+        Shape.PRISM,
+        ((-1, -1, -1), (-1, 1, -1), (-1, 1, 1), (-1, -1, 1), (1, -1, -1), (1, -1, 1)),
+        (1, 3, 4, 2, 0),
+    ),
+    "pyr": (Shape.PYRAMID, (*_BASE, (0, 0, 1)), (0, 1, 2, 3, 4)),
+    "tet": (Shape.TETRAHEDRON, ((-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)), (0, 1, 3, 2)),
+}
+
+#: orders that derived quantities get above the solution's, for they are not polynomials
+_DERIVED = 2
+
+
+class PyFR(Converter):
+    """A mesh, with the solution that goes with it."""
+
+    format = "PyFR mesh and solution (.pyfrm, .pyfrs)"
+    keeps = "curved elements of all shapes and orders, boundaries, all variables, time; time averages too"
+    loses = "partitionings, statistics, the configuration but for its name"
+    options = (
+        Option("primitive", "Add velocity and pressure, derived from the conservative variables.", None),
+        Option("subset", "Convert only the elements that a solution of a part of the mesh holds.", None),
+    )
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether every file is a PyFR mesh or solution."""
+        return all(_is_mesh(path) or _is_solution(path) or _is_old(path) for path in paths)
+
+    def __init__(self, paths: Sequence[Path], primitive: bool = False, subset: bool = False) -> None:
+        mesh, solution = _roles(paths)
+        self._bases: dict[tuple[str, str], NodalBasis] = {}
+        self._values: dict[str, Floats] = {}
+        with opened(mesh) as file:
+            self._read_mesh(file)
+            uuid = text(require(file, "mesh-uuid")[()])
+        if solution is not None:
+            with opened(solution) as file:
+                _check_uuid(file, uuid, mesh)
+                self._read_solution(file, primitive, subset)
+        elif primitive or subset:
+            raise ElvisError("expected a solution for the options --primitive and --subset, found none")
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """Interpolation through the shape points."""
+        table = self._bases[block.key, "nodes"].at(points)
+        return np.asarray(np.einsum("eni,pn->epi", self._places[self._nodes[block.key][block.rows]], table))
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """Interpolation through the solution points; derived quantities from what is interpolated."""
+        table = self._bases[block.key, "values"].at(points)
+        own = self._values[block.key][block.rows]
+        if isinstance(field.key, int):
+            return np.asarray(own[:, field.key] @ table.T)
+        conserved = {name: own[:, i] @ table.T for i, name in enumerate(self._names)}
+        return _derived(field.name, conserved, self._gamma)
+
+    def _read_mesh(self, file: h5py.File) -> None:
+        nodes = require(file, "nodes")
+        self._places = np.asarray(nodes["location"], np.float64)
+        self.precision = SINGLE if nodes.dtype["location"].base == np.float32 else DOUBLE
+        self._nodes: dict[str, Ints] = {}
+        self.blocks = []
+        links: dict[str, Ints] = {}
+        for kind in sorted(file["eles"]):
+            if kind not in _KINDS:
+                raise FormatError(f"expected elements {', '.join(_KINDS)}, found {kind}", file=file.filename)
+            data = file["eles"][kind]
+            shape, frame, _ = _KINDS[kind]
+            points = native_points(shape, np.array(frame, float), np.asarray(data.attrs["pts"]))
+            order = _order(shape, len(points), file.filename)
+            numbers = np.asarray(data["nodes"], np.int64)
+            if numbers.size and not 0 <= numbers.min() <= numbers.max() < len(self._places):
+                found = f"{numbers.min()} to {numbers.max()}"
+                raise FormatError(f"expected nodes 0 to {len(self._places) - 1}, found {found}", file=file.filename)
+            corners = [int(np.abs(points - v).max(axis=1).argmin()) for v in shape.vertices]
+            self._bases[kind, "nodes"] = NodalBasis(shape, order, points)
+            self._nodes[kind], links[kind] = numbers, np.asarray(data["faces"]["cidx"], np.int64)
+            space = PyramidSpace.POLYNOMIAL
+            block = Elements(shape, len(numbers), order, numbers[:, corners], pyramid=space, key=kind)
+            self.blocks.append(block)
+        self.boundaries = self._boundaries([text(name) for name in require(file, "codec")], links)
+
+    def _boundaries(self, codec: Sequence[str], links: dict[str, Ints]) -> list[Boundary]:
+        """Faces by what the codec says that they are connected to."""
+        result = []
+        for number, name in enumerate(codec):
+            if name.startswith("bc/"):
+                found = []
+                for index, block in enumerate(self.blocks):
+                    rows, faces = np.nonzero(links[block.key] == number)
+                    found.append((index, rows, np.array(_KINDS[block.key][2])[faces]))
+                result.append(Boundary(name.removeprefix("bc/"), sides=found))
+        return result
+
+    def _read_solution(self, file: h5py.File, primitive: bool, subset: bool) -> None:
+        stats, config = _ini(file, "stats"), _ini(file, "config")
+        prefix = stats.get("data", "prefix", fallback="soln")
+        self._names = [name.strip() for name in stats.get("data", "fields", fallback="").split(",")]
+        found = {name.split("-")[1]: name for name in file.get(prefix, ()) if name.count("-") == 1}
+        missing = 0
+        orders: list[int | None] = []
+        for index, block in enumerate(self.blocks):
+            if block.key in found:
+                orders.append(self._read_values(file, f"{prefix}/{found[block.key]}", index))
+            else:
+                orders.append(None)
+                self.blocks[index] = block.take(slice(0, 0))
+            missing += len(block) - len(self.blocks[index])
+        if missing and not subset:
+            total = missing + sum(map(len, self.blocks))
+            expected = f"values on all {total} elements of the mesh"
+            raise FormatError(f"expected {expected}, found none on {missing}; see --subset", file=file.filename)
+        self.fields = [SourceField(name, orders, key=i) for i, name in enumerate(self._names)]
+        if primitive:
+            self._gamma = config.getfloat("constants", "gamma", fallback=1.4)
+            self.fields += _primitive(self._names, orders, file.filename)
+        time = stats.get("solver-time-integrator", "tcurr", fallback=None)
+        self.time = None if time is None else float(time)
+        self.metadata = {"Program": text(require(file, "creator")[()])}
+        self.notes = [f"{missing} elements without a solution were left out"] if missing else []
+
+    def _read_values(self, file: h5py.File, name: str, index: int) -> int:
+        """Take in the values on a block; the order of the solution there."""
+        data, block = require(file, name), self.blocks[index]
+        shape, frame, _ = _KINDS[block.key]
+        points = native_points(shape, np.array(frame, float), np.asarray(data.attrs["pts"]))
+        values = np.asarray(data, np.float64)
+        idxs = file.get(f"{name}-idxs")
+        rows = np.arange(len(block)) if idxs is None else np.asarray(idxs, np.int64)
+        if values.shape != (len(rows), len(self._names), len(points)) or rows.max(initial=-1) >= len(block):
+            expected = f"({len(rows)}, {len(self._names)}, {len(points)}) values on {len(block)} elements"
+            raise FormatError(f"expected {expected}, found {values.shape}", file=file.filename, place=name)
+        if idxs is not None:
+            self._keep(index, rows)
+        order = _order(shape, len(points), file.filename)
+        self._bases[block.key, "values"], self._values[block.key] = NodalBasis(shape, order, points), values
+        return order
+
+    def _keep(self, index: int, rows: Ints) -> None:
+        """Only the elements ``rows`` of a block."""
+        block = self.blocks[index]
+        self._nodes[block.key] = self._nodes[block.key][rows]
+        assert block.vertices is not None
+        kept = Elements(block.shape, len(rows), block.order, block.vertices[rows], pyramid=block.pyramid, key=block.key)
+        place = np.full(len(block), -1)
+        place[rows] = np.arange(len(rows))
+        self.boundaries = [_restricted(boundary, index, place) for boundary in self.boundaries]
+        self.blocks[index] = kept
+
+
+def _restricted(boundary: Boundary, index: int, place: Ints) -> Boundary:
+    """The sides of a boundary, those of block ``index`` only where ``place`` (n,) tells a new row."""
+    sides = []
+    for i, rows, faces in boundary.sides:
+        new = place[rows] if i == index else rows
+        sides.append((i, new[new >= 0], faces[new >= 0]))
+    return Boundary(boundary.name, sides=sides)
+
+
+def _is_mesh(path: Path) -> bool:
+    return holds(path, "eles", "nodes", "codec", "mesh-uuid")
+
+
+def _is_solution(path: Path) -> bool:
+    return holds(path, "stats", "config", "mesh-uuid")
+
+
+def _is_old(path: Path) -> bool:
+    return holds(path, "mesh_uuid")
+
+
+def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
+    """The mesh and the solution, which names its mesh by a code alone; FormatError where there isn't one mesh."""
+    for path in paths:
+        if _is_old(path):
+            raise FormatError("expected a file of PyFR 2.1 or later, found an older one", file=path)
+    meshes, solutions = [p for p in paths if _is_mesh(p)], [p for p in paths if _is_solution(p)]
+    if not meshes and len(solutions) == 1:
+        meshes = [path for path in sorted(solutions[0].parent.glob("*.pyfrm")) if _uuid(path) == _uuid(solutions[0])]
+        if not meshes:
+            raise FormatError("expected its mesh (.pyfrm) beside it, found none; give the mesh too", file=solutions[0])
+        meshes = meshes[:1]
+    if len(meshes) != 1 or len(solutions) > 1:
+        raise FormatError(f"expected one mesh and at most one solution, found {len(meshes)} and {len(solutions)}")
+    return meshes[0], solutions[0] if solutions else None
+
+
+def _uuid(path: Path) -> str:
+    if not holds(path, "mesh-uuid"):
+        return ""
+    with opened(path) as file:
+        return text(require(file, "mesh-uuid")[()])
+
+
+def _check_uuid(file: h5py.File, uuid: str, mesh: Path) -> None:
+    own = text(require(file, "mesh-uuid")[()])
+    if own != uuid:
+        raise FormatError(f"expected a solution on the mesh {mesh.name} ({uuid}), found one on {own}", file=file.filename)
+
+
+def _ini(file: h5py.File, name: str) -> configparser.ConfigParser:
+    """A record of the file that is an INI file."""
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    parser.optionxform = str  # type: ignore[assignment, method-assign]
+    try:
+        parser.read_string(text(require(file, name)[()]))
+    except configparser.Error as error:
+        reason = " ".join(str(error).split())
+        raise FormatError(f"expected sections of keys and values, found: {reason}", file=file.filename, place=name) from None
+    return parser
+
+
+def _order(shape: Shape, count: int, file: str) -> int:
+    """The order of a complete space of so many functions."""
+    for order in range(1, 31):
+        if space_size(shape, order) == count:
+            return order
+    if count == 1:
+        return 0
+    raise FormatError(f"expected the points of a {shape.label.lower()} of some order, found {count}", file=file)
+
+
+def _primitive(names: Sequence[str], orders: Sequence[int | None], file: str) -> list[SourceField]:
+    """Velocities and pressure; FormatError where the variables are not those of a compressible flow."""
+    velocities = [name for name in "uvw" if f"rho{name}" in names]
+    if not {"rho", "E"} <= set(names) or not velocities:
+        raise FormatError(f"expected rho, rhou, ..., E to derive from, found {', '.join(names)}", file=file)
+    raised = [None if order is None else order + _DERIVED for order in orders]
+    return [SourceField(name, raised, is_polynomial=False, key=name) for name in (*velocities, "p")]
+
+
+def _derived(name: str, conserved: dict[str, Any], gamma: float) -> Floats:
+    """A velocity or the pressure of an ideal gas."""
+    if name != "p":
+        return np.asarray(conserved[f"rho{name}"] / conserved["rho"])
+    squares = sum(conserved[f"rho{v}"] ** 2 for v in "uvw" if f"rho{v}" in conserved)
+    return np.asarray((gamma - 1) * (conserved["E"] - 0.5 * squares / conserved["rho"]))

@@ -1,0 +1,116 @@
+"""Which converter reads given files: one that is installed, or one in a file that the user names."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
+from elvis.formats.errors import ElvisError
+from elvis.plugins.conversion import Converter, Option
+from elvis.plugins.registry import PluginError, plugins
+
+GROUP = "elvis.converters"
+
+#: the extra of the distribution that brings what converters need
+EXTRA = "converters"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A converter by name; ``fault`` says why it doesn't load, None where it does."""
+
+    name: str
+    converter: type[Converter] | None
+    fault: str | None = None
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Packages that it needs and that are not installed."""
+        needs = self.converter.needs if self.converter else ()
+        return tuple(name for name in needs if name not in sys.modules and find_spec(name) is None)
+
+
+def installed() -> list[Candidate]:
+    """All converters that distributions offer, by name; those that don't load with the reason."""
+    found = []
+    for name, plugin in plugins(GROUP).items():
+        try:
+            loaded = plugin.load()
+            if not (isinstance(loaded, type) and issubclass(loaded, Converter)):
+                raise PluginError(f"{plugin} is not a subclass of elvis.plugins.conversion.Converter")
+            found.append(Candidate(name, loaded))
+        except PluginError as error:
+            found.append(Candidate(name, None, str(error)))
+    return found
+
+
+def in_file(path: Path) -> list[Candidate]:
+    """The converters that a Python file defines, by class name; PluginError where it has none or doesn't load."""
+    spec = spec_from_file_location(f"elvis_plugin_{path.stem}", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise PluginError(f"{path}: expected a Python file, found none")
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise PluginError(f"{path}: does not load: {type(error).__name__}: {error}") from error
+    own = [value for value in vars(module).values() if _is_converter(value, spec.name)]
+    if not own:
+        raise PluginError(f"{path}: expected a subclass of elvis.plugins.conversion.Converter, found none")
+    return [Candidate(converter.__name__, converter) for converter in own]
+
+
+def _is_converter(value: object, module: str) -> bool:
+    return isinstance(value, type) and issubclass(value, Converter) and value.__module__ == module
+
+
+def chosen(candidates: Sequence[Candidate], paths: Sequence[Path], name: str | None = None) -> Candidate:
+    """The candidate of that name, or the one that opens the files; ElvisError where there isn't just one that can."""
+    for path in paths:
+        if not path.exists():
+            raise ElvisError(f"{path}: there is no such file")
+    known = {candidate.name: candidate for candidate in candidates}
+    if name is not None and name not in known:
+        raise ElvisError(f"there is no converter {name!r}; there are: {', '.join(known) or 'none'}")
+    opening = [known[name]] if name is not None else [c for c in candidates if c.converter and c.converter.opens(paths)]
+    files = ", ".join(str(path) for path in paths)
+    if not opening:
+        raise ElvisError(f"{files}: expected files that a converter opens ({', '.join(known)}), found others")
+    if len(opening) > 1:
+        raise ElvisError(f"{files}: {' and '.join(c.name for c in opening)} open them all; choose one with --from")
+    return _usable(opening[0])
+
+
+def _usable(candidate: Candidate) -> Candidate:
+    if candidate.fault:
+        raise PluginError(candidate.fault)
+    if candidate.missing:
+        packages = " and ".join(candidate.missing)
+        raise ElvisError(
+            f"the converter {candidate.name} needs {packages}, which is not installed; "
+            f"pip install 'elvis-viz[{EXTRA}]' brings it"
+        )
+    return candidate
+
+
+def with_defaults(converter: type[Converter], given: Mapping[str, str | bool]) -> dict[str, Any]:
+    """Keywords for the constructor: what was given, checked against the options, and their defaults."""
+    options = {option.name: option for option in converter.options}
+    for name, value in given.items():
+        if name not in options:
+            known = ", ".join(options) or "none"
+            raise ElvisError(f"{converter.__name__} has no option {name!r}; its options are: {known}")
+        _check_choice(options[name], value)
+    defaults = {name: option.default for name, option in options.items() if option.default is not None}
+    named: dict[str, Any] = {**defaults, **given}
+    return {name.replace("-", "_"): value for name, value in named.items()}
+
+
+def _check_choice(option: Option, value: str | bool) -> None:
+    if option.choices and value not in option.choices:
+        raise ElvisError(f"option {option.name}: expected {', '.join(option.choices)}, found {value!r}")
