@@ -1,0 +1,111 @@
+"""All benchmarks in one command: tables on the terminal, on request as JSON and as a file of results.
+
+make bench        or    python benchmarks/run.py [--quick] [--only cut,orders,million,start] [--json FILE] [--save]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cases
+import machine
+import measuring
+import million
+import orders
+import pictures
+import starting
+from tables import Table
+
+RESULTS = Path(__file__).parent / "results"
+Part = Callable[[argparse.Namespace], tuple[Any, list[Table]]]
+
+
+def cut(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Exact against linear pictures."""
+    side, rounds = (200, 2) if options.quick else (1000, options.rounds)
+    numbers, tables = {}, []
+    for case, title in (
+        (cases.standard(options.quick), "Cut plane"),
+        (cases.hard(options.quick), "Cut plane, hard case"),
+    ):
+        numbers[case.name] = pictures.compare(case, options.device, side, rounds, levels=2 if options.quick else 4)
+        tables.append(pictures.table(numbers[case.name], title))
+    return numbers, tables
+
+
+def order(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Every shape at orders 2 to 8."""
+    side, rounds = (100, 1) if options.quick else (1000, max(3, options.rounds // 2))
+    numbers = orders.measure(options.device, side, rounds, (2,) if options.quick else range(2, 9), options.quick)
+    return numbers, [orders.table(numbers)]
+
+
+def many(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """A million elements."""
+    cells, side, points = (6, 100, 1000) if options.quick else (56, 1000, 100_000)
+    numbers = million.measure(options.device, cells, side, points)
+    return numbers, [million.table(numbers)]
+
+
+def start(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Whole processes."""
+    numbers = starting.measure(options.device, 1 if options.quick else options.rounds)
+    return numbers, [starting.table(numbers)]
+
+
+PARTS: dict[str, Part] = {"cut": cut, "orders": order, "million": many, "start": start}
+
+
+def main() -> None:
+    """Run the parts that were asked for."""
+    options = parsed()
+    about = machine.description(options.device)
+    print(f"# Benchmarks\n\n{machine.sentences(about)}\n", flush=True)
+    numbers, texts = {"machine": about}, []
+    for name in options.only:
+        numbers[name], tables = PARTS[name](options)
+        for table in tables:
+            texts.append(table.text())
+            print(texts[-1], flush=True)
+    about["contention"].append(round(measuring.contention(), 2))
+    text = "\n".join([f"# Benchmarks\n\n{machine.sentences(about)}\n", *texts])
+    if options.json:
+        options.json.write_text(json.dumps(numbers, indent=2) + "\n")
+    if options.save:
+        device = re.sub(r"[^a-z0-9]+", "-", about["device"].lower().partition("(")[0]).strip("-")
+        path = RESULTS / f"{about['date']}-{device}.md"
+        path.write_text(text)
+        print(f"saved as {path}", file=sys.stderr)
+
+
+def parsed() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description="ElVis benchmarks; see benchmarks/README.md.")
+    parser.add_argument("--quick", action="store_true", help="tiny sizes: whether it runs, not how fast")
+    parser.add_argument(
+        "--only", type=chosen, default=list(PARTS), metavar="PART,…", help=f"some of {', '.join(PARTS)}"
+    )
+    parser.add_argument("--device", default="auto", help="as of elvis render")
+    parser.add_argument("--rounds", type=int, default=10, help="runs of which best and median are told")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers")
+    parser.add_argument("--save", action="store_true", help="write the tables to benchmarks/results")
+    return parser.parse_args()
+
+
+def chosen(text: str) -> list[str]:
+    """Names of parts, split at commas."""
+    names = text.split(",")
+    unknown = [name for name in names if name not in PARTS]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"unknown part {unknown[0]!r}: expected some of {', '.join(PARTS)}")
+    return names
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""The benchmarks run, and what they compare is the same picture."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+RUN = Path(__file__).resolve().parents[2] / "benchmarks" / "run.py"
+
+
+def run(*arguments):
+    return subprocess.run([sys.executable, RUN, *arguments], capture_output=True, text=True, timeout=600)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """Text and numbers of a smoke run."""
+    path = tmp_path_factory.mktemp("benchmarks") / "all.json"
+    process = run("--quick", "--json", path)
+    assert process.returncode == 0, process.stderr[-3000:]
+    return process.stdout, json.loads(path.read_text())
+
+
+def test_every_part_prints_its_table(quick):
+    text, numbers = quick
+    titles = [line for line in text.splitlines() if line.startswith("## ")]
+    assert len(titles) == 5
+    assert set(numbers) == {"machine", "cut", "orders", "million", "start"}
+    assert numbers["machine"]["date"] in text
+
+
+@pytest.mark.parametrize("case", ["standard", "hard"])
+def test_the_exact_picture_is_exact(quick, case):
+    exact = quick[1]["cut"][case]["exact"]
+    assert exact["error"]["greatest"] < 1e-11
+    assert exact["error"]["coverage"] == 0
+    assert exact["status"]["failed"] == 0
+
+
+@pytest.mark.skipif(importlib.util.find_spec("vtk") is None, reason="vtk is not installed")
+@pytest.mark.parametrize("case", ["standard", "hard"])
+def test_linear_pictures_show_the_same_and_get_better(quick, case):
+    found = quick[1]["cut"][case]
+    if found["missing"]:
+        pytest.skip(found["missing"])
+    errors = [it["wrong"] for it in found["linear"]]
+    assert errors == sorted(errors, reverse=True)
+    assert [it["coverage"] for it in found["linear"]][-1] < 0.05
+    assert [it["tetrahedra"] for it in found["linear"]] == [8**n * found["linear"][0]["tetrahedra"] for n in (0, 1)]
+
+
+def test_frames_of_all_orders_are_exact_and_above_the_floor(quick):
+    for case in quick[1]["orders"]["cases"]:
+        assert case["error"]["greatest"] < 1e-11
+        assert case["processor"] > case["inside"] * case["operations of a pixel"] / max(
+            quick[1]["orders"]["peaks"].values()
+        )
+
+
+def test_the_device_holds_little_more_than_coefficients_and_vertices(quick):
+    numbers = quick[1]["million"]
+    assert numbers["device"]["loaded"] < 1.3 * numbers["raw"]
+    assert numbers["probe error"] < 1e-11
+
+
+def test_unknown_parts_are_refused():
+    process = run("--only", "nonsense")
+    assert process.returncode == 2
+    assert "unknown part" in process.stderr
+
+
+def test_refinements_fill_the_tetrahedron():
+    path = [str(RUN.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    code = (
+        "import numpy as np, linear\n"
+        "for level in range(4):\n"
+        "    points, cells = linear.refinement(level)\n"
+        "    corners = points[cells]\n"
+        "    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6\n"
+        "    assert len(cells) == 8**level and np.allclose(volumes, 4 / 3 / 8**level)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(path)})
