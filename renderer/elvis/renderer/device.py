@@ -188,7 +188,9 @@ class Kernel:
     def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram) -> None:
         self._kernel = kernel
         self._group = int(program.layout.entry_points[0].compute_thread_group_size.x)
-        self._globals = {item.name: item.type_layout for item in program.layout.globals_type_layout.fields}
+        # the cpu target wraps all globals in a constant buffer
+        layout = program.layout.globals_type_layout
+        self._globals = {item.name: item.type_layout for item in (layout.element_type_layout or layout).fields}
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """The NumPy dtype of one element of a structured buffer, as Slang lays it out."""
