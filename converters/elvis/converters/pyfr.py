@@ -93,7 +93,7 @@ class PyFR(Converter):
         self._places = np.asarray(nodes["location"], np.float64)
         self.precision = SINGLE if nodes.dtype["location"].base == np.float32 else DOUBLE
         self._nodes: dict[str, Ints] = {}
-        self.blocks = []
+        self.blocks: list[Elements] = []
         links: dict[str, Ints] = {}
         for kind in sorted(file["eles"]):
             if kind not in _KINDS:
@@ -229,7 +229,9 @@ def _uuid(path: Path) -> str:
 def _check_uuid(file: h5py.File, uuid: str, mesh: Path) -> None:
     own = text(require(file, "mesh-uuid")[()])
     if own != uuid:
-        raise FormatError(f"expected a solution on the mesh {mesh.name} ({uuid}), found one on {own}", file=file.filename)
+        raise FormatError(
+            f"expected a solution on the mesh {mesh.name} ({uuid}), found one on {own}", file=file.filename
+        )
 
 
 def _ini(file: h5py.File, name: str) -> configparser.ConfigParser:
@@ -240,7 +242,9 @@ def _ini(file: h5py.File, name: str) -> configparser.ConfigParser:
         parser.read_string(text(require(file, name)[()]))
     except configparser.Error as error:
         reason = " ".join(str(error).split())
-        raise FormatError(f"expected sections of keys and values, found: {reason}", file=file.filename, place=name) from None
+        raise FormatError(
+            f"expected sections of keys and values, found: {reason}", file=file.filename, place=name
+        ) from None
     return parser
 
 

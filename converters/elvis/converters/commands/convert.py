@@ -100,7 +100,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 )
 @click.option("--max-error", type=float, help="Fail, and write nothing, where a relative error is greater.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, numbers with all their digits.")
-@click.option("--set", "pairs", multiple=True, metavar="NAME=VALUE", callback=_pairs, help="An option of the converter.")
+@click.option(
+    "--set", "pairs", multiple=True, metavar="NAME=VALUE", callback=_pairs, help="An option of the converter."
+)
 def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **options: Any) -> None:
     """Convert FILES, a solver's mesh and solution, and report what that cost.
 

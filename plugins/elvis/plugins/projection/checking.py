@@ -11,7 +11,7 @@ from elvis.formats.collapse import uncollapse
 from elvis.formats.shapes import Shape
 
 #: points inside, in all and at least and at most an element
-_IN_ALL, _LEAST, _MOST = 1 << 16, 12, 1000
+_IN_ALL, _LEAST, _MOST = 1 << 15, 12, 1000
 
 #: 1 + the power of (1 - eta)/2 in the volume element of collapsed coordinates, by direction
 _DIMENSIONS = {

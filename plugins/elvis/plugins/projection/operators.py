@@ -8,7 +8,7 @@ expansion.  Projection-based interpolation: Demkowicz, Computing with hp-adaptiv
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -18,7 +18,7 @@ from elvis.formats.arrays import Floats, Ints, frozen_floats
 from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError
-from elvis.formats.expansion import mode_count, values
+from elvis.formats.expansion import mode_count, mode_indices, values
 from elvis.formats.quadrature import gauss
 from elvis.formats.shapes import Shape
 from elvis.plugins.projection.entities import entities
@@ -32,6 +32,13 @@ _COLLAPSE = {
     Shape.PYRAMID: (0, 0, 2),
     Shape.PRISM: (0, 0, 1),
     Shape.HEXAHEDRON: (0, 0, 0),
+}
+
+#: shapes that are products, with the directions of each factor
+_FACTORS: Mapping[Shape, tuple[tuple[Shape, tuple[int, ...]], ...]] = {
+    Shape.QUADRILATERAL: ((Shape.SEGMENT, (0,)), (Shape.SEGMENT, (1,))),
+    Shape.PRISM: ((Shape.TRIANGLE, (0, 2)), (Shape.SEGMENT, (1,))),
+    Shape.HEXAHEDRON: ((Shape.SEGMENT, (0,)), (Shape.SEGMENT, (1,)), (Shape.SEGMENT, (2,))),
 }
 
 #: a fit that loses more digits than this is refused
@@ -74,8 +81,35 @@ def best(expansion: Expansion, extra: int = 0) -> Operator:
     count = modes + more // 2 + extra
     _check_size(expansion, count**shape.dimension)
     points, weights = rule(shape, count)
-    matrix, condition = _fit(values(expansion, points), weights, expansion)
+    if shape in _FACTORS:
+        matrix, condition = _product(expansion, count)
+    else:
+        matrix, condition = _fit(values(expansion, points), weights, expansion)
     return Operator(frozen_floats(points), frozen_floats(matrix.T), condition)
+
+
+def _product(expansion: Expansion, count: int) -> tuple[Floats, float]:
+    """The fit (m, n) on a shape that is a product of others, from the fits on these."""
+    shape, index = expansion.shape, mode_indices(expansion)
+    matrix, worst = np.ones((len(index), 1)), 1.0
+    axes: list[int] = []
+    for factor, directions in _FACTORS[shape]:
+        own = Expansion(
+            factor, tuple(expansion.bases[i] for i in directions), tuple(expansion.modes[i] for i in directions)
+        )
+        points, weights = rule(factor, count)
+        fit, condition = _fit(values(own, points), weights, own)
+        numbers = np.full(own.modes, -1)
+        numbers[tuple(mode_indices(own).T)] = np.arange(len(fit))
+        rows = fit[numbers[tuple(index[:, directions].T)]]
+        matrix = (matrix[:, :, None] * rows[:, None, :]).reshape(len(index), -1)
+        axes, worst = [*axes, *directions], worst * condition
+    if axes == sorted(axes):
+        return matrix, worst
+
+    # points of the rule count the first direction slowest
+    grid = matrix.reshape(len(index), *(count,) * len(axes))
+    return np.moveaxis(grid, np.arange(1, 1 + len(axes)), 1 + np.array(axes)).reshape(len(index), -1), worst
 
 
 @lru_cache(maxsize=64)
@@ -125,13 +159,20 @@ def _fit(table: Floats, weights: Floats, expansion: Expansion) -> tuple[Floats, 
     weighted = table * roots
     scales = np.sqrt((weighted**2).sum(axis=0))
     q, r = np.linalg.qr(weighted / scales)
-    condition = float(np.linalg.cond(r)) if r.size else 1.0
+    condition = _condition(r)
     if not condition < _WORST_CONDITION:
         order = max(expansion.modes) - 1
         raise ElvisError(
             f"expected an order that 64 bits can resolve on a {expansion.shape.label.lower()}, found {order}"
         )
     return np.linalg.solve(r, q.T) / scales[:, None] * roots.T, condition
+
+
+def _condition(r: Floats) -> float:
+    """Condition number, in the 1-norm, of a triangular matrix."""
+    if not r.size or not np.abs(np.diag(r)).min() > 0:
+        return np.inf if r.size else 1.0
+    return float(np.abs(r).sum(axis=0).max() * np.abs(np.linalg.inv(r)).sum(axis=0).max())
 
 
 def _check_size(expansion: Expansion, points: int) -> None:

@@ -171,7 +171,7 @@ class _Maps:
         self._row = np.concatenate([np.arange(len(block)) for block in self.blocks])
 
     def at(self, ids: Ints, points: Floats, inside: int) -> tuple[Floats, Floats]:
-        """Positions (k, n, 3) of elements ``ids`` at reference points (n, d), and Jacobians (k, inside) at the first."""
+        """Positions (k, n, 3) of elements ``ids`` at reference points (n, d); Jacobians (k, inside) at the first."""
         places = np.empty((len(ids), len(points), 3))
         jacobians = np.empty((len(ids), inside))
         for number, here, rows in self._parts(ids):
