@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ class Palette:
         """The colour map that the cmap catalogue calls ``name``; SceneError with near names where there is none."""
         import cmap
 
+        # a plain name stands for matplotlib's map where several collections have one
+        logging.getLogger("cmap").setLevel(logging.ERROR)
         try:
             colormap = cmap.Colormap(name)
         except (ValueError, TypeError) as error:

@@ -47,7 +47,7 @@ def _framed(frame: Frame, image: Image.Image) -> Image.Image:
     unit = max(10, round(min(image.size) / 45))
     font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
     low, high = frame.range
-    values = ticks(low, high, max(3, image.height // (6 * unit)))
+    values = ticks(low, high, max(3, image.height // (4 * unit)))
     texts = labels(values)
     probe = ImageDraw.Draw(image)
     room = max([probe.textlength(text, font=small) for text in [*texts, "0.00"]])
