@@ -81,23 +81,29 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     plan = replace(plan, blocks=tuple(_spaced(block, settings) for block in plan.blocks))
     sampler = Sampler(source)
     mesh = _curved(sampler, plan)
-    findings = check(sampler, Dataset(mesh), plan.blocks, (), source.precision)
-    has_map = settings.geometry == "map" or (settings.geometry == "auto" and findings.exceeding)
-
     blocks = _ordered(sampler, plan.blocks, fields, settings)
     fitted = _fitted(sampler, mesh, blocks, fields, source)
+    findings = straight = check(sampler, Dataset(mesh), blocks, fitted, source.precision)
+
+    # where the mesh file can't hold the map, it travels as fields
+    has_map = settings.geometry == "map" or (settings.geometry == "auto" and findings.exceeding)
     maps = _maps(sampler, mesh, blocks) if has_map else []
-    modes = [max((own[i] for own in _orders(fitted, maps)), default=2) for i in range(len(blocks))]
-    dataset = Dataset(
-        mesh,
-        (*(_field(each, blocks, modes) for each in (*fitted, *maps)),),
-        source.time,
-        {**source.metadata, **({"GeometryMap": ",".join(MAP_FIELDS)} if has_map else {})},
-    )
-    final = check(sampler, dataset, blocks, fitted, source.precision)
-    report = _report(source, plan, final, findings, fitted, has_map, [Path(file).name for file in files])
+    dataset = _dataset(source, mesh, blocks, [*fitted, *maps], has_map)
+    if has_map:
+        findings = check(sampler, dataset, blocks, (), source.precision)
+        findings.fields = straight.fields
+    report = _report(source, plan, findings, straight, fitted, has_map, [Path(file).name for file in files])
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
     return Conversion(dataset, report, tuple(blocks))
+
+
+def _dataset(
+    source: Converter, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], has_map: bool
+) -> Dataset:
+    """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files."""
+    modes = [max((each.modes[i] for each in fitted), default=2) for i in range(len(blocks))]
+    metadata = {**source.metadata, **({"GeometryMap": ",".join(MAP_FIELDS[: mesh.space])} if has_map else {})}
+    return Dataset(mesh, tuple(_field(each, blocks, modes) for each in fitted), source.time, metadata)
 
 
 def _chosen(source: Converter, names: tuple[str, ...] | None) -> list[SourceField]:
@@ -196,12 +202,8 @@ def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[F
     return [Fitted(field, modes, column) for field, column in list(kept)[: mesh.space]]
 
 
-def _orders(fitted: Sequence[Fitted], maps: Sequence[Fitted]) -> list[tuple[int, ...]]:
-    return [each.modes for each in (*fitted, *maps)]
-
-
 def _field(fitted: Fitted, blocks: Sequence[NativeBlock], modes: Sequence[int]) -> Field:
-    """The field with as many modes on each block as the richest field there has: one section a shape in files."""
+    """The field with ``modes`` on each block."""
     parts = []
     for block, few, many, own in zip(blocks, fitted.modes, modes, fitted.coefficients, strict=True):
         full = padded(own, block.expansion(few), block.expansion(many))
