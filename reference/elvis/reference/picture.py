@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
@@ -38,10 +39,11 @@ def render(dataset: Dataset, scene: Scene) -> Frame:
     """
     start, chosen = perf_counter(), _patches(dataset, scene.field)
     boxes = [element_boxes(patch) for patch in chosen]
-    view = seen(automatic(scene, boxes))
+    locator = Locator(chosen)
+    view = seen(automatic(scene, boxes, partial(glance, locator)))
     points = view.points().reshape(-1, 3)
     pixels = np.flatnonzero(np.isfinite(points).all(axis=1))
-    found = owners(Locator(chosen), points[pixels])
+    found = owners(locator, points[pixels])
     polish(chosen, found, points[pixels])
     located = perf_counter()
     frame = _frame(scene, view, pixels, found, field_of(chosen, found))
@@ -54,6 +56,13 @@ def render(dataset: Dataset, scene: Scene) -> Frame:
         seconds={"locate": located - start, "frame": perf_counter() - start},
     )
     return frame
+
+
+def glance(locator: Locator, scene: Scene) -> Bools:
+    """(h, w) where an element is seen."""
+    view = seen(scene)
+    found = locator.locate(view.points().reshape(-1, 3))
+    return np.asarray((found.status == Verdict.INSIDE).reshape(view.height, view.width))
 
 
 def owners(locator: Locator, points: Floats) -> Location:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Bools, Floats
 from elvis.formats.boxes import Boxes
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Camera, Plane, Scene
@@ -15,14 +15,17 @@ from elvis.renderer.view import fitted, named
 
 #: width and height of automatic pictures in pixels, and the least of either
 LARGEST, LEAST = (1000, 800), 160
+#: a glance has this many times fewer pixels each way
+GLANCE = 4
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
 
-def automatic(scene: Scene, boxes: Sequence[Boxes]) -> Scene:
+def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bools]) -> Scene:
     """The scene with a size, and with a camera of known field of view or height; one that has neither is fitted.
 
-    boxes  (n, 6) arrays: low and high corners of boxes that hold the elements
+    boxes   (n, 6) arrays: low and high corners of boxes that hold the elements
+    glance  draws a small picture: (h, w) where something is seen.  Boxes promise more than there is.
     Raises SceneError where there is no box, and where the view must be fitted but the plane misses every box.
     """
     if not sum(map(len, boxes)):
@@ -36,9 +39,31 @@ def automatic(scene: Scene, boxes: Sequence[Boxes]) -> Scene:
     if not len(points):
         raise SceneError(missed(scene.plane, surrounding(boxes)))
     seen = points @ np.array(camera.basis()[:2]).T
-    extent = np.array([seen.min(axis=0), seen.max(axis=0)])
+    box, extent = surrounding(boxes), np.array([seen.min(axis=0), seen.max(axis=0)])
     size = scene.size or proportionate(extent)
-    return replace(scene, size=size, camera=fitted(camera, size, extent, surrounding(boxes)))
+    wide = replace(scene, size=size, camera=fitted(camera, size, extent, box))
+
+    # a glance shows what there is within the boxes
+    width, height = (max(LEAST, -(-side // GLANCE)) for side in size)
+    small = replace(wide, size=(width, height), camera=fitted(camera, (width, height), extent, box))
+    mask = glance(small)
+    if not mask.any():
+        return wide
+    extent = _extent(mask, small)
+    size = scene.size or proportionate(extent)
+    return replace(scene, size=size, camera=fitted(camera, size, extent, box))
+
+
+def _extent(mask: Bools, scene: Scene) -> Floats:
+    """(2, 2) least and greatest coordinates of the pixels of a mask along the camera's right and up axes."""
+    camera = scene.camera
+    assert isinstance(camera, Camera)
+    assert camera.height is not None
+    height, width = mask.shape
+    pixel = camera.height / height
+    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+    ends = np.array([[columns[0] - 1, height - rows[-1] - 1], [columns[-1] + 2, height - rows[0] + 1]])
+    return np.asarray((ends - np.array([width, height]) / 2) * pixel + np.array(camera.basis()[:2]) @ camera.eye)
 
 
 def proportionate(extent: Floats) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Bools, Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.plugins.registry import load, plugins
@@ -35,7 +35,7 @@ def render(dataset: Dataset, scene: Scene | None = None, *, device: str = "auto"
     scene = completed(dataset, scene or Scene(**{"field": default_field(dataset), **options}))
     if device in plugins("elvis.devices"):
         draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
-        return draw(dataset, automatic(scene, [part.boxes for part in _volume(dataset, scene.field).parts]))
+        return draw(dataset, scene)
     with Renderer(device) as renderer:
         renderer.load(dataset, scene.field)
         return renderer.render(scene)
@@ -105,13 +105,20 @@ class Renderer:
         assert scene.plane is not None
         cutter, start = self._cutter, perf_counter()
         boxes = [part.boxes for part in cutter.parts]
-        view = seen(automatic(scene, boxes))
+        view = seen(automatic(scene, boxes, self._glance))
         pixels = cutter.draw(view, references=references)
         if not (pixels.owner != NOBODY).any():
             raise SceneError(missed(scene.plane, surrounding(boxes)))
         frame = self._frame(cutter, scene, view, pixels)
         frame.stats["seconds"] = {**self.seconds, **cutter.clock.seconds, "frame": perf_counter() - start}
         return frame
+
+    def _glance(self, scene: Scene) -> Bools:
+        """(h, w) where something is seen."""
+        assert self._cutter is not None
+        view = seen(scene)
+        owner = self._cutter.draw(view, references=False).owner
+        return np.asarray(owner.reshape(view.height, view.width) != NOBODY)
 
     def _frame(self, cutter: Cutter, scene: Scene, view: View, pixels: Pixels) -> Frame:
         """Running element numbers become global ids; pixels become rows."""
