@@ -10,8 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Floats
+from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
 
+#: cosine between a view and the plane's normal below which the plane is a line
+EDGE_ON = 1e-9
 MARGIN = 1.04  # a fitted view is this much larger than what it shows
 
 
@@ -77,10 +80,15 @@ class View:
 
 
 def seen(scene: Scene) -> View:
-    """The view of a scene whose plane, camera and size are settled (see fitting.automatic)."""
+    """The view of a scene whose plane, camera and size are settled (see fitting.automatic).
+
+    Raises SceneError where the camera looks along the plane.
+    """
     assert scene.plane is not None
     assert scene.size is not None
     assert isinstance(scene.camera, Camera)
+    if scene.camera.fov is None and abs(scene.plane.basis()[2] @ scene.camera.basis()[2]) < EDGE_ON:
+        raise SceneError("the camera looks along the plane, so that nothing of it can be seen: choose another view")
     return View.of(scene.camera, scene.plane, scene.size)
 
 
@@ -88,7 +96,7 @@ def _orthographic(eye: Floats, forward: Floats, corner: Floats, column: Floats, 
     """Numerators and weights of plane points along parallel rays: o - d n.(o - p) / n.d."""
     normal = unit(plane.normal, "the normal of the plane")
     slope = float(normal @ forward)
-    slope = slope if abs(slope) > 1e-9 else 0.0
+    slope = slope if abs(slope) > EDGE_ON else 0.0
 
     def slide(vector: Floats) -> Floats:
         return np.asarray(slope * vector - forward * (normal @ vector))

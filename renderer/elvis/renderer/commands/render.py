@@ -54,10 +54,13 @@ OUTPUT = click.Path(path_type=Path, dir_okay=False)
 @click.option("--stats", type=OUTPUT, help="Write seconds, bytes and counts as JSON.")
 def render(data: tuple[Path, ...], outputs: tuple[Path, ...], stats: Path | None, plain: bool, **options: Any) -> None:
     """Draw DATA (mesh and field files, in any order): every pixel from the solver's own polynomials."""
+    from elvis.formats.output import check_place
     from elvis.renderer.saving import check_suffix
 
     for output in outputs:
         check_suffix(output)
+    for place in (*outputs, *([stats] if stats else [])):
+        check_place(place)
     frame = _frame(data, **options)
     for output in outputs:
         frame.save(output, plain=plain)
