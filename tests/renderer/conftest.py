@@ -1,0 +1,136 @@
+"""Devices that draw, and what it means that two of them agree."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.formats.dataset import Block, Dataset, Field
+from elvis.formats.geometry import geometry
+from elvis.formats.margins import margins
+from elvis.formats.ranges import field_range
+from elvis.formats.reading import read
+from elvis.reference.picture import render as judge
+from elvis.renderer import Renderer, Scene, Status
+from elvis.renderer.device import ADVICE, adapters
+from elvis.renderer.rendering import completed
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
+#: nearer to the border of an element than this, neighbours may claim a point
+BORDER = 1e-9
+
+
+def pytest_generate_tests(metafunc):
+    """Every shared case with a field, for tests that ask for ``case``."""
+    if "case" in metafunc.fixturenames:
+        folders = sorted(DATA.iterdir()) if DATA.is_dir() else []
+        names = [folder.name for folder in folders if folder.is_dir() and len(files_of(folder)) == 2]
+        metafunc.parametrize("case", names)
+
+
+def files_of(folder):
+    """The mesh, then the field of a case where it has one."""
+    names = sorted(path for path in folder.iterdir() if "zVariation" not in path.name)
+    meshes = [path for path in names if path.name.endswith((".xml", "_xml"))]
+    return meshes[:1] + [path for path in names if path.name.endswith((".fld", ".rst", ".chk"))][:1]
+
+
+@pytest.fixture(scope="session")
+def shared_files(nektar):
+    return lambda case: files_of(nektar / case)
+
+
+@pytest.fixture(scope="session")
+def shared(shared_files):
+    """The dataset of a case."""
+    return lambda case: read(*shared_files(case))
+
+
+@pytest.fixture(scope="session")
+def renderer():
+    """An open device by name, opened once; only a missing Vulkan driver is a reason to skip, and not in CI."""
+    opened = {}
+
+    def open_device(name):
+        if name == "vulkan" and not any(adapter.kind == "vulkan" for adapter in adapters()):
+            if os.environ.get("CI"):
+                pytest.fail(f"no Vulkan device: {ADVICE}")
+            pytest.skip(f"no Vulkan device: {ADVICE}")
+        if name not in opened:
+            opened[name] = Renderer(name)
+        return opened[name]
+
+    yield open_device
+    for device in opened.values():
+        device.device.close()
+
+
+@pytest.fixture(scope="session")
+def draw(renderer):
+    """A frame of a dataset, with the scene's parts as keywords; ``device`` is vulkan, cpu or reference."""
+
+    def draw(dataset, device="vulkan", **scene):
+        settled = completed(dataset, Scene(**{"field": dataset.fields[0].name, **scene}))
+        if device == "reference":
+            return judge(dataset, settled)
+        drawing = renderer(device)
+        drawing.load(dataset, settled.field)
+        return drawing.render(settled)
+
+    return draw
+
+
+@pytest.fixture(scope="session")
+def same_on(draw):
+    """Draw on a device and in NumPy, check that the pixels agree, return both frames."""
+
+    def compare(dataset, device="vulkan", **scene):
+        drawn = draw(dataset, device, **scene)
+        size = (drawn.view.width, drawn.view.height)
+        truth = judge(dataset, replace(drawn.scene, camera=drawn.view.camera, size=size))
+        span = field_range(dataset.field(drawn.scene.field).blocks)
+        check_pixels(drawn, truth, dataset.mesh, span.upper - span.lower)
+        return drawn, truth
+
+    return compare
+
+
+def check_pixels(drawn, truth, mesh, span):
+    assert drawn.counts()["failed"] == truth.counts()["failed"] == 0
+    inner = margin_of(truth, mesh) > BORDER
+    assert np.array_equal(drawn.element[inner], truth.element[inner])
+    assert (drawn.status[inner] == Status.CERTAIN).all()
+
+    # covered exactly: borders belong to some element, and beyond them there is nothing
+    assert drawn.seen[margin_of(truth, mesh) > -1e-12].all()
+    assert (np.abs(margin_of(drawn, mesh)[drawn.seen & ~truth.seen]) < BORDER).all()
+
+    same = drawn.seen & (drawn.element == truth.element)
+    assert np.array_equal(np.isnan(drawn.field[same]), np.isnan(truth.field[same]))
+    assert np.nanmax(np.abs(drawn.field - truth.field)[same]) <= 1e-11 * span
+    assert np.abs(drawn.reference - truth.reference)[same].max() <= 1e-9
+
+
+def margin_of(frame, mesh):
+    """(h, w) margin of what is seen, from the frame's reference coordinates; NaN elsewhere."""
+    result = np.full(frame.element.shape, np.nan)
+    for shape, entities in mesh.elements.items():
+        here = np.isin(frame.element, entities.ids)
+        result[here] = margins(shape, frame.reference[here][:, : shape.dimension])
+    return result
+
+
+@pytest.fixture(scope="session")
+def linear():
+    """A dataset with the field x + 2 y - 3 z, made of the coefficients of the map itself, so exact on any mesh."""
+
+    def make(mesh, name="u"):
+        blocks = [
+            Block(block.expansion, block.element_ids, np.einsum("nik,i->nk", block.coefficients, [1.0, 2.0, -3.0]))
+            for block in geometry(Dataset(mesh))
+        ]
+        return Dataset(mesh, (Field(name, tuple(blocks)),))
+
+    return make
