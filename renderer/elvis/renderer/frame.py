@@ -86,9 +86,9 @@ class Frame:
         return np.where(self.seen[..., None], self.palette.colors(self.field), self.scene.background)
 
     def counts(self) -> dict[str, int]:
-        """Pixels by status, and those that are seen but are not numbers."""
+        """Pixels by status, and those that are seen but are not finite numbers."""
         by_status = {status.name.lower(): int(np.count_nonzero(self.status == status)) for status in Status}
-        return {**by_status, "not_a_number": int(np.count_nonzero(self.seen & np.isnan(self.field)))}
+        return {**by_status, "not_a_number": int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))}
 
     def save(self, path: str | Path, *, plain: bool = False) -> None:
         """Write ``.png`` (with colour bar and title unless ``plain``), ``.exr`` or ``.npz``, by the suffix."""

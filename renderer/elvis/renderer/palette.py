@@ -10,7 +10,7 @@ import numpy as np
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
 
-#: colour of what is seen but is not a number
+#: colour of what is seen but is not a finite number
 NOT_A_NUMBER = (1.0, 0.0, 1.0)
 STEPS = 256
 
@@ -40,13 +40,13 @@ class Palette:
         return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
 
     def colors(self, values: Floats) -> Floats:
-        """Colours (…, 3) in [0, 1] of values (…); what lies beyond the range takes the end's colour."""
+        """Colours (…, 3) in [0, 1] of values (…); finite values beyond the range take the end's colour."""
         span = self.high - self.low
         scaled = (values - self.low) * (STEPS / span if span > 0 else 0.0)
-        number = np.isnan(scaled)
-        step = np.clip(np.where(number, 0.0, scaled), 0, STEPS - 1).astype(np.uint8)
+        finite = np.isfinite(values)
+        step = np.clip(np.where(finite, scaled, 0.0), 0, STEPS - 1).astype(np.uint8)
         colors = self.table[step]
-        colors[number] = NOT_A_NUMBER
+        colors[~finite] = NOT_A_NUMBER
         return np.asarray(colors)
 
 

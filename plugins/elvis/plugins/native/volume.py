@@ -121,7 +121,9 @@ def _coefficients(patch: Patch, space: BernsteinSpace) -> Floats:
     expansion, modal = patch.fields[0], patch.coefficients[0]
     assert expansion is not None
     assert modal is not None
-    return np.asarray(bernstein_coefficients(expansion, modal, space) * weights(space))
+    # infinities become NaN where they meet
+    with np.errstate(invalid="ignore"):
+        return np.asarray(bernstein_coefficients(expansion, modal, space) * weights(space))
 
 
 def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
