@@ -73,6 +73,7 @@ class Renderer:
         self._volume: Volume | None = None
         self._cutter: Cutter | None = None
         self._finder: Finder | None = None
+        self._fitted: tuple[object, View] | None = None
 
     def __enter__(self) -> Renderer:
         return self
@@ -88,7 +89,7 @@ class Renderer:
 
     def show(self, volume: Volume) -> None:
         """Bring a runtime plugin's volume to the device."""
-        self._volume, self._finder = volume, None
+        self._volume, self._finder, self._fitted = volume, None, None
         self._cutter = Cutter(self.device, volume)
 
     def probe(self, points: Floats) -> Places:
@@ -104,14 +105,22 @@ class Renderer:
             raise ElvisError("load a dataset before rendering")
         assert scene.plane is not None
         cutter, start = self._cutter, perf_counter()
-        boxes = [part.boxes for part in cutter.parts]
-        view = seen(automatic(scene, boxes, self._glance))
+        view = self._view(scene)
         pixels = cutter.draw(view, references=references)
         if not (pixels.owner != NOBODY).any():
-            raise SceneError(missed(scene.plane, surrounding(boxes)))
+            raise SceneError(missed(scene.plane, surrounding([part.boxes for part in cutter.parts])))
         frame = self._frame(cutter, scene, view, pixels)
         frame.stats["seconds"] = {**self.seconds, **cutter.clock.seconds, "frame": perf_counter() - start}
         return frame
+
+    def _view(self, scene: Scene) -> View:
+        """The view of a scene; that of the last one where plane, camera and size are the same, since fitting takes time."""
+        assert self._cutter is not None
+        key = (scene.plane, scene.camera, scene.size)
+        if self._fitted is None or self._fitted[0] != key:
+            boxes = [part.boxes for part in self._cutter.parts]
+            self._fitted = key, seen(automatic(scene, boxes, self._glance))
+        return self._fitted[1]
 
     def _glance(self, scene: Scene) -> Bools:
         """(h, w) where something is seen."""
