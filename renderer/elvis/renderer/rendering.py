@@ -114,7 +114,7 @@ class Renderer:
         return frame
 
     def _view(self, scene: Scene) -> View:
-        """The view of a scene; that of the last one where plane, camera and size are the same, since fitting takes time."""
+        """The view of a scene: that of the last scene where plane, camera and size are the same."""
         assert self._cutter is not None
         key = (scene.plane, scene.camera, scene.size)
         if self._fitted is None or self._fitted[0] != key:
