@@ -1,0 +1,217 @@
+"""Fields of Nek5000 and NekRS: values at the Gauss-Lobatto points of curved quadrilaterals and hexahedra.
+
+A series often holds the points in its first file alone, and a step may be spread over several files.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, read_boundaries, read_header
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.quadrature import lobatto
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, SourceField
+from elvis.plugins.nodal import NodalBasis, tensor_nodes
+
+#: our local side for each side of theirs, by dimension
+_SIDES = {2: np.array([0, 1, 2, 3]), 3: np.array([1, 2, 3, 4, 0, 5])}
+
+#: the name of a file of a series: what precedes, the number of the file in its step, the number of the step
+_NAME = re.compile(r"(.*?)(\d+)(\.f)(\d{5})$")
+
+
+class Nek(Converter):
+    """One step, with the file that holds its points and the boundaries of a .re2 file where they are given."""
+
+    format = "Nek5000/NekRS field files (.f00001, .nek5000), boundaries from .re2"
+    keeps = "curved quadrilaterals and hexahedra of any order, all fields, either precision, steps of many files, time"
+    loses = "periodic links and curve descriptions of the .re2 file; pressure on a mesh of its own"
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether these are field files, with an index of a series and a .re2 file at most."""
+        kinds = [_kind(path) for path in paths]
+        return bool(paths) and all(kinds) and ("field" in kinds or "index" in kinds)
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        fields = [path for path in paths if _kind(path) == "field"]
+        fields += [_last_of(path) for path in paths if _kind(path) == "index"]
+        points, values = _steps(fields)
+        self._points, self._values = Step(points), Step(values)
+        self._check_match()
+        head = self._values.head
+        self.time, self.metadata = head.time, {"Step": str(head.step)}
+        self.precision = SINGLE if 4 in (head.size, self._points.head.size) else DOUBLE
+        self._read_blocks()
+        for path in paths:
+            if _kind(path) == "mesh":
+                self._read_boundaries(path)
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """Interpolation through the Gauss-Lobatto points."""
+        nodes = [self._points.take("position", axis, self._rows[block.rows]) for axis in range(self._points.dimension)]
+        table = self._geometry.at(points).T
+        return np.stack([own @ table for own in nodes], axis=2)
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """Interpolation through the Gauss-Lobatto points."""
+        name, component = field.key
+        rows = np.arange(len(self._values.numbers))[block.rows]
+        return np.asarray(self._values.take(name, component, rows) @ self._basis.at(points).T)
+
+    def _check_match(self) -> None:
+        points, values = self._points, self._values
+        if points.dimension != values.dimension or len(points.numbers) != len(values.numbers):
+            expected = f"a step on the {len(points.numbers)} elements of {points.file.name}"
+            raise FormatError(f"expected {expected}, found one on {len(values.numbers)}", file=values.file)
+        for step in (points, values):
+            _check_numbers(step)
+        order = np.argsort(points.numbers)
+        self._rows: Ints = order[values.numbers - 1]
+
+    def _read_blocks(self) -> None:
+        values, shape = self._values, Shape.HEXAHEDRON if self._values.dimension == 3 else Shape.QUADRILATERAL
+        self._basis, self._geometry = (_basis(shape, step.head.points[0]) for step in (values, self._points))
+        order, count = self._points.head.points[0] - 1, len(values.numbers)
+        self.blocks = [Elements(shape, count, order, ids=values.numbers - 1)]
+        head = values.head
+        names = [(name, parts) for name, parts in head.channels if name != "position"]
+        if head.pressure_apart and ("pressure", 1) in names:
+            names.remove(("pressure", 1))
+            self.notes = ["the pressure lies on a mesh of its own and was left out"]
+        self.fields = [
+            SourceField(name if parts == 1 else f"{name}_{'xyz'[i]}", head.points[0] - 1, True, key=(name, i))
+            for name, parts in names
+            for i in range(parts)
+        ]
+
+    def _read_boundaries(self, path: Path) -> None:
+        count, found = read_boundaries(path)
+        total, sides = len(self._values.numbers), _SIDES[self._values.dimension]
+        if count != total:
+            raise FormatError(f"expected {total} elements as in the fields, found {count}", file=path)
+        known = np.isin(found.elements, np.arange(1, total + 1)) & np.isin(found.sides, np.arange(1, len(sides) + 1))
+        if not known.all():
+            raise FormatError(f"expected sides of elements 1 to {total}, found others", file=path, place="boundaries")
+        rows, own = np.argsort(self._values.numbers)[found.elements - 1], sides[found.sides - 1]
+        names = np.array(found.names)
+        self.boundaries = [
+            Boundary(name, sides=[(0, rows[names == name], own[names == name])]) for name in sorted(set(found.names))
+        ]
+
+
+class Step:
+    """The files of one step as one; rows are counted through the files in order."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self.pieces = [Piece(path) for path in paths]
+        self.file, self.head, self.dimension = paths[0], self.pieces[0].header, self.pieces[0].header.dimension
+        for piece in self.pieces[1:]:
+            if (piece.header.points, piece.header.channels) != (self.head.points, self.head.channels):
+                raise FormatError(f"expected points and contents as in {self.file.name}, found others", file=piece.path)
+        self.numbers: Ints = np.concatenate([piece.numbers for piece in self.pieces])
+        self._ends = np.cumsum([len(piece.numbers) for piece in self.pieces])
+
+    def take(self, name: str, component: int, rows: Ints) -> Floats:
+        """(n, points) values of elements ``rows`` (n,)."""
+        result = np.empty((len(rows), int(np.prod(self.head.points))))
+        which = np.searchsorted(self._ends, rows, side="right")
+        for i in np.unique(which).tolist():
+            here, piece = which == i, self.pieces[i]
+            result[here] = piece.records[name][rows[here] - self._ends[i] + len(piece.numbers), component]
+        return result
+
+
+def _kind(path: Path) -> str:
+    """``field``, ``mesh`` or ``index``, told by the first bytes; empty for any other file."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(512)
+    except OSError:
+        return ""
+    if start.startswith(MAGIC):
+        return "field"
+    if start.startswith(MESH_MAGIC):
+        return "mesh"
+    return "index" if b"filetemplate:" in start else ""
+
+
+def _last_of(index: Path) -> Path:
+    """The first file of the last step of a series."""
+    words = dict(re.findall(r"(\w+):\s*(\S+)", index.read_text("utf-8", "replace")))
+    try:
+        last = int(words["firsttimestep"]) + int(words["numtimesteps"]) - 1
+        path = Path(index.parent, words["filetemplate"] % (0, last))
+    except (KeyError, ValueError, TypeError):
+        raise FormatError("expected filetemplate, firsttimestep and numtimesteps", file=index) from None
+    if not path.is_file():
+        raise FormatError(f"expected {path.name} beside it, found none", file=index)
+    return path
+
+
+def _steps(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """The files that hold the points and those that hold the values, which may be the same."""
+    steps: dict[tuple[int, float], list[Path]] = {}
+    heads = {path: read_header(path) for path in dict.fromkeys(paths)}
+    for path, head in heads.items():
+        steps.setdefault((head.step, head.time), []).append(path)
+    ordered = [_whole(steps[key]) for key in sorted(steps, key=lambda key: (key[1], key[0]))]
+    values = ordered[-1]
+    if len(ordered) > 2:
+        raise FormatError(f"expected one step, and at most another with its points, found {len(ordered)}")
+    if "X" in read_header(values[0]).contents:
+        return values, values
+    if len(ordered) == 2 and "X" in read_header(ordered[0][0]).contents:
+        return ordered[0], values
+    return _points_beside(values[0]), values
+
+
+def _whole(paths: Sequence[Path]) -> list[Path]:
+    """All files of the step of which some are given; the others are sought beside them."""
+    head = read_header(paths[0])
+    if len(paths) > head.pieces:
+        raise FormatError(f"expected {head.pieces} files of a step, found {len(paths)}", file=paths[0])
+    if len(paths) == head.pieces or head.count == head.total:
+        return sorted(paths, key=lambda path: read_header(path).piece)
+    match = _NAME.fullmatch(paths[0].name)
+    if match is None:
+        raise FormatError(f"expected all {head.pieces} files of the step, found {len(paths)}", file=paths[0])
+    digits = min(len(match[2]), len(str(head.pieces - 1)) if head.pieces > 1 else 1)
+    stem = match[1] + match[2][:-digits]
+    found = [paths[0].parent / f"{stem}{i:0{digits}d}{match[3]}{match[4]}" for i in range(head.pieces)]
+    missing = [path.name for path in found if not path.is_file()]
+    if missing:
+        expected = f"all {head.pieces} files of the step"
+        raise FormatError(f"expected {expected}, found no {', '.join(missing)}", file=paths[0])
+    return found
+
+
+def _points_beside(path: Path) -> list[Path]:
+    """The files of the last earlier step of the series, beside this one, that hold its points."""
+    match = _NAME.fullmatch(path.name)
+    if match is not None:
+        stem = re.escape(match[1] + match[2] + match[3])
+        earlier = [p for p in path.parent.iterdir() if re.fullmatch(stem + r"\d{5}", p.name) and p.name < path.name]
+        for other in sorted(earlier, reverse=True):
+            if _kind(other) == "field" and "X" in read_header(other).contents:
+                return _whole([other])
+    raise FormatError("expected points, or a file of the same series that has them; give that too", file=path)
+
+
+def _check_numbers(step: Step) -> None:
+    """FormatError where the files of a step don't hold every element once."""
+    count = step.head.total
+    if len(step.numbers) != count or not np.array_equal(np.sort(step.numbers), np.arange(1, count + 1)):
+        found = f"{len(step.numbers)}, of which {len(np.unique(step.numbers))} differ"
+        raise FormatError(f"expected the elements 1 to {count}, found {found}", file=step.file, place="element map")
+
+
+def _basis(shape: Shape, count: int) -> NodalBasis:
+    nodes = tensor_nodes(shape, tuple(lobatto(count)[0].tolist()))
+    return NodalBasis(shape, count - 1, nodes)

@@ -1,0 +1,195 @@
+"""Files of Nek5000 and NekRS: headers, records of numbers in either byte order, the boundaries of a .re2 file.
+
+Layout: Nek5000 documentation, "Field files" and "Mesh files"; core/prepost.f (mfo_write_hdr), core/reader_re2.f.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+
+MAGIC, MESH_MAGIC, _HEADER, _MESH_HEADER = b"#std", b"#v00", 132, 80
+
+#: the number that tells the byte order
+_TAG = 6.54321
+
+#: what a letter of the header stands for, in the order of the file; scalars S01, S02, ... follow
+_FIELDS = {"U": "velocity", "P": "pressure", "T": "temperature"}
+
+#: codes of sides whose condition is looked up by a number of the mesh generator; and of sides inside the mesh
+_NUMBERED, _INSIDE = ("MSH", "EXO"), ("E", "P", "p", "J", "SP", "")
+
+#: more points along an edge are a slip
+_MOST_POINTS = 64
+
+
+@dataclass(frozen=True)
+class Header:
+    """The first line of a field file.
+
+    size      bytes of a number, 4 or 8
+    points    along each of the three directions, the last is 1 in 2D
+    count     elements in this file; ``total`` of them in all files of the step
+    piece, pieces  which of the files of the step this is, and how many there are
+    contents  letters of what is in it: X, U, P, T, then the number of scalars
+    """
+
+    size: int
+    points: tuple[int, int, int]
+    count: int
+    total: int
+    time: float
+    step: int
+    piece: int
+    pieces: int
+    contents: str
+    scalars: int
+    pressure_apart: bool
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return 2 if self.points[2] == 1 else 3
+
+    @property
+    def channels(self) -> list[tuple[str, int]]:
+        """Records of numbers by name, with the components of each, in the order of the file."""
+        names = [("X", "position"), *((letter, name) for letter, name in _FIELDS.items())]
+        found = [(name, self.dimension if letter in "XU" else 1) for letter, name in names if letter in self.contents]
+        return [*found, *((f"s{i + 1:02d}", 1) for i in range(self.scalars))]
+
+
+class Piece:
+    """One field file, mapped into memory.
+
+    numbers   (count,) global numbers of its elements, from 1
+    records   by name, (count, components, points) in the file's own type
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.header = path, read_header(path)
+        order = _byte_order(path, _HEADER)
+        head, start = self.header, _HEADER + 4
+        needed = start + 4 * head.count + head.size * int(np.prod(head.points)) * head.count * _width(head)
+        if path.stat().st_size < needed:
+            raise FormatError(f"expected {needed} bytes, found {path.stat().st_size}", file=path)
+        self.numbers = np.fromfile(path, f"{order}i4", head.count, offset=start).astype(np.int64)
+        self.records: dict[str, Floats] = {}
+        start += 4 * head.count
+        for name, components in head.channels:
+            shape = (head.count, components, int(np.prod(head.points)))
+            data: Floats = np.memmap(path, np.dtype(f"{order}f{head.size}"), "r", start, shape)
+            self.records[name] = data
+            start += data.nbytes
+
+
+def _width(head: Header) -> int:
+    return sum(components for _, components in head.channels)
+
+
+def read_header(path: Path) -> Header:
+    """The header of a field file; FormatError where it isn't one."""
+    with path.open("rb") as file:
+        words = file.read(_HEADER).decode("ascii", "replace").split()
+    try:
+        numbers = [int(word) for word in words[1:7]]
+        time, step, piece, pieces = float(words[7]), int(words[8]), int(words[9]), int(words[10])
+        contents, scalars, apart = _contents(words[11:])
+    except (ValueError, IndexError):
+        found = " ".join(words)
+        raise FormatError(f"expected sizes, time and contents, found {found!r}", file=path, place="header") from None
+    size, *points, count, total = numbers
+    head = Header(
+        size, (points[0], points[1], points[2]), count, total, time, step, piece, pieces, contents, scalars, apart
+    )
+    _check(head, path)
+    return head
+
+
+def _contents(words: Sequence[str]) -> tuple[str, int, bool]:
+    """Letters, number of scalars, and whether the pressure has a mesh of its own, from the end of the header."""
+    match = re.fullmatch(r"([XUPT]*)(?:S(\d*))?", words[0])
+    if match is None:
+        raise ValueError(words[0])
+    return match[1], int(match[2] or 0), len(words) > 2 and words[2].upper() == "T"
+
+
+def _check(head: Header, path: Path) -> None:
+    """FormatError where a header asks for what no solver writes."""
+    first, second, third = head.points
+    if head.size not in (4, 8):
+        raise FormatError(f"expected numbers of 4 or 8 bytes, found {head.size}", file=path, place="header")
+    if first != second or third not in (1, first) or not 2 <= first <= _MOST_POINTS:
+        found = f"{first} x {second} x {third}"
+        raise FormatError(f"expected 2 to {_MOST_POINTS} points each way, found {found}", file=path, place="header")
+    if not 0 < head.count <= head.total:
+        found = f"{head.count} of {head.total}"
+        raise FormatError(f"expected at least one element, found {found}", file=path, place="header")
+
+
+def _byte_order(path: Path, offset: int) -> str:
+    """``<`` or ``>``, by a number that is known."""
+    raw = np.fromfile(path, np.uint8, 4, offset=offset)
+    for order in "<>":
+        if len(raw) == 4 and abs(float(raw.view(f"{order}f4")[0]) - _TAG) < 1e-4:
+            return order
+    raise FormatError(f"expected {_TAG} after the header in either byte order, found other bytes", file=path)
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Boundaries of a .re2 file: numbers of elements (n,) from 1, local sides (n,) from 1, and names (n,)."""
+
+    elements: Ints
+    sides: Ints
+    names: Sequence[str]
+
+
+def read_boundaries(path: Path) -> tuple[int, Sides]:
+    """The number of elements of a .re2 file and its first set of boundary conditions, those inside left out."""
+    with path.open("rb") as file:
+        words = file.read(_MESH_HEADER).decode("ascii", "replace").split()
+    try:
+        count, dimension = int(words[1]), int(words[2])
+    except (ValueError, IndexError):
+        found = " ".join(words)
+        raise FormatError(f"expected elements and dimension, found {found!r}", file=path, place="header") from None
+    width = 4 if words[0] == "#v001" else 8
+    order, data = _byte_order(path, _MESH_HEADER), path.read_bytes()[_MESH_HEADER + 4 :]
+    start = width * count * (1 + dimension * 2**dimension)
+    table, start = _table(path, data, start, order, width)
+    table, start = _table(path, data, start, order, width)
+    return count, _named(table, order, width)
+
+
+def _table(path: Path, data: bytes, start: int, order: str, width: int) -> tuple[bytes, int]:
+    """The bytes of the table of eight columns at ``start``, which its length precedes, and where it ends."""
+    kind = np.dtype(f"{order}f{width}" if width == 8 else f"{order}i4")
+    if start + width > len(data):
+        raise FormatError(f"expected {start + width} bytes of numbers, found {len(data)}", file=path)
+    rows = int(np.frombuffer(data, kind, 1, start)[0])
+    end = start + width * (1 + 8 * rows)
+    if rows < 0 or end > len(data):
+        raise FormatError(f"expected {rows} entries of a table, found {len(data) - start} bytes", file=path)
+    return data[start + width : end], end
+
+
+def _named(table: bytes, order: str, width: int) -> Sides:
+    """Sides with their names: the code of the condition, and the number that a mesh generator gave it."""
+    kind = np.dtype(f"{order}f{width}" if width == 8 else f"{order}i4")
+    numbers = np.frombuffer(table, kind).reshape(-1, 8)
+    codes = np.frombuffer(table, f"S{width}").reshape(-1, 8)[:, 7]
+    labels = np.array([code.decode("ascii", "replace").strip("\0 ") for code in codes.tolist()], dtype="U8")
+    own = np.nan_to_num(np.frombuffer(table, f"{order}f{width}").reshape(-1, 8)[:, 6])
+    kept = ~np.isin(labels, _INSIDE)
+    pairs = zip(labels[kept].tolist(), own[kept].tolist(), strict=True)
+    names = [f"{label}_{int(number)}" if number > 0 and label in _NUMBERED else label for label, number in pairs]
+    places = numbers[kept, :2].astype(np.int64)
+    return Sides(places[:, 0], places[:, 1], names)
