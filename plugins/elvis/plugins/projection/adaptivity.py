@@ -28,20 +28,52 @@ _BEYOND = 6
 
 
 def adapted(
-    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], tolerance: float, highest: int
+    sampler: Sampler,
+    blocks: Sequence[NativeBlock],
+    fields: Sequence[SourceField],
+    bounds: Sequence[float],
+    highest: int,
 ) -> list[NativeBlock]:
     """The blocks parted by the number of modes that their elements need, at most ``highest`` + 1.
 
-    tolerance  of the largest error, as a share of each field's range
+    bounds  of the largest error of each field
     """
-    ranges = _ranges(sampler, blocks, fields)
-    bounds = [_SHARE * tolerance * spread for spread in ranges]
-    result = []
-    for block in track(list(blocks), "choosing orders"):
-        modes = _needed(sampler, block, fields, bounds, highest)
-        for count in np.unique(modes).tolist():
-            result.append(block.select(np.flatnonzero(modes == count), count))
-    return result
+    modes = [_needed(sampler, block, fields, bounds, highest) for block in track(list(blocks), "choosing orders")]
+    return _parted(blocks, modes)
+
+
+def _parted(blocks: Sequence[NativeBlock], modes: Sequence[Ints]) -> list[NativeBlock]:
+    """The blocks as parts of elements with one number of modes (n,) each."""
+    return [
+        block.select(np.flatnonzero(own == count), count)
+        for block, own in zip(blocks, modes, strict=True)
+        for count in np.unique(own).tolist()
+    ]
+
+
+def raised(blocks: Sequence[NativeBlock], fields: Sequence[SourceField], ids: Ints, highest: int) -> list[NativeBlock]:
+    """The blocks with one mode more for the elements ``ids``, and no fewer than theirs for all around them.
+
+    Elements take the trace of their neighbour of lowest order, so an error may come from there.
+    """
+    count = 1 + max(int(block.vertices.max(initial=0)) for block in blocks)
+    around = np.zeros(count, np.int64)
+    marks = [np.isin(block.ids, ids) for block in blocks]
+    for block, mark in zip(blocks, marks, strict=True):
+        np.maximum.at(around, block.vertices[mark].reshape(-1), block.modes or 0)
+    modes = []
+    for block, mark in zip(blocks, marks, strict=True):
+        own = np.maximum(block.modes or 0, around[block.vertices].max(axis=1))
+        most = 1 + min(highest, max(_last_order(block, field) for field in fields))
+        modes.append(np.minimum(own + mark, max(most, block.modes or 0)))
+    return _parted(blocks, modes)
+
+
+def bounds_of(
+    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], tolerance: float
+) -> list[float]:
+    """The largest error that each field may have: ``tolerance`` of its range."""
+    return [tolerance * spread for spread in _ranges(sampler, blocks, fields)]
 
 
 def _ranges(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]) -> list[float]:
@@ -68,7 +100,7 @@ def _needed(
         part = replace(block.select(left), modes=order + 1)
         good = np.ones(len(left), bool)
         for field, bound in zip(fields, bounds, strict=True):
-            good &= _errors(sampler, part, field) <= bound
+            good &= _errors(sampler, part, field) <= _SHARE * bound
         modes[left[good]] = order + 1
         left = left[~good]
         if not len(left):

@@ -88,28 +88,40 @@ def best(expansion: Expansion, extra: int = 0) -> Operator:
     return Operator(frozen_floats(points), frozen_floats(matrix.T), condition)
 
 
-def _product(expansion: Expansion, count: int) -> tuple[Floats, float]:
-    """The fit (m, n) on a shape that is a product of others, from the fits on these."""
+def _product(expansion: Expansion, count: int, inside: bool = False) -> tuple[Floats, float]:
+    """The fit (m, n) on a shape that is a product of others, from the fits on these; of inside modes alone on request.
+
+    The best approximation by products of functions is the product of the best approximations.
+    """
     shape, index = expansion.shape, mode_indices(expansion)
+    if inside:
+        index = index[entities(shape, max(expansion.modes)).inside]
     matrix, worst = np.ones((len(index), 1)), 1.0
-    axes: list[int] = []
     for factor, directions in _FACTORS[shape]:
-        own = Expansion(
-            factor, tuple(expansion.bases[i] for i in directions), tuple(expansion.modes[i] for i in directions)
-        )
-        points, weights = rule(factor, count)
-        fit, condition = _fit(values(own, points), weights, own)
-        numbers = np.full(own.modes, -1)
-        numbers[tuple(mode_indices(own).T)] = np.arange(len(fit))
+        fit, numbers, condition = _factor_fit(expansion, factor, directions, count, inside)
         rows = fit[numbers[tuple(index[:, directions].T)]]
         matrix = (matrix[:, :, None] * rows[:, None, :]).reshape(len(index), -1)
-        axes, worst = [*axes, *directions], worst * condition
-    if axes == sorted(axes):
-        return matrix, worst
+        worst *= condition
 
     # points of the rule count the first direction slowest
+    axes = [i for _, directions in _FACTORS[shape] for i in directions]
     grid = matrix.reshape(len(index), *(count,) * len(axes))
-    return np.moveaxis(grid, np.arange(1, 1 + len(axes)), 1 + np.array(axes)).reshape(len(index), -1), worst
+    places = 1 + np.array(axes)
+    return np.moveaxis(grid, np.arange(1, 1 + len(axes)), places).reshape(len(index), -1), worst
+
+
+def _factor_fit(
+    expansion: Expansion, factor: Shape, directions: tuple[int, ...], count: int, inside: bool
+) -> tuple[Floats, Ints, float]:
+    """The fit (k, n) on a factor of a product, the row of each mode in it, and its condition."""
+    modes = tuple(expansion.modes[i] for i in directions)
+    own = Expansion(factor, tuple(expansion.bases[i] for i in directions), modes)
+    points, weights = rule(factor, count)
+    chosen = entities(factor, max(modes)).inside if inside else np.arange(mode_count(own))
+    fit, condition = _fit(values(own, points)[:, chosen], weights, own)
+    numbers = np.full(modes, -1)
+    numbers[tuple(mode_indices(own)[chosen].T)] = np.arange(len(chosen))
+    return fit, numbers, condition
 
 
 @lru_cache(maxsize=64)
@@ -121,21 +133,29 @@ def conforming(expansion: Expansion, extra: int = 0) -> Operator:
     stages = [(shape.vertices[[i]], np.ones(1), groups.vertices[[i]]) for i in range(len(shape.vertices))]
     stages += [(*_on(shape, ends, count), own) for ends, own in zip(shape.edges, groups.edges, strict=False)]
     stages += [(*_on(shape, local, count), own) for local, own in zip(shape.faces, groups.faces, strict=False)]
-    stages.append((*rule(shape, count + (modes // 2 if shape is Shape.PYRAMID else 0)), groups.inside))
+    more = modes // 2 if shape is Shape.PYRAMID else 0
+    stages.append((*rule(shape, count + more), groups.inside))
     stages = [stage for stage in stages if len(stage[2])]
     _check_size(expansion, sum(len(stage[0]) for stage in stages))
-    return _staged(expansion, stages)
+    return _staged(expansion, stages, count)
 
 
-def _staged(expansion: Expansion, stages: Sequence[tuple[Floats, Floats, Ints]]) -> Operator:
-    """The operator that fits the modes of each stage, at its points and weights, to what earlier ones leave."""
+def _staged(expansion: Expansion, stages: Sequence[tuple[Floats, Floats, Ints]], count: int) -> Operator:
+    """The operator that fits the modes of each stage, at its points and weights, to what earlier ones leave.
+
+    count  points each way of the rule inside
+    """
     total = sum(len(points) for points, _, _ in stages)
     matrix = np.zeros((mode_count(expansion), total))
     worst, start = 1.0, 0
     known = np.empty(0, np.int64)
+    inside = entities(expansion.shape, max(expansion.modes)).inside
     for points, weights, own in stages:
         table = values(expansion, points)
-        fit, condition = _fit(table[:, own], weights, expansion)
+        if own is inside and expansion.shape in _FACTORS:
+            fit, condition = _product(expansion, count, inside=True)
+        else:
+            fit, condition = _fit(table[:, own], weights, expansion)
         here = np.arange(start, start + len(points))
         matrix[own] = -(fit @ table[:, known]) @ matrix[known]
         matrix[np.ix_(own, here)] += fit

@@ -45,6 +45,7 @@ class Tally:
     square   integral of the squared difference
     low, high  of the source's values
     broken   ids of elements where the source's values are not finite
+    bound    and ids of the elements where the difference is ``beyond`` it
     """
 
     worst: float = 0.0
@@ -53,6 +54,8 @@ class Tally:
     low: float = np.inf
     high: float = -np.inf
     broken: list[Ints] = field(default_factory=list)
+    bound: float = np.inf
+    beyond: list[Ints] = field(default_factory=list)
 
     def add(self, ids: Ints, differences: Floats, weights: Floats, values: Floats) -> None:
         """Take in differences (k, n) with weights (k, i), of which the first i points count in the integral."""
@@ -66,6 +69,7 @@ class Tally:
         first = int(most.argmax())
         if most[first] > self.worst or self.element < 0:
             self.worst, self.element = float(most[first]), int(ids[first])
+        self.beyond.append(ids[most > self.bound])
         self.square += float((weights * differences[:, : weights.shape[1]] ** 2).sum())
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
@@ -94,15 +98,21 @@ class Findings:
 
 
 def check(
-    sampler: Sampler, dataset: Dataset, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], precision: float
+    sampler: Sampler,
+    dataset: Dataset,
+    blocks: Sequence[NativeBlock],
+    fitted: Sequence[Fitted],
+    precision: float,
+    bounds: Sequence[float] = (),
 ) -> Findings:
     """Compare the map of a dataset and the fields with the source.
 
-    fitted     on ``blocks``, which may part the source's otherwise than the dataset's
     precision  relative rounding of the source's coordinates
+    bounds     for each field, the error beyond which elements are listed
     """
     maps = _Maps(dataset)
-    findings = Findings(Tally(), [Tally() for _ in fitted])
+    limits = [*bounds, *[np.inf] * (len(fitted) - len(bounds))]
+    findings = Findings(Tally(), [Tally(bound=limit) for limit in limits])
     inside = inside_count(sum(map(len, blocks)))
     work = [
         (i, rows, points)
