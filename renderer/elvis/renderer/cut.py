@@ -211,12 +211,14 @@ def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
     inside = every[every["verdict"] == INSIDE]
     _, first = np.unique(inside["pixel"], return_index=True)
     chosen = inside[first]
-    chosen = chosen[pixels.owner[chosen["pixel"]] == NOBODY]
+    certain = chosen["margin"] > BORDER
+    owner = pixels.owner[chosen["pixel"]]
+    better = (owner == NOBODY) | (certain & (chosen["element"] < owner))
+    chosen, certain = chosen[better], certain[better]
     pixels.owner[chosen["pixel"]] = chosen["element"]
     pixels.field[chosen["pixel"]] = chosen["field"]
     if pixels.reference is not None:
         pixels.reference[chosen["pixel"]] = chosen["reference"]
-    certain = chosen["margin"] > BORDER
     pixels.status[chosen["pixel"]] = np.where(certain, Status.CERTAIN, Status.AMBIGUOUS)
 
     unknown = every["pixel"][every["verdict"] == UNKNOWN]
