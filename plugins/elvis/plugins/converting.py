@@ -16,10 +16,10 @@ from elvis.formats.geometry import MAP_FIELDS
 from elvis.formats.mesh import Mesh
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
-from elvis.plugins.projection.adaptivity import adapted, bounds_of, raised
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
-from elvis.plugins.projection.fitting import Fitted, fit_fields, fit_positions, joined, padded
+from elvis.plugins.projection.fitting import Fitted, fit_positions, padded
+from elvis.plugins.projection.projecting import Projected, at_order, at_tolerance
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, topology
@@ -32,9 +32,6 @@ PyramidChoice = Literal["exact", "native"]
 
 #: the highest order that is asked of a source; more is a slip
 HIGHEST = 30
-
-#: rounds of raising orders
-_ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,8 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     plan = replace(plan, blocks=tuple(_spaced(block, settings) for block in plan.blocks))
     sampler = Sampler(source)
     mesh = _curved(sampler, plan)
-    blocks, fitted, findings = _fields(sampler, mesh, plan, fields, settings)
+    projected = _projected(sampler, mesh, plan, fields, settings)
+    blocks, fitted, findings = projected.blocks, projected.fields, projected.findings
     straight = findings
 
     # where the mesh file can't hold the map, it travels as fields
@@ -160,61 +158,16 @@ def _curved(sampler: Sampler, plan: Topology) -> Mesh:
     return with_curves(plan.mesh, traces.gather(positions), own)
 
 
-def _fields(
+def _projected(
     sampler: Sampler, mesh: Mesh, plan: Topology, fields: Sequence[SourceField], settings: Settings
-) -> tuple[list[NativeBlock], list[Fitted], Findings]:
-    """The blocks, parted by order where that is chosen by element; the fields on them; how far off all is."""
-    precision = sampler.source.precision
+) -> Projected:
+    """The fields on the blocks, parted by order where that is chosen by element, and how far off all is."""
     blocks = [block for block in plan.blocks if len(block)]
     if settings.tolerance is not None and fields:
-        return _adaptive(sampler, mesh, blocks, fields, settings)
+        return at_tolerance(sampler, mesh, blocks, fields, settings.tolerance, settings.order or HIGHEST)
     if settings.order is not None:
         blocks = [replace(block, modes=settings.order + 1) for block in blocks]
-    fitted = _joined(sampler, mesh, blocks, fit_fields(sampler, blocks, fields))
-    return blocks, fitted, check(sampler, Dataset(mesh), blocks, fitted, precision)
-
-
-def _adaptive(
-    sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField], settings: Settings
-) -> tuple[list[NativeBlock], list[Fitted], Findings]:
-    """`_fields` with orders by element: as low as the tolerance allows, raised where a neighbour's trace costs it."""
-    assert settings.tolerance is not None
-    highest = settings.order or HIGHEST
-    bounds = bounds_of(sampler, blocks, fields, settings.tolerance)
-    blocks = adapted(sampler, blocks, fields, bounds, highest)
-    for _ in range(_ROUNDS):
-        alone = fit_fields(sampler, blocks, fields)
-        fitted = _joined(sampler, mesh, blocks, alone, by_force=True)
-        findings = check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision, bounds)
-        beyond = np.concatenate([np.empty(0, np.int64), *(ids for tally in findings.fields for ids in tally.beyond)])
-        if not len(beyond) or not any(each.is_continuous for each in fitted):
-            return blocks, fitted, findings
-        blocks = raised(blocks, fields, beyond, highest)
-
-    # no order makes one trace of what the elements hold
-    alone = fit_fields(sampler, blocks, fields)
-    return blocks, alone, check(sampler, Dataset(mesh), blocks, alone, sampler.source.precision)
-
-
-def _joined(
-    sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], by_force: bool = False
-) -> list[Fitted]:
-    """The fields, those that are continuous with one trace on what elements share.
-
-    by_force  also where elements of different order differ there
-    """
-    source, result = sampler.source, list(fitted)
-    known: dict[tuple[int, ...], Traces] = {}
-    for i, each in enumerate(result):
-        if not each.field.is_continuous or not source.is_conforming:
-            continue
-        modes = tuple(0 if block.is_ortho else n for block, n in zip(blocks, each.modes, strict=True))
-        if modes not in known:
-            known[modes] = Traces(mesh, blocks, modes)
-        magnitude = max((float(np.abs(own).max(initial=0)) for own in each.coefficients), default=0.0)
-        tolerance = np.inf if by_force else (1e-9 + 16 * source.precision) * magnitude
-        result[i] = joined(each, tolerance, known[modes])
-    return result
+    return at_order(sampler, mesh, blocks, fields)
 
 
 def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[Fitted]:

@@ -112,7 +112,10 @@ def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:
 
 
 def joined(fitted: Fitted, tolerance: float, traces: Traces) -> Fitted:
-    """The field with one trace on every shared entity, where elements agree there to ``tolerance`` already."""
+    """The field with one trace on every shared entity, where elements agree there to ``tolerance`` already.
+
+    Its coefficients are changed in place.
+    """
     wide = [own[:, None, :] for own in fitted.coefficients]
     skins = traces.gather(wide)
     jump = float(skins.largest_change(wide)[0])

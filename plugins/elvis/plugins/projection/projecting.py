@@ -1,0 +1,102 @@
+"""The fields of a source on native blocks: at orders that are given, or at the lowest that are good enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.mesh import Mesh
+from elvis.plugins.conversion import SourceField
+from elvis.plugins.projection.adaptivity import adapted, bounds_of, raised
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.fitting import Fitted, fit_fields, joined
+from elvis.plugins.projection.sampling import Sampler
+from elvis.plugins.projection.traces import Traces
+from elvis.plugins.projection.verification import Findings, check
+
+#: rounds of raising orders
+_ROUNDS = 6
+
+#: how much worse than its parts a field with one trace may be
+_FAR = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Fields on native blocks, and what a check of them and of the map of the mesh file found."""
+
+    blocks: list[NativeBlock]
+    fields: list[Fitted]
+    findings: Findings
+
+
+def at_order(sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField]) -> Projected:
+    """The fields at the orders of the blocks, or at their own where a block has none."""
+    fitted = _joined(sampler, mesh, blocks, fit_fields(sampler, blocks, fields))
+    return Projected(blocks, fitted, check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision))
+
+
+def at_tolerance(
+    sampler: Sampler,
+    mesh: Mesh,
+    blocks: list[NativeBlock],
+    fields: Sequence[SourceField],
+    tolerance: float,
+    highest: int,
+) -> Projected:
+    """The fields at orders, at most ``highest``, at which no error is beyond ``tolerance`` of the field's range.
+
+    The lowest that each element needs alone at first, raised where the trace of a neighbour costs it.
+    """
+    bounds = bounds_of(sampler, blocks, fields, tolerance)
+    blocks = adapted(sampler, blocks, fields, bounds, highest)
+    for _ in range(_ROUNDS):
+        fitted = _joined(sampler, mesh, blocks, fit_fields(sampler, blocks, fields), by_force=True)
+        findings = check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision, bounds)
+        last = Projected(blocks, fitted, findings)
+        beyond = np.concatenate([np.empty(0, np.int64), *(ids for tally in findings.fields for ids in tally.beyond)])
+        if not len(beyond):
+            return last
+        blocks = raised(blocks, fields, beyond, highest)
+        if _orders(blocks) == _orders(last.blocks):
+            break
+    return _parted_where_better(sampler, mesh, last)
+
+
+def _orders(blocks: Sequence[NativeBlock]) -> list[tuple[int | None, int]]:
+    return [(block.modes, len(block)) for block in blocks]
+
+
+def _parted_where_better(sampler: Sampler, mesh: Mesh, joint: Projected) -> Projected:
+    """Each field with one trace, unless that is off by far more than what elements hold by themselves."""
+    alone = fit_fields(sampler, joint.blocks, [each.field for each in joint.fields])
+    apart = check(sampler, Dataset(mesh), joint.blocks, alone, sampler.source.precision)
+    fitted = list(joint.fields)
+    for i, (one, none) in enumerate(zip(joint.findings.fields, apart.fields, strict=True)):
+        if one.worst > _FAR * none.worst:
+            fitted[i], joint.findings.fields[i] = replace(alone[i], jump=fitted[i].jump), none
+    return Projected(joint.blocks, fitted, joint.findings)
+
+
+def _joined(
+    sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], by_force: bool = False
+) -> list[Fitted]:
+    """The fields, those that are continuous with one trace on what elements share.
+
+    by_force  also where elements of different order differ there
+    """
+    source, result = sampler.source, list(fitted)
+    known: dict[tuple[int, ...], Traces] = {}
+    for i, each in enumerate(result):
+        if not each.field.is_continuous or not source.is_conforming:
+            continue
+        modes = tuple(0 if block.is_ortho else n for block, n in zip(blocks, each.modes, strict=True))
+        if modes not in known:
+            known[modes] = Traces(mesh, blocks, modes)
+        magnitude = max((float(np.abs(own).max(initial=0)) for own in each.coefficients), default=0.0)
+        tolerance = np.inf if by_force else (1e-9 + 16 * source.precision) * magnitude
+        result[i] = joined(each, tolerance, known[modes])
+    return result
