@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.nektar.heaps import check_heaps
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
 #: no deflate stream holds more than this many bytes for each of its own
 _DEFLATE_RATIO = 1032
+_GREATEST_ATTRIBUTE = 1 << 20
 _MOST_STRINGS = 1 << 24
 
 
@@ -31,6 +33,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
     """The file, open for reading; errors of the block name it."""
     import h5py
 
+    check_heaps(path)
     try:
         with _guarded():
             file = h5py.File(path, "r")
@@ -89,6 +92,7 @@ def attribute(owner: h5py.Group | h5py.Dataset, name: str, is_required: bool = T
     """The values of an attribute, as a flat array; FormatError where it must be there and isn't."""
     with _guarded(_place(owner)):
         if name in owner.attrs:
+            _check_attribute(owner, name)
             return np.asarray(owner.attrs[name]).reshape(-1)
     if is_required:
         raise FormatError(f"expected an attribute {name}, found none", place=_place(owner))
@@ -202,6 +206,14 @@ def _check_stored(found: h5py.Dataset, place: str) -> None:
         raise FormatError(f"expected {claimed} bytes as declared, found {stored} stored", place=place)
     if is_packed and stored > 2 * claimed + (1 << 20):
         raise FormatError(f"expected at most {claimed} bytes packed, found {stored} stored", place=place)
+
+
+def _check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
+    """FormatError for an attribute that claims more than any has; the library would try to read it all."""
+    found = owner.attrs.get_id(name)
+    claimed = found.get_space().get_simple_extent_npoints() * found.get_type().get_size()
+    if claimed > _GREATEST_ATTRIBUTE:
+        raise FormatError(f"expected a short attribute {name}, found {claimed} bytes", place=_place(owner))
 
 
 def _kind(found: h5py.Dataset) -> str:
