@@ -32,9 +32,10 @@ def read_rules(section: Element | None, conditions: Element | None) -> list[RawR
 
 
 def resolve(rules: list[RawRule], mesh: Mesh) -> tuple[ExpansionRule, ...]:
-    """The rules for the composites that the mesh has."""
+    """The rules for the composites that the mesh has; those for none of them are left out."""
     present = np.sort(np.array([composite.id for composite in mesh.composites], np.int64))
-    return tuple(replace(rule, composites=tuple(ids.existing(present).tolist())) for ids, rule in rules)
+    found = (replace(rule, composites=tuple(ids.existing(present).tolist())) for ids, rule in rules)
+    return tuple(rule for rule in found if rule.composites)
 
 
 def read_parameters(conditions: Element | None) -> dict[str, float]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.mesh import MEMBERS
-from elvis.formats.nektar import hdf5, idlist
-from elvis.formats.nektar.composites import parse_tokens
+from elvis.formats.nektar import hdf5
+from elvis.formats.nektar.composites import composite_ids, parse_tokens
 from elvis.formats.nektar.geometry_compressed import owned
 from elvis.formats.nektar.idlist import IdList
 from elvis.formats.nektar.raw import RawComposite, RawCurves, RawGeometry
@@ -133,4 +133,4 @@ def _domains(mesh: h5py.Group, maps: h5py.Group, version: int) -> dict[int, IdLi
         raise FormatError(
             "expected DOMAIN in MESH and MAPS, of one length, found otherwise", place="/NEKTAR/GEOMETRY/MESH"
         )
-    return {id: idlist.parse(text) for id, text in zip(numbers, texts, strict=True)}
+    return {id: composite_ids(text.encode()) for id, text in zip(numbers, texts, strict=True)}
