@@ -1,8 +1,14 @@
-"""Shared cases, and what it means that two datasets are the same."""
+"""Shared cases, what it means that two datasets are the same, and that a file is refused."""
 
+import re
+import shutil
+import time
+import tracemalloc
 from pathlib import Path
 
 import pytest
+
+from elvis.formats import FormatError, read
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 MESH_SUFFIXES, FIELD_SUFFIXES = (".xml", "_xml"), (".fld", ".rst", ".chk")
@@ -78,3 +84,36 @@ def check_field(one, other):
 
 def bits(array):
     return array.dtype, array.shape, array.tobytes()
+
+
+@pytest.fixture
+def refused():
+    """Checks that files are refused with a message, quickly and without much memory; the message is one sentence."""
+
+    def check(*paths, match, megabytes=60, seconds=5):
+        tracemalloc.start()
+        start = time.monotonic()
+        try:
+            with pytest.raises(FormatError, match=match) as caught:
+                read(*paths)
+            assert tracemalloc.get_traced_memory()[1] < megabytes * (1 << 20)
+            assert time.monotonic() - start < seconds
+        finally:
+            tracemalloc.stop()
+        assert "\n" not in str(caught.value)
+        assert not re.search(r"Traceback|Error:", str(caught.value))
+
+    return check
+
+
+@pytest.fixture
+def copied(nektar, tmp_path):
+    """Files of a case, copied; ``changed`` replaces text in one of them."""
+
+    def copies(case):
+        for path in (nektar / case).iterdir():
+            if path.is_file():
+                shutil.copyfile(path, tmp_path / path.name)
+        return tmp_path
+
+    return copies

@@ -82,7 +82,8 @@ def strings(parent: h5py.Group, name: str) -> list[str] | None:
     if found is None:
         return None
     with _guarded(_place(parent, name)):
-        if found.ndim != 1 or found.dtype.kind not in "OS" or found.size > _MOST_STRINGS:
+        is_text = found.dtype.kind in "OS" and _is_plain(found.dtype)
+        if found.ndim != 1 or not is_text or found.size > _MOST_STRINGS:
             raise FormatError(f"expected a list of strings, found {_kind(found)}", place=_place(parent, name))
         items = found[()]
     return [text(item) for item in items]
@@ -209,11 +210,20 @@ def _check_stored(found: h5py.Dataset, place: str) -> None:
 
 
 def _check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
-    """FormatError for an attribute that claims more than any has; the library would try to read it all."""
+    """FormatError for an attribute of an unknown kind or greater than any; the library would crash or never end."""
     found = owner.attrs.get_id(name)
+    if not _is_plain(found.dtype):
+        raise FormatError(f"expected numbers or strings in {name}, found {found.dtype}", place=_place(owner))
     claimed = found.get_space().get_simple_extent_npoints() * found.get_type().get_size()
     if claimed > _GREATEST_ATTRIBUTE:
         raise FormatError(f"expected a short attribute {name}, found {claimed} bytes", place=_place(owner))
+
+
+def _is_plain(dtype: np.dtype[Any]) -> bool:
+    """Whether a type is one of numbers or strings."""
+    import h5py
+
+    return dtype.kind in "iufS" or h5py.check_string_dtype(dtype) is not None
 
 
 def _kind(found: h5py.Dataset) -> str:
