@@ -224,6 +224,7 @@ def test_pieces_of_a_mesh_are_united_by_ids(nektar, assert_same):
     assert whole.mesh.composite(0).parts[0][1].tolist()[:4] == [0, 1, 5, 6]
     assert len(whole.mesh.domain_ids()) == 25
     assert_same(read(*sorted(folder.iterdir())), whole)
+    assert_same(read(*sorted(folder.iterdir()), folder / "P0000002.xml"), whole)
     reordered = read(*sorted(folder.iterdir(), reverse=True))
     assert sorted(reordered.mesh.vertex_ids.tolist()) == list(range(36))
 

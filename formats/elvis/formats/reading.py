@@ -50,7 +50,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self._tags: dict[str, Element] = {}
-        self._geometries: list[Element] = []
+        self._geometries: dict[str | None, Element] = {}  # pieces by number or file, a whole mesh under None
         self._bare: list[Path] = []
         self._sections: list[Section] = []
         self._mesh_metadata: dict[str, str] = {}
@@ -135,11 +135,10 @@ class _Reader:
             return
         if child.is_empty and "HDF5FILE" not in child.attributes and self._geometries:
             return
-        numbers = [piece.attributes.get("PARTITION") for piece in self._geometries]
-        number = child.attributes.get("PARTITION")
-        if not (is_piece or (number is not None and None not in numbers and number not in numbers)):
+        piece = child.attributes.get("PARTITION", child.file if is_piece else None)
+        if piece is None or None in self._geometries:
             self._geometries.clear()
-        self._geometries.append(child)
+        self._geometries[piece] = child
 
     def _mesh(self, names: list[str]) -> Mesh:
         pieces = list(self._raw_geometries())
@@ -154,7 +153,7 @@ class _Reader:
             raise FormatError(f"expected one mesh, found {self._bare[0]} and {self._bare[1]}")
         if not self._geometries:
             yield from (geometry_hdf5.read_geometry(path) for path in self._bare)
-        for element in self._geometries:
+        for element in self._geometries.values():
             if "HDF5FILE" in element.attributes:
                 yield geometry_hdf5.read_geometry(self._hdf5_file(element), *geometry_xml.dimensions(element))
             else:
