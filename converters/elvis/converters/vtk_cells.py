@@ -1,0 +1,242 @@
+"""Cells of VTK: shapes, orders, where nodes lie and the functions that go with them, as the library evaluates them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.collapse import collapse
+from elvis.formats.errors import FormatError
+from elvis.formats.quadrature import lobatto
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.nodal import NodalBasis
+
+#: cells with a fixed number of nodes: shape, order, number of nodes (vtkCellType.h)
+FIXED: dict[int, tuple[Shape, int, int]] = {
+    3: (Shape.SEGMENT, 1, 2),
+    5: (Shape.TRIANGLE, 1, 3),
+    8: (Shape.QUADRILATERAL, 1, 4),
+    9: (Shape.QUADRILATERAL, 1, 4),
+    10: (Shape.TETRAHEDRON, 1, 4),
+    11: (Shape.HEXAHEDRON, 1, 8),
+    12: (Shape.HEXAHEDRON, 1, 8),
+    13: (Shape.PRISM, 1, 6),
+    14: (Shape.PYRAMID, 1, 5),
+    21: (Shape.SEGMENT, 2, 3),
+    22: (Shape.TRIANGLE, 2, 6),
+    23: (Shape.QUADRILATERAL, 2, 8),
+    24: (Shape.TETRAHEDRON, 2, 10),
+    25: (Shape.HEXAHEDRON, 2, 20),
+    26: (Shape.PRISM, 2, 15),
+    27: (Shape.PYRAMID, 2, 13),
+    28: (Shape.QUADRILATERAL, 2, 9),
+    29: (Shape.HEXAHEDRON, 2, 27),
+    30: (Shape.QUADRILATERAL, 2, 6),
+    31: (Shape.PRISM, 2, 12),
+    32: (Shape.PRISM, 2, 18),
+    33: (Shape.HEXAHEDRON, 2, 24),
+    34: (Shape.TRIANGLE, 3, 7),
+    35: (Shape.SEGMENT, 3, 4),
+    37: (Shape.PYRAMID, 3, 19),
+}
+
+_SHAPES = (Shape.SEGMENT, Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.HEXAHEDRON, Shape.PRISM)
+LAGRANGE: dict[int, Shape] = dict(zip(range(68, 74), _SHAPES, strict=True))
+BEZIER: dict[int, Shape] = dict(zip(range(75, 81), _SHAPES, strict=True))
+
+#: cells that are no elements: points, lines of many pieces
+POINTS = (0, 1, 2)
+
+#: what a reader may meet and nobody can evaluate
+_REFUSED = {4: "polylines", 6: "triangle strips", 7: "polygons", 42: "polyhedra", 74: "Lagrange pyramids",
+            81: "Bezier pyramids"}  # fmt: skip
+
+#: order of the complete space, for numbers of nodes with bubbles added to the quadratic ones
+_BUBBLES = {(Shape.TRIANGLE, 7): 3, (Shape.TETRAHEDRON, 15): 4, (Shape.PRISM, 21): 3}
+
+#: cells that may have different degrees in different directions
+_GRADED = (70, 72, 73, 77, 79, 80)
+
+#: our axis that each of theirs is: the triangle of our prism lies in (z, x)
+_AXES = {Shape.PRISM: (2, 0, 1)}
+
+_CENTRED_PYRAMID, _HIGHEST = 37, 30
+
+
+def shape_of(kind: int, file: str) -> Shape | None:
+    """The shape of a type of cells; None for single points, FormatError for those that can't be converted."""
+    if kind in POINTS:
+        return None
+    if kind in FIXED:
+        return FIXED[kind][0]
+    found = LAGRANGE.get(kind) or BEZIER.get(kind)
+    if found is None:
+        name = _REFUSED.get(kind, "cells of another kind")
+        expected = "linear, quadratic, Lagrange or Bezier cells"
+        raise FormatError(f"expected {expected}, found {name} (type {kind})", file=file)
+    return found
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What cells have in common: type, number of nodes, and degrees (i, j, k), zeros where the number says it all."""
+
+    type: int
+    nodes: int
+    degrees: tuple[int, int, int] = (0, 0, 0)
+
+
+class Cell:
+    """The reference cell of a kind.
+
+    order     of the least complete space that holds its functions
+    nodes     (n, 3) parametric coordinates of the nodes
+    frame     (n_vertices, d) parametric coordinates of our vertices; None where points come in our coordinates
+    FormatError where the number of nodes fits no order
+    """
+
+    def __init__(self, kind: Kind, file: str) -> None:
+        shape = shape_of(kind.type, file)
+        assert shape is not None
+        self.kind, self.shape = kind, shape
+        self.order = _order(kind, shape, file)
+        self._cell = _instance(kind)
+        self.nodes: Floats = np.array(self._cell.GetParametricCoords(), np.float64).reshape(-1, 3)
+        self.pyramid = PyramidSpace.RATIONAL if kind.type == 14 else PyramidSpace.TENSOR
+        self.frame = self._frame()
+        self._warped: NodalBasis | None = None
+        self._last: tuple[Floats, Floats] | None = None
+
+    def _frame(self) -> Floats | None:
+        if self.kind.type == _CENTRED_PYRAMID:
+            return self.nodes[:5]
+        if self.shape is Shape.PYRAMID:
+            return None
+        unit = (self.shape.vertices + 1) / 2
+        return unit[:, list(_AXES.get(self.shape, range(self.shape.dimension)))]
+
+    def vertex_nodes(self) -> Ints:
+        """The node at each of our vertices."""
+        places = self.nodes[:5] if self.frame is None else self.frame
+        own = self.nodes[:, : places.shape[1]]
+        return np.array([int(np.abs(own - place).max(axis=1).argmin()) for place in places])
+
+    def edge_nodes(self) -> Ints:
+        """(edges, order + 1) nodes along each of our edges; Lagrange cells of one degree only."""
+        corners, steps = self.nodes[self.vertex_nodes()], np.linspace(0, 1, self.order + 1)[:, None]
+        lines = [corners[a] + steps * (corners[b] - corners[a]) for a, b in self.shape.edges]
+        own = np.abs(np.array(lines)[:, :, None] - self.nodes).max(axis=3)
+        return np.asarray(own.argmin(axis=2), np.int64)
+
+    @property
+    def is_even(self) -> bool:
+        """Whether this is a Lagrange cell of one degree with as many nodes as its space has functions."""
+        return self.kind.type in LAGRANGE and self.kind.nodes == _full(self.shape, (self.order,) * 3)
+
+    def warp(self) -> None:
+        """From here on the nodes lie at Gauss-Lobatto places, and where a simplex is warped so that its edges have."""
+        native = 2 * warped(self.shape, self.order, self.nodes) - 1
+        axes = _AXES.get(self.shape, tuple(range(self.shape.dimension)))
+        own = np.empty((len(native), len(axes)))
+        own[:, list(axes)] = native[:, : len(axes)]
+        self._warped, self._last = NodalBasis(self.shape, self.order, own), None
+
+    def table(self, points: Floats) -> Floats:
+        """(n, nodes) values of the functions of the nodes at points (n, d), in the coordinates of the frame."""
+        if self._last is None or self._last[0] is not points:
+            self._last = (points, self._table(np.asarray(points, np.float64)))
+        return self._last[1]
+
+    def _table(self, points: Floats) -> Floats:
+        if self._warped is not None:
+            axes = _AXES.get(self.shape, tuple(range(self.shape.dimension)))
+            own = np.empty_like(points)
+            own[:, list(axes)] = 2 * points - 1
+            return self._warped.at(own)
+        if self.frame is None:  # the parametric coordinates of these pyramids are collapsed ones
+            points = (collapse(self.shape, points) + 1) / 2
+        padded = np.zeros((len(points), 3))
+        padded[:, : points.shape[1]] = points
+        weights, result = [0.0] * self.kind.nodes, np.empty((len(points), self.kind.nodes))
+        for i, point in enumerate(padded.tolist()):
+            self._cell.InterpolateFunctions(point, weights)
+            result[i] = weights
+        return result
+
+
+def warped(shape: Shape, order: int, nodes: Floats) -> Floats:
+    """(n, 3) Gauss-Lobatto places of the evenly spaced nodes (n, 3) of a cell in [0, 1]^3.
+
+    On simplices every barycentric coordinate a moves by the sum over the others b of a b w(a - b), where w makes the
+    edges have Gauss-Lobatto nodes: the lattice of Basix that it calls GLL warped.
+    """
+    line = (lobatto(order + 1)[0] + 1) / 2
+    result = line[np.rint(nodes * order).astype(np.int64)]
+    simplex = {Shape.TRIANGLE: 2, Shape.PRISM: 2, Shape.TETRAHEDRON: 3}.get(shape, 0)
+    if not simplex:
+        return result
+    a = np.concatenate([nodes[:, :simplex], 1 - nodes[:, :simplex].sum(axis=1, keepdims=True)], axis=1)
+    shift = [sum(a[:, j] * _pull(order, line, a[:, i] - a[:, j]) for j in range(simplex + 1) if j != i)
+             for i in range(simplex)]  # fmt: skip
+    result[:, :simplex] = a[:, :simplex] * (1 + np.stack([np.asarray(s) for s in shift], axis=1))
+    return result
+
+
+def _pull(order: int, line: Floats, difference: Floats) -> Floats:
+    """w of `warped`: the displacement of the nodes of an edge, interpolated, over r (1 - r), r = (1 + difference)/2."""
+    even = np.linspace(-1, 1, order + 1)[:, None]
+    basis = NodalBasis(Shape.SEGMENT, order, even)
+    moved = basis.at(difference[:, None]) @ (line - (even[:, 0] + 1) / 2)
+    bubble = (1 - difference**2) / 4
+    return np.where(bubble > 1e-12, moved / np.maximum(bubble, 1e-12), 0.0)
+
+
+def _order(kind: Kind, shape: Shape, file: str) -> int:
+    if kind.type in FIXED:
+        _, order, nodes = FIXED[kind.type]
+        if nodes != kind.nodes:
+            raise FormatError(f"expected {nodes} nodes in cells of type {kind.type}, found {kind.nodes}", file=file)
+        return order
+    if any(kind.degrees):
+        if _full(shape, kind.degrees) == kind.nodes and max(kind.degrees) <= _HIGHEST:
+            return max(kind.degrees[: shape.dimension])
+        expected = f"nodes of a {shape.label.lower()} of degrees {kind.degrees}"
+        raise FormatError(f"expected {expected}, found {kind.nodes}", file=file)
+    for order in range(1, _HIGHEST + 1):
+        if _full(shape, (order,) * 3) == kind.nodes:
+            return order
+    if (shape, kind.nodes) in _BUBBLES and kind.type in LAGRANGE:
+        return _BUBBLES[shape, kind.nodes]
+    expected = f"as many nodes as a {shape.label.lower()} of some order up to {_HIGHEST} has"
+    raise FormatError(f"expected {expected}, found {kind.nodes}", file=file)
+
+
+def _full(shape: Shape, degrees: tuple[int, int, int]) -> int:
+    """Nodes of a cell of these degrees; those of simplices are equal."""
+    i, j, k = degrees
+    if shape in (Shape.QUADRILATERAL, Shape.SEGMENT, Shape.HEXAHEDRON):
+        return int(np.prod([n + 1 for n in degrees[: shape.dimension]]))
+    if shape is Shape.PRISM:
+        return (i + 1) * (i + 2) // 2 * (k + 1) if i == j else 0
+    return (i + 1) * (i + 2) // 2 if shape is Shape.TRIANGLE else (i + 1) * (i + 2) * (i + 3) // 6
+
+
+def _instance(kind: Kind) -> Any:
+    """A cell of the library with room for its nodes, of the right degrees."""
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell
+
+    cell = vtkGenericCell.InstantiateCell(kind.type)
+    cell.GetPoints().SetNumberOfPoints(kind.nodes)
+    cell.GetPointIds().SetNumberOfIds(kind.nodes)
+    if any(kind.degrees) and kind.type in _GRADED:
+        wedge = (kind.nodes,) if kind.type in (73, 80) else ()
+        cell.SetOrder(*kind.degrees[: cell.GetCellDimension()], *wedge)
+    elif hasattr(cell, "SetUniformOrderFromNumPoints"):
+        cell.SetUniformOrderFromNumPoints(kind.nodes)
+    if hasattr(cell, "Initialize"):
+        cell.Initialize()
+    return cell

@@ -1,0 +1,240 @@
+"""Files of VTK, read by the library into arrays: unstructured grids, their parts, collections of them over time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+
+#: how much of a file tells what it is
+_START = 4096
+
+_KINDS = {
+    b"UnstructuredGrid": "grid",
+    b"PUnstructuredGrid": "parts",
+    b"vtkMultiBlockDataSet": "blocks",
+    b"Collection": "series",
+}
+
+#: arrays of the library's own, and those with a meaning of their own
+_DEGREES, _WEIGHTS, _GHOSTS = "HigherOrderDegrees", "RationalWeights", "vtkGhostType"
+_TIMES = ("TimeValue", "TIME", "time", "Time")
+
+#: bits of a ghost cell: it is another part's, or it is hidden
+_DUPLICATE, _HIDDEN = 1, 32
+
+
+@dataclass(eq=False)
+class Grid:
+    """An unstructured grid.
+
+    name         of the block that it is
+    points       (n, 3)
+    types        (m,) of the cells, their nodes are nodes[offsets[i]:offsets[i + 1]]
+    ghosts       (m,) whether a cell belongs to another part
+    degrees      (m, 3) or None; weights (n,) or None
+    point_data, cell_data   (n, k) and (m, k) by name
+    """
+
+    file: str
+    name: str
+    points: Floats
+    types: Ints
+    nodes: Ints
+    offsets: Ints
+    ghosts: Ints
+    degrees: Ints | None = None
+    weights: Floats | None = None
+    point_data: dict[str, Floats] = field(default_factory=dict)
+    cell_data: dict[str, Floats] = field(default_factory=dict)
+    time: float | None = None
+
+
+def kind_of(path: Path) -> str:
+    """``legacy``, ``grid``, ``parts``, ``blocks`` or ``series``, told by the first bytes; empty for other files."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(_START)
+    except OSError:
+        return ""
+    if start.startswith(b"# vtk DataFile"):
+        return "legacy" if re.search(rb"(?i)DATASET\s+UNSTRUCTURED_GRID", start) else ""
+    found = re.search(rb"<VTKFile[^>]*?\btype\s*=\s*[\"'](\w+)[\"']", start)
+    return _KINDS.get(found[1], "") if found else ""
+
+
+def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
+    """The grids of all files; of a series those of one step."""
+    grids: list[Grid] = []
+    for path in paths:
+        if kind_of(path) == "series":
+            time, members = _members(path, step)
+            found = [grid for member in members for grid in _read(member)]
+            for grid in found:
+                grid.time = time
+            grids += found
+        else:
+            grids += _read(path)
+    return grids
+
+
+def _members(path: Path, step: int) -> tuple[float, list[Path]]:
+    """Time and files of one step of a series."""
+    from xml.etree import ElementTree
+
+    try:
+        entries = [entry.attrib for entry in ElementTree.parse(path).iter("DataSet")]
+        times = sorted({float(entry.get("timestep", 0)) for entry in entries})
+        time = times[step]
+        names = [entry["file"] for entry in entries if float(entry.get("timestep", 0)) == time]
+    except IndexError:
+        raise FormatError(f"expected a step {step}, found {len(times)} steps", file=path) from None
+    except (ElementTree.ParseError, ValueError, KeyError) as error:
+        raise FormatError(f"expected a list of files with their times, found: {error}", file=path) from None
+    members = [path.parent / name for name in names]
+    for member in members:
+        if not kind_of(member):
+            raise FormatError(f"expected a VTK file {member.name} beside it, found none", file=path)
+    return time, members
+
+
+def _read(path: Path) -> list[Grid]:
+    from vtkmodules import vtkIOLegacy, vtkIOXML
+
+    reader: Any = {
+        "legacy": vtkIOLegacy.vtkUnstructuredGridReader,
+        "grid": vtkIOXML.vtkXMLUnstructuredGridReader,
+        "parts": vtkIOXML.vtkXMLPUnstructuredGridReader,
+        "blocks": vtkIOXML.vtkXMLMultiBlockDataReader,
+    }[kind_of(path)]()
+    if kind_of(path) == "legacy":
+        reader.ReadAllScalarsOn()
+        reader.ReadAllVectorsOn()
+        reader.ReadAllTensorsOn()
+        reader.ReadAllFieldsOn()
+    reader.SetFileName(str(path))
+    with _refusing(path):
+        reader.Update()
+    return [_grid(path, name, each) for name, each in _leaves(reader.GetOutputDataObject(0), "")]
+
+
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """FormatError with the first complaint of the library, which would print them all."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+
+    before, ours, verbosity = (
+        vtkOutputWindow.GetInstance(),
+        vtkStringOutputWindow(),
+        vtkLogger.GetCurrentVerbosityCutoff(),
+    )
+    vtkOutputWindow.SetInstance(ours)
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    try:
+        yield
+    finally:
+        vtkOutputWindow.SetInstance(before)
+        vtkLogger.SetStderrVerbosity(vtkLogger.ConvertToVerbosity(verbosity))
+    found = re.search(r"(?s)ERROR: In [^\n]*\n(?:\w+ \([^)]*\): )?(.*?)(?:\n\n|$)", ours.GetOutput())
+    if found is not None:
+        reason = " ".join(re.sub(r"vtk\w+ \(0x[0-9a-f]+\): ", "", found[1]).split())
+        raise FormatError(f"expected a whole VTK file, found: {reason}", file=path)
+
+
+def _leaves(data: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The unstructured grids in a tree of blocks, with their names."""
+    if data is None:
+        return
+    if data.IsA("vtkUnstructuredGrid"):
+        yield name, data
+    elif data.IsA("vtkMultiBlockDataSet"):
+        for i in range(data.GetNumberOfBlocks()):
+            has_name = data.HasMetaData(i) and data.GetMetaData(i).Has(data.NAME())
+            yield from _leaves(data.GetBlock(i), data.GetMetaData(i).Get(data.NAME()) if has_name else name)
+    elif data.IsA("vtkMultiPieceDataSet"):
+        for i in range(data.GetNumberOfPieces()):
+            yield from _leaves(data.GetPiece(i), name)
+
+
+def _grid(path: Path, name: str, data: Any) -> Grid:
+    """The arrays of a grid of the library."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    cells, count = data.GetCells(), data.GetNumberOfCells()
+    points = np.zeros((0, 3)) if data.GetPoints() is None else vtk_to_numpy(data.GetPoints().GetData())
+    types, offsets, nodes = np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64)
+    if count:
+        types = _integers(data.GetCellTypes() if _is_recent() else data.GetCellTypesArray())
+        offsets, nodes = _integers(cells.GetOffsetsArray()), _integers(cells.GetConnectivityArray())
+    if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
+        found = f"{nodes.min()} to {nodes.max()}"
+        raise FormatError(f"expected points 0 to {len(points) - 1} in cells, found {found}", file=path)
+    on_points, on_cells = _arrays(data.GetPointData(), len(points)), _arrays(data.GetCellData(), count)
+    for own in (on_points, on_cells):
+        own.pop("vtkOriginalPointIds", None)
+        own.pop("vtkOriginalCellIds", None)
+    degrees, ghosts = on_cells.pop(_DEGREES, None), on_cells.pop(_GHOSTS, np.zeros((count, 1)))
+    weights = on_points.pop(_WEIGHTS, None)
+    on_points.pop(_GHOSTS, None)
+    return Grid(
+        str(path),
+        name,
+        points,
+        types,
+        nodes,
+        offsets,
+        (ghosts[:, 0].astype(np.int64) & (_DUPLICATE | _HIDDEN)),
+        None if degrees is None else degrees.astype(np.int64),
+        None if weights is None else weights[:, 0].astype(np.float64),
+        on_points,
+        on_cells,
+        _time(data.GetFieldData()),
+    )
+
+
+def _is_recent() -> bool:
+    """Whether grids give the types of their cells as an array that may be a rule."""
+    from vtkmodules.vtkCommonCore import vtkVersion
+
+    return (vtkVersion.GetVTKMajorVersion(), vtkVersion.GetVTKMinorVersion()) >= (9, 6)
+
+
+def _integers(array: Any) -> Ints:
+    """(n,) the numbers of an array, also of one that is a rule."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkIdTypeArray
+
+    plain = vtkIdTypeArray()
+    plain.DeepCopy(array)
+    return np.asarray(vtk_to_numpy(plain), np.int64)
+
+
+def _arrays(data: Any, count: int) -> dict[str, Floats]:
+    """(n, k) by name, without numberings of points and cells and without text."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    numbering = [each.GetName() for each in (data.GetGlobalIds(), data.GetPedigreeIds()) if each is not None]
+    found: dict[str, Floats] = {}
+    for i in range(data.GetNumberOfArrays()):
+        array = data.GetArray(i)
+        if array is None or array.GetName() in numbering or array.GetNumberOfTuples() != count:
+            continue
+        values = vtk_to_numpy(array)
+        found[array.GetName() or f"array{i}"] = values.reshape(len(values), -1)
+    return found
+
+
+def _time(data: Any) -> float | None:
+    for name in _TIMES:
+        array = data.GetArray(name)
+        if array is not None and array.GetNumberOfTuples():
+            return float(array.GetTuple1(0))
+    return None

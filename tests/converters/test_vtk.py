@@ -1,0 +1,326 @@
+"""VTK files: solvers' own values are reproduced; every kind of cell; the traps of the format."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.converters.vtk import Vtk
+from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, warped
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.shapes import Shape
+from elvis.plugins.converting import convert
+from elvis.plugins.testing import check, positions_at, values_at, values_found
+
+pytest.importorskip("vtk")
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers"
+shared = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data")
+
+#: number of nodes of Lagrange and Bezier cells of one order
+NODES = {
+    Shape.SEGMENT: lambda p: p + 1,
+    Shape.TRIANGLE: lambda p: (p + 1) * (p + 2) // 2,
+    Shape.QUADRILATERAL: lambda p: (p + 1) ** 2,
+    Shape.TETRAHEDRON: lambda p: (p + 1) * (p + 2) * (p + 3) // 6,
+    Shape.PRISM: lambda p: (p + 1) ** 2 * (p + 2) // 2,
+    Shape.HEXAHEDRON: lambda p: (p + 1) ** 3,
+}
+
+
+def grid(points, cells, point_data=None, cell_data=None):
+    """The library's grid of points (n, 3) and cells, pairs of type and nodes, with arrays by name."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
+
+    result, places = vtkUnstructuredGrid(), vtkPoints()
+    places.SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
+    result.SetPoints(places)
+    for kind, nodes in cells:
+        ids = vtkIdList()
+        for node in nodes:
+            ids.InsertNextId(int(node))
+        result.InsertNextCell(kind, ids)
+    for data, arrays in ((result.GetPointData(), point_data), (result.GetCellData(), cell_data)):
+        for name, values in (arrays or {}).items():
+            array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+            array.SetName(name)
+            data.AddArray(array)
+    return result
+
+
+def write(path, data):
+    """The file, by the library's writer."""
+    from vtkmodules import vtkIOLegacy, vtkIOXML
+
+    kinds = {".vtk": vtkIOLegacy.vtkUnstructuredGridWriter, ".vtm": vtkIOXML.vtkXMLMultiBlockDataWriter}
+    writer = kinds.get(path.suffix, vtkIOXML.vtkXMLUnstructuredGridWriter)()
+    writer.SetFileName(str(path))
+    writer.SetInputData(data)
+    writer.Write()
+    return path
+
+
+def linear(x):
+    return 1 + x[:, 0] - 2 * x[:, 1] + 0.5 * x[:, 2]
+
+
+def one(kind, nodes, degrees=(0, 0, 0), seed=0, scale=0.03):
+    """A bent cell with a linear function of the coordinates, which its functions reproduce whatever its nodes are."""
+    cell = Cell(Kind(kind, nodes, degrees), "")
+    x = cell.nodes + scale * np.random.default_rng(seed).uniform(-1, 1, cell.nodes.shape)
+    if cell.shape.dimension < 3:
+        x[:, cell.shape.dimension :] = 0
+    cells = {"HigherOrderDegrees": np.array([degrees], float)} if any(degrees) else {}
+    return grid(x, [(kind, range(nodes))], {"u": linear(x), "v": x}, cells)
+
+
+def inside(source, block, count=40):
+    """World coordinates of some places in a block."""
+    from elvis.plugins.testing.kit import _points
+
+    piece = source.blocks[block]
+    return source.positions(piece, _points(piece)).reshape(-1, 3)[:count]
+
+
+def where(source, ids):
+    """Block and row of each of the source's elements."""
+    pairs = {int(id): (i, row) for i, b in enumerate(source.blocks) for row, id in enumerate(b.ids)}
+    return np.array([pairs[int(id)] for id in ids]).T
+
+
+@shared
+@pytest.mark.parametrize(
+    ("file", "truth", "bound"),
+    [
+        ("mfem_escher_p3", "mfem_escher_p3", 1e-10),
+        ("mfem_fichera_mixed_p2", "mfem_fichera_mixed_p2", 1e-10),
+        ("mfem_fichera_q3", "mfem_fichera_q3", 1e-10),
+        ("dealii_shell_p4", "dealii_shell_p4", 2e-7),
+        ("dolfinx_tet_o3_u_p0_000000", "dolfinx_tet_o3", 1e-10),
+        ("dolfinx_tet_o3_w_p0_000000", "dolfinx_tet_o3", 1e-10),
+    ],
+)
+def test_agrees_with_the_solver(file, truth, bound):
+    path, truth = DATA / "vtk" / f"{file}.vtu", np.load(DATA / "vtk" / f"{truth}.truth.npz")
+    done, (blocks, rows) = check(Vtk, [path]), where(Vtk([path]), truth["elem"])
+    names = {f"{n}_{a}": ("f_" + n, i) for n in "v" for i, a in enumerate("xyz")} | {n: ("f_" + n, 0) for n in "uw"}
+    compared = [each.name for each in done.report.fields if each.name in names]
+    assert compared
+    for block in np.unique(blocks):
+        here = blocks == block
+        at = (block, rows[here], truth["ref"][here])
+        assert np.abs(positions_at(done, *at) - truth["xyz"][here]).max() < bound * 4
+        for name in compared:
+            key, column = names[name]
+            wanted = truth[key][:, column]
+            assert np.abs(values_at(done, name, *at) - wanted[here]).max() < bound * np.ptp(wanted)
+    for name in compared:
+        key, column = names[name]
+        found = values_found(done.dataset, name, truth["xyz"])
+        assert np.abs(found - truth[key][:, column]).max() < bound * np.ptp(truth[key][:, column])
+
+
+@shared
+def test_agrees_with_pyfr_where_its_export_keeps_the_elements():
+    """Pyramids come as linear pieces; every other element holds the solution as it was."""
+    truth = np.load(DATA / "pyfr" / "mixed3d_p3-01.truth.npz")
+    done = check(Vtk, [DATA / "vtk" / "pyfr_mixed3d_p3.vtu"])
+    key = next(key for key in truth.files if key.startswith("f_"))
+    kept = truth["shape"] != "pyr"
+    wanted = truth[key][:, 0][kept]
+    found = values_found(done.dataset, "Density", truth["xyz"][kept])
+    assert np.nanmax(np.abs(found - wanted)) < 1e-10 * np.ptp(wanted)
+    assert np.isfinite(found).mean() > 0.9
+
+
+@shared
+def test_nodes_that_lie_elsewhere_are_found_out():
+    path = DATA / "vtk" / "dolfinx_tet_o3_u_p0_000000.vtu"
+    truth = np.load(DATA / "vtk" / "dolfinx_tet_o3.truth.npz")
+    errors = {}
+    for nodes in ("auto", "gll", "equispaced"):
+        done = convert(Vtk([path], nodes=nodes))
+        errors[nodes] = np.abs(values_at(done, "u", 0, truth["elem"], truth["ref"]) - truth["f_u"][:, 0]).max()
+        assert any("Gauss-Lobatto" in note for note in done.report.notes) == (nodes != "gll")
+    assert errors["auto"] == errors["gll"] < 1e-12
+    assert errors["equispaced"] > 1e-2
+
+
+@shared
+def test_hexahedra_of_the_wrong_version_are_refused(tmp_path):
+    raw = (DATA / "vtk" / "dealii_shell_p4.vtu").read_bytes()
+    path = tmp_path / "relabelled.vtu"
+    path.write_bytes(raw.replace(b'version="0.1"', b'version="2.2"'))
+    with pytest.raises(FormatError, match=r"two edges exchanged in 6 hexahedra.*--hexahedra"):
+        Vtk([path])
+    truth = np.load(DATA / "vtk" / "dealii_shell_p4.truth.npz")
+    done = convert(Vtk([path], hexahedra="exchanged"))
+    wanted = truth["f_u"][:, 0]
+    assert np.abs(values_found(done.dataset, "u", truth["xyz"]) - wanted).max() < 2e-7 * np.ptp(wanted)
+
+
+@pytest.mark.parametrize("kind", sorted(FIXED))
+def test_cells_with_a_fixed_number_of_nodes(tmp_path, kind):
+    shape, _, nodes = FIXED[kind]
+    path = write(tmp_path / "one.vtu", one(kind, nodes))
+    done = check(Vtk, [path])
+    assert all(field.is_exact for field in done.report.fields)
+    assert done.report.geometry.is_exact
+    if shape.dimension == 3:
+        x = inside(Vtk([path]), 0)
+        assert np.abs(values_found(done.dataset, "u", x) - linear(x)).max() < 1e-11
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("kind", sorted({**LAGRANGE, **BEZIER}))
+def test_cells_of_any_order(tmp_path, kind, order):
+    shape = {**LAGRANGE, **BEZIER}[kind]
+    path = write(tmp_path / "one.vtu", one(kind, NODES[shape](order)))
+    done = check(Vtk, [path])
+    assert all(field.is_exact for field in done.report.fields)
+    if shape.dimension == 3:
+        x = inside(Vtk([path]), 0)
+        assert np.abs(values_found(done.dataset, "u", x) - linear(x)).max() < 1e-11
+
+
+@pytest.mark.parametrize(("kind", "degrees"), [(70, (3, 2, 0)), (72, (1, 3, 2)), (73, (3, 3, 1)), (79, (2, 1, 3))])
+def test_cells_whose_degree_depends_on_the_direction(tmp_path, kind, degrees):
+    i, j, k = degrees
+    nodes = (i + 1) * (i + 2) // 2 * (k + 1) if kind == 73 else (i + 1) * (j + 1) * (k + 1)
+    done = check(Vtk, [write(tmp_path / "one.vtu", one(kind, nodes, degrees))])
+    assert all(field.is_exact for field in done.report.fields)
+
+
+@pytest.mark.parametrize("order", [3, 4, 5, 6])
+@pytest.mark.parametrize("kind", [69, 70, 71, 72, 73])
+def test_gauss_lobatto_nodes_hold_polynomials(tmp_path, kind, order):
+    cell = Cell(Kind(kind, NODES[LAGRANGE[kind]](order)), "")
+    x = warped(cell.shape, order, cell.nodes) @ np.array([[1, 0.2, 0], [0.1, 1, 0], [0, 0, 1]])
+    x[:, cell.shape.dimension :] = 0
+    path = write(tmp_path / "one.vtu", grid(x, [(kind, range(len(x)))], {"u": (linear(x) / 2) ** order}))
+    source = Vtk([path])
+    assert any("Gauss-Lobatto" in note for note in source.notes)
+    done = check(Vtk, [path])
+    places = inside(source, 0)
+    if cell.shape.dimension == 3:
+        wanted = (linear(places) / 2) ** order
+        assert np.abs(values_found(done.dataset, "u", places) - wanted).max() < 1e-11
+
+
+def test_rational_cells_are_projected_with_a_measured_error(tmp_path):
+    x = np.array(
+        [[1, 0, 0], [2, 0, 0], [0, 2, 0], [0, 1, 0], [1.5, 0, 0], [2, 2, 0], [0, 1.5, 0], [1, 1, 0], [1.5, 1.5, 0]]
+    )
+    w = np.array([1, 1, 1, 1, 1, 0.5**0.5, 1, 0.5**0.5, 0.5**0.5])
+    data = grid(x, [(77, range(9))], {"u": linear(x)})
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    weights = numpy_to_vtk(w, deep=True)
+    weights.SetName("RationalWeights")
+    data.GetPointData().SetRationalWeights(weights)
+    path = write(tmp_path / "arc.vtu", data)
+    source = Vtk([path])
+    edge = source.positions(source.blocks[0], np.array([[0.3, 0.0], [0.3, 1.0], [0.0, 0.4], [1.0, 0.4]]))
+    assert np.allclose(np.linalg.norm(edge[0, 2:], axis=1), [1, 2], rtol=0, atol=1e-14)
+    done = check(Vtk, [path])
+    assert 1e-4 < done.report.geometry.max < 0.1
+    assert not done.report.geometry.is_exact
+
+
+def cube(kind=71, order=2, shift=0.0):
+    """Points and cells of two bent tetrahedra that share a face."""
+    cell = Cell(Kind(kind, NODES[LAGRANGE[kind]](order)), "")
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float) + np.array([shift, 0, 0])
+    parts = [corners[list(c)] for c in ((0, 1, 2, 3), (1, 4, 2, 3))]
+    affine = [p[0] + cell.nodes @ (p[1:4] - p[0]) for p in parts]
+    x = np.concatenate(affine)
+    x += 0.05 * np.sin(x[:, [1, 2, 0]])
+    return x, [(kind, np.arange(len(cell.nodes)) + i * len(cell.nodes)) for i in range(2)]
+
+
+@pytest.mark.parametrize("suffix", [".vtk", ".vtu", ".vtm"])
+def test_every_container(tmp_path, suffix):
+    x, cells = cube()
+    data = grid(x, cells, {"u": linear(x), "ids": np.arange(len(x))}, {"part": np.array([3.0, 7.0])})
+    if suffix == ".vtm":
+        from vtkmodules.vtkCommonDataModel import vtkMultiBlockDataSet
+
+        tree = vtkMultiBlockDataSet()
+        tree.SetBlock(0, data)
+        tree.GetMetaData(0).Set(tree.NAME(), "steel")
+        data = tree
+    done = check(Vtk, [write(tmp_path / f"two{suffix}", data)])
+    assert [field.name for field in done.report.fields] == ["u", "ids", "part"]
+    assert [field.is_continuous for field in done.report.fields] == [True, False, False]
+    assert np.isclose(values_found(done.dataset, "part", x[:10].mean(axis=0)[None])[0], 3.0)
+    if suffix == ".vtm":
+        assert done.dataset.mesh.composites[0].name == "steel"
+
+
+def test_a_series_of_parts(tmp_path):
+    for step in range(2):
+        for part in range(2):
+            x, cells = cube(shift=2.0 * part)
+            write(tmp_path / f"s{step}p{part}.vtu", grid(x, cells, {"u": step + linear(x)}))
+    entries = "".join(
+        f'<DataSet timestep="{s / 4}" part="{p}" file="s{s}p{p}.vtu"/>' for s in range(2) for p in range(2)
+    )
+    index = tmp_path / "all.pvd"
+    index.write_text(f'<?xml version="1.0"?><VTKFile type="Collection"><Collection>{entries}</Collection></VTKFile>')
+    for step, time in ((None, 0.25), ("0", 0.0)):
+        done = check(Vtk, [index], **({} if step is None else {"step": step}))
+        assert done.dataset.time == time
+        assert done.report.elements == {"tetrahedron": 4}
+        places = x[:10].mean(axis=0)[None]
+        assert np.isclose(values_found(done.dataset, "u", places)[0], 4 * time + linear(places)[0])
+    (tmp_path / "s1p1.vtu").unlink()
+    with pytest.raises(FormatError, match=r"expected a VTK file s1p1\.vtu beside it, found none"):
+        Vtk([index])
+    with pytest.raises(FormatError, match="expected a step 7, found 2 steps"):
+        Vtk([index], step="7")
+    with pytest.raises(ElvisError, match="expected a number for --step, found 'last'"):
+        Vtk([index], step="last")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda b: b[: len(b) // 2], "expected a whole VTK file, found"),
+        (lambda b: b.replace(b'NumberOfCells="2"', b'NumberOfCells="0"'), "expected cells, found none"),
+        (lambda b: b.replace(b'NumberOfPoints="20"', b'NumberOfPoints="999"'), "expected a whole VTK file, found"),
+    ],
+)
+def test_bad_files_are_refused_in_a_sentence(tmp_path, spoil, message, capfd):
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    x, cells = cube()
+    writer, path = vtkXMLUnstructuredGridWriter(), tmp_path / "bad.vtu"
+    writer.SetFileName(str(path))
+    writer.SetDataModeToAscii()
+    writer.SetInputData(grid(x, cells, {"u": linear(x)}))
+    writer.Write()
+    raw = path.read_bytes()
+    assert spoil(raw) != raw
+    path.write_bytes(spoil(raw))
+    with pytest.raises(FormatError, match=message):
+        Vtk([path])
+    assert capfd.readouterr().err == ""
+
+
+def test_cells_that_cannot_be_evaluated_are_named(tmp_path):
+    x = np.random.default_rng(0).random((7, 3))
+    with pytest.raises(FormatError, match=r"linear, quadratic, Lagrange or Bezier cells, found polygons \(type 7\)"):
+        Vtk([write(tmp_path / "polygon.vtu", grid(x, [(7, range(5))]))])
+    with pytest.raises(FormatError, match="expected cells, found none"):
+        Vtk([write(tmp_path / "points.vtu", grid(x, [(1, [0])]))])
+    with pytest.raises(FormatError, match="expected as many nodes as a tetrahedron of some order"):
+        Vtk([write(tmp_path / "odd.vtu", grid(x, [(71, range(7))]))])
+
+
+def test_cells_of_lower_dimension_are_left_out_and_counted(tmp_path):
+    x, cells = cube(order=1)
+    done = check(Vtk, [write(tmp_path / "mixed.vtu", grid(x, [*cells, (5, [0, 1, 2]), (3, [0, 1])]))])
+    assert done.report.elements == {"tetrahedron": 2}
+    assert "2 cells of lower dimension were left out" in done.report.notes
