@@ -66,7 +66,7 @@ class OutputSection:
     @property
     def is_mixed(self) -> bool:
         """Whether orders differ."""
-        return len(self.parts) > 1
+        return len(set(self.modes())) > 1
 
     def modes(self) -> list[tuple[int, ...]]:
         """Numbers of modes of each part, Fourier directions included."""

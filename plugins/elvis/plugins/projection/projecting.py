@@ -91,9 +91,9 @@ def _joined(
     source, result = sampler.source, list(fitted)
     known: dict[tuple[int, ...], Traces] = {}
     for i, each in enumerate(result):
-        if not each.field.is_continuous or not source.is_conforming:
-            continue
         modes = tuple(0 if block.is_ortho else n for block, n in zip(blocks, each.modes, strict=True))
+        if not each.field.is_continuous or not source.is_conforming or not any(modes):
+            continue
         if modes not in known:
             known[modes] = Traces(mesh, blocks, modes)
         magnitude = max((float(np.abs(own).max(initial=0)) for own in each.coefficients), default=0.0)

@@ -47,7 +47,7 @@ class Traces:
 
     def __init__(self, mesh: Mesh, blocks: Sequence[NativeBlock], modes: Sequence[int]) -> None:
         self.mesh, self.blocks, self.modes = mesh, tuple(blocks), tuple(modes)
-        self.most = max(modes, default=2)
+        self.most = max(2, *modes)
         self.faces = {kind: polygon_vertices(mesh, kind) for kind in _FACES} if mesh.dimension > 1 else {}
         self._by_order = sorted((i for i in range(len(blocks)) if modes[i]), key=lambda i: modes[i])
         self._face_modes = {kind: np.full(len(rows), np.iinfo(np.int64).max) for kind, rows in self.faces.items()}

@@ -4,7 +4,8 @@ from elvis.plugins.testing import check
 conversion = check(MySolver, ["case.dat"])          raises AssertionError with a sentence where it isn't
 """
 
+from elvis.plugins.testing.analytic import Analytic, Given
 from elvis.plugins.testing.kit import check
 from elvis.plugins.testing.probing import Probe, native_places, positions_at, values_at, values_found
 
-__all__ = ["Probe", "check", "native_places", "positions_at", "values_at", "values_found"]
+__all__ = ["Analytic", "Given", "Probe", "check", "native_places", "positions_at", "values_at", "values_found"]
