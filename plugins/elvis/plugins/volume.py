@@ -40,6 +40,9 @@ class Part:
     buffers      the module's global buffers by name: arrays of float64, float32 or uint32
     solve        optional last resort on the host: elements (n,) and world points (n, 3) to a Solution, for the few
                  points that the kernels could not decide
+    source       Slang text that stands before the type is used: imports, or declarations made for this part alone
+    evaluate     optional twin of the type in NumPy, to compare it with: elements (n,) of this part and reference points
+                 (n, 3) to world positions (n, 3) and values (n,)
     """
 
     module: str
@@ -48,9 +51,54 @@ class Part:
     boxes: NDArray[np.float32]
     buffers: Mapping[str, NDArray[Any]]
     solve: Callable[[Ints, Floats], Solution] | None = None
+    source: str = ""
+    evaluate: Callable[[Ints, Floats], tuple[Floats, Floats]] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)
+
+
+def basis_part(
+    module: str,
+    type: str,
+    boxes: NDArray[np.float32],
+    buffers: Mapping[str, NDArray[Any]],
+    element_ids: Ints | None = None,
+    evaluate: Callable[[Ints, Floats], tuple[Floats, Floats]] | None = None,
+) -> Part:
+    """A part whose Slang type implements IBasis: Jacobians come from automatic differentiation, bounds from the boxes.
+
+    element_ids  (n,) global ids, 0 to n - 1 by default; the rest as in Part
+    """
+    ids = np.arange(len(boxes)) if element_ids is None else element_ids
+    every = {**buffers, "element_boxes": np.ascontiguousarray(boxes, np.float32)}
+    return Part(module, f"Differentiated<{type}>", ids, boxes, every, None, "import differentiated;", evaluate)
+
+
+def boxes_between(low: Floats, high: Floats, margin: float = 1e-9) -> NDArray[np.float32]:
+    """(n, 6) boxes for a Part that hold what lies between the corners ``low`` and ``high`` (n, 3).
+
+    margin  part of its diagonal by which a box is larger all round, so that rounding loses nothing
+    """
+    extra = margin * np.linalg.norm(high - low, axis=1, keepdims=True)
+    inner = np.concatenate([low - extra, high + extra], axis=1)
+    boxes = inner.astype(np.float32)
+    boxes[:, :3] = np.where(boxes[:, :3] > inner[:, :3], np.nextafter(boxes[:, :3], np.float32(-np.inf)), boxes[:, :3])
+    boxes[:, 3:] = np.where(boxes[:, 3:] < inner[:, 3:], np.nextafter(boxes[:, 3:], np.float32(np.inf)), boxes[:, 3:])
+    return boxes
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A Volume made of parts.
+
+    shader_folder  where the Slang modules of the parts stand
+    dimension      3, or 2 for elements in the plane z = 0
+    """
+
+    parts: Sequence[Part]
+    shader_folder: Path
+    dimension: int = 3
 
 
 class Volume(Protocol):

@@ -147,7 +147,7 @@ class Cutter:
             claims[name][left] = getattr(solution, name)
 
     def _kernel(self, stage: str, part: Part) -> Kernel:
-        return self.device.kernel(stage, part.module, part.type)
+        return self.device.kernel(stage, part)
 
     def _view(self, kernel: Kernel, view: View, number: int, count: int) -> slangpy.Buffer:
         """The View record of the stages (shaders/cut.slang)."""

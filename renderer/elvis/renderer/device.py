@@ -13,11 +13,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from elvis.plugins.volume import interface_folder
+from elvis.plugins.volume import Part, interface_folder
+from elvis.renderer.diagnostics import compiling
 from elvis.renderer.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -79,13 +81,13 @@ def choose(name: str) -> Adapter:
 class Device:
     """An open device: buffers, and kernels linked for the Slang type of a part."""
 
-    def __init__(self, name: str = "auto", shader_folders: tuple[Path, ...] = ()) -> None:
-        """Open a device (see choose); ``shader_folders`` hold the modules of runtime plugins."""
+    def __init__(self, name: str = "auto") -> None:
+        """Open a device (see choose)."""
         self.adapter = choose(name)
         self._device = _open(self.adapter)
-        self._folders = [SHADERS, interface_folder(), *shader_folders]
+        self._folders = [SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
-        self._kernels: dict[tuple[str, str, str], Kernel] = {}
+        self._kernels: dict[tuple[str, ...], Kernel] = {}
         self.bytes_held = 0
 
     def close(self) -> None:
@@ -101,9 +103,9 @@ class Device:
         self.close()
 
     def include(self, folder: Path) -> None:
-        """Let modules be found in one more folder."""
-        if folder not in self._folders:
-            self._folders.append(folder)
+        """Look for the modules of plugins in this folder, and in no other plugin's."""
+        if folder != self._folders[-1]:
+            self._folders = [SHADERS, interface_folder(), folder]
             self._session = None
 
     def buffer(self, data: NDArray[Any]) -> slangpy.Buffer:
@@ -137,27 +139,31 @@ class Device:
         content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
         return content
 
-    def kernel(self, stage: str, module: str, type: str) -> Kernel:
-        """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a Slang type."""
-        key = (stage, module, type)
+    def kernel(self, stage: str, part: Part) -> Kernel:
+        """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a part's Slang type.
+
+        DeviceError with the compiler's own words where the part's module does not compile.
+        """
+        key = (str(self._folders[-1]), stage, part.module, part.type, part.source)
         if key not in self._kernels:
-            self._kernels[key] = self._link(*key)
+            with compiling():
+                self._kernels[key] = self._link(stage, part)
         return self._kernels[key]
 
-    def _link(self, stage: str, module: str, type: str) -> Kernel:
+    def _link(self, stage: str, part: Part) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
         if self._session is None:
             self._session = _session(self._device, self._folders)
         together = str(stage in TOGETHER).lower()
         source = (
-            f"import volume; import {module}; export struct TheVolume : IVolume = {type};"
+            f"import volume; import {part.module}; {part.source}\nexport struct TheVolume : IVolume = {part.type};"
             f"export static const bool lanes_together = {together};"
             f"export static const int rows = {ROWS[self.adapter.software]};"
         )
         program = self._session.link_program(
             [
                 entry := self._session.load_module(stage),
-                self._session.load_module_from_source(f"{stage}_{module}_{_identifier(type)}", source),
+                self._session.load_module_from_source(_unique(f"{stage}_{part.module}_{part.type}", source), source),
             ],
             [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])],
         )
@@ -233,8 +239,10 @@ def _dtype(layout: Any) -> np.dtype[Any]:
     return np.dtype(scalar)
 
 
-def _identifier(text: str) -> str:
-    return "".join(character if character.isalnum() else "_" for character in text)
+def _unique(name: str, source: str) -> str:
+    """A name for a module with this text, as an identifier."""
+    readable = "".join(character if character.isalnum() else "_" for character in name)
+    return f"{readable}_{crc32(source.encode()):08x}"
 
 
 def _enumerate(kind: str) -> list[Any]:

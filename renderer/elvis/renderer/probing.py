@@ -45,7 +45,7 @@ class Finder:
             raise SceneError("there is no element to look in: none carries the field")
         device.include(volume.shader_folder)
         self._device, self._parts = device, volume.parts
-        self._kernels = [device.kernel("locate", part.module, part.type) for part in self._parts]
+        self._kernels = [device.kernel("locate", part) for part in self._parts]
         self._trees = [BoxTree.build(part.boxes) for part in self._parts]
         self._buffers = [self._upload(part, tree) for part, tree in zip(self._parts, self._trees, strict=True)]
         self._first = np.cumsum([0, *map(len, self._parts)])
