@@ -233,7 +233,9 @@ def test_reading_needs_no_hdf5_library_for_xml(case_files):
     mesh, fields = case_files("quad4")
     paths = f"{str(mesh)!r}, {str(fields)!r}"
     code = f"import sys; from elvis.formats import read; read({paths}); print('h5py' in sys.modules)"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert result.stdout.strip() == "False"
 
 
