@@ -138,7 +138,7 @@ class PyFR(Converter):
                 orders.append(self._read_values(file, f"{prefix}/{found[block.key]}", index))
             else:
                 orders.append(None)
-                self.blocks[index] = block.take(slice(0, 0))
+                self._keep(index, np.empty(0, np.int64))
             missing += len(block) - len(self.blocks[index])
         if missing and not subset:
             total = missing + sum(map(len, self.blocks))

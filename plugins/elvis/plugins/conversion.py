@@ -75,7 +75,9 @@ class Elements:
     def take(self, rows: slice | Ints) -> Elements:
         """The elements ``rows`` of this block, counted from its beginning."""
         count = len(range(*rows.indices(self.count))) if isinstance(rows, slice) else len(rows)
-        return replace(self, count=count, rows=rows)
+        vertices = None if self.vertices is None else self.vertices[rows]
+        ids = None if self.ids is None else self.ids[rows]
+        return replace(self, count=count, vertices=vertices, ids=ids, rows=rows)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,96 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from elvis.plugins.command import elvis as group
+from elvis.plugins.testing import positions_at, values_at, values_found
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers"
+
+
+@pytest.fixture(scope="session")
+def solvers():
+    """The folder of solvers' own files, which lies beside the repository."""
+    if not DATA.is_dir():
+        pytest.skip(f"there is no {DATA}")
+    return DATA
+
+
+@pytest.fixture
+def elvis():
+    """Run a command in this process and return what it printed; failures come out as they are."""
+
+    def run(*arguments):
+        outcome = CliRunner().invoke(group, [str(argument) for argument in arguments], standalone_mode=False)
+        if outcome.exception:
+            raise outcome.exception
+        return outcome.stdout
+
+    return run
+
+
+@pytest.fixture
+def elvis_json(elvis):
+    """As ``elvis``, what is printed parsed as strict JSON."""
+
+    def refuse(constant):
+        raise ValueError(constant)
+
+    return lambda *arguments: json.loads(elvis(*arguments, "--json"), parse_constant=refuse)
+
+
+class Truth:
+    """The solver's own evaluation at points: by element and reference point, and by place."""
+
+    def __init__(self, path):
+        with np.load(path) as file:
+            self.data = {name: file[name] for name in file.files}
+        self.xyz, self.elem, self.ref, self.shape = (self.data[name] for name in ("xyz", "elem", "ref", "shape"))
+
+    def column(self, name, index=0):
+        """(n,) one component of the field ``f_name``."""
+        return self.data[f"f_{name}"].reshape(len(self.xyz), -1)[:, index]
+
+    def at(self, conversion, field, blocks, places=lambda block, ref: ref):
+        """(n,) converted values by element: ``blocks`` maps a shape's name to the number of the source's block.
+
+        places  from a block's number and reference points (n, d) of the truth to points as the converter takes them
+        """
+        return self._each(blocks, lambda *where: values_at(conversion, field, *where), places, ())
+
+    def positions_at(self, conversion, blocks, places=lambda block, ref: ref):
+        """(n, 3) converted coordinates by element, likewise."""
+        return self._each(blocks, lambda *where: positions_at(conversion, *where), places, (3,))
+
+    def _each(self, blocks, evaluate, places, tail):
+        found = np.full((len(self.xyz), *tail), np.nan)
+        for name in np.unique(self.shape):
+            here = np.flatnonzero(self.shape == name)
+            block = blocks[str(name)]
+            found[here] = evaluate(block, self.elem[here], places(block, self.ref[here]))
+        return found
+
+    def found(self, dataset, field):
+        """(n,) converted values by place."""
+        return values_found(dataset, field, self.xyz)
+
+
+@pytest.fixture
+def truth():
+    """``truth(path)`` opens a truth file."""
+    return Truth
+
+
+@pytest.fixture
+def near():
+    """``near(found, wanted, bar)``: whether values agree to ``bar`` of the range of the wanted ones."""
+
+    def compare(found, wanted, bar=1e-10):
+        spread = np.ptp(wanted) or np.abs(wanted).max()
+        assert np.abs(found - wanted).max() <= bar * spread
+        return True
+
+    return compare

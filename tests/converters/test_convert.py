@@ -1,0 +1,196 @@
+"""``elvis convert``: options, reports, refusals."""
+
+import json
+import re
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+from elvis.formats import ElvisError, FormatError, read
+from elvis.formats.quadrature import gll
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import grid
+from elvis.plugins.discovery import Candidate, chosen, in_file, installed
+from elvis.plugins.nodal import tensor_nodes
+from elvis.plugins.registry import PluginError
+from elvis.plugins.testing import check, values_found
+
+PAGE = Path(__file__).resolve().parents[2] / "plugins" / "README.md"
+
+
+@pytest.fixture
+def pyfr(solvers):
+    return solvers / "pyfr" / "mixed3d_p3-01.pyfrs"
+
+
+@pytest.fixture
+def plugin(tmp_path):
+    """The converter of the page, as a file."""
+    (source,) = [
+        text for text in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S) if "class" in text
+    ]
+    assert source.count("\n") < 60
+    path = tmp_path / "my_solver.py"
+    path.write_text(source)
+    return path
+
+
+@pytest.fixture
+def case(tmp_path):
+    """A file of the solver that the page speaks of: eight bent hexahedra of order 3."""
+    from elvis.formats.orientation import local_vertices
+
+    mesh = grid(Shape.HEXAHEDRON, 2)
+    corners = local_vertices(mesh, Shape.HEXAHEDRON)
+    t = (1 + tensor_nodes(Shape.HEXAHEDRON, tuple(gll(4)[0].tolist()))) / 2
+    weights = [
+        np.prod([t[:, i] if v > 0 else 1 - t[:, i] for i, v in enumerate(c)], axis=0) for c in Shape.HEXAHEDRON.vertices
+    ]
+    places = np.einsum("vn,evc->enc", weights, mesh.vertices[corners])
+    nodes = places + 0.05 * np.stack(
+        [places[..., 1] ** 3, places[..., 2] * places[..., 0], places[..., 0] ** 2], axis=-1
+    )
+    wall = np.array([[0, 1, 4, 3]])
+    path = tmp_path / "case.npz"
+    np.savez(path, nodes=nodes, corners=corners, wall=wall, time=2.5, value_p=(places**2).sum(axis=-1))
+    return path
+
+
+def test_the_converter_of_the_page_works(plugin, case):
+    (candidate,) = in_file(plugin)
+    conversion = check(candidate.converter, [case])
+    assert {measure.state for measure in (conversion.report.geometry, *conversion.report.fields)} == {"exact"}
+    assert conversion.dataset.time == 2.5
+    assert [(c.name, len(c.parts[0][1])) for c in conversion.dataset.mesh.composites][1:] == [
+        ("wall", 1),
+        ("boundary", 23),
+    ]
+
+
+def test_a_converter_is_used_from_a_file(elvis, plugin, case, tmp_path):
+    said = elvis("convert", case, "-o", tmp_path / "out.xml", "--plugin", plugin)
+    assert "8 hexahedron" in said
+    dataset = read(tmp_path / "out.xml", tmp_path / "out.fld")
+    assert values_found(dataset, "p", np.array([[0.0, 0.0, 0.0]])) == pytest.approx(0, abs=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["compressed", "text", "hdf5"])
+def test_every_format_holds_the_same(elvis, pyfr, tmp_path, truth, near, kind):
+    elvis("convert", pyfr, "-o", tmp_path / "out.xml", "--format", kind)
+    assert (tmp_path / "out.nekg").exists() is (kind == "hdf5")
+    dataset = read(tmp_path / "out.xml", tmp_path / "out.fld")
+    own = truth(pyfr.with_suffix(".truth.npz"))
+    near(own.found(dataset, "rho"), own.column("soln", 0))
+
+
+def test_the_report_is_json(elvis_json, pyfr, tmp_path):
+    facts = elvis_json("convert", pyfr, "-o", tmp_path / "out.xml")
+    assert facts["geometry"]["state"] == "exact"
+    assert facts["geometry"]["map"] == "fields"
+    assert list(facts["fields"]) == ["rho", "rhou", "rhov", "rhow", "E"]
+    for measure in (facts["geometry"], *facts["fields"].values()):
+        assert {"max", "L2", "exact", "relative", "element"} <= measure.keys()
+    stored = json.loads(read(tmp_path / "out.xml", tmp_path / "out.fld").metadata["ConversionReport"])
+    assert stored["fields"] == facts["fields"]
+
+
+def test_an_error_beyond_bounds_fails_and_writes_nothing(elvis, pyfr, tmp_path):
+    with pytest.raises(ElvisError, match="expected errors up to 1e-06, found"):
+        elvis("convert", pyfr, "-o", tmp_path / "out.xml", "--order", 1, "--max-error", 1e-6)
+    assert not list(tmp_path.iterdir())
+    elvis("convert", pyfr, "-o", tmp_path / "out.xml", "--max-error", 1e-10)
+
+
+def test_fields_and_order_are_chosen(elvis_json, pyfr, tmp_path):
+    facts = elvis_json("convert", pyfr, "-o", tmp_path / "out.xml", "--fields", "rho,E", "--tolerance", "0.05")
+    assert list(facts["fields"]) == ["rho", "E"]
+    assert max(measure["relative"] for measure in facts["fields"].values()) <= 0.05
+
+
+def test_options_of_converters_are_options_of_the_command(elvis_json, elvis, pyfr, tmp_path):
+    facts = elvis_json("convert", pyfr, "-o", tmp_path / "out.xml", "--primitive")
+    assert "p" in facts["fields"]
+    assert "--primitive" in elvis("convert", "--help")
+    state = pyfr.parents[1] / "hopr_flexi" / "convcurved_N4_State.h5"
+    with pytest.raises(ElvisError, match="Hopr has no option 'primitive'"):
+        elvis("convert", state, "-o", tmp_path / "out.xml", "--primitive")
+
+
+def test_the_list_tells_what_there_is(elvis):
+    said = elvis("convert", "--list")
+    for candidate in installed():
+        assert candidate.converter, candidate.fault
+        assert candidate.name in said
+        assert candidate.converter.format
+        assert candidate.converter.keeps
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ([], "expected FILES to convert and --output"),
+        (["absent.msh", "-o", "out.xml"], "absent.msh: there is no such file"),
+        (["{text}", "-o", "{out}.xml"], "expected files that a converter opens"),
+        (["{text}", "-o", "{out}.xml", "--from", "nobody"], "there is no converter 'nobody'; there are"),
+        (["{text}", "-o", "{out}.png"], "expected a name ending in .xml"),
+        (["{text}", "-o", "{out}.xml", "--set", "nodes"], "expected NAME=VALUE"),
+        (["{text}", "-o", "{out}.xml", "--plugin", "{text}"], "expected a Python file, found none"),
+    ],
+)
+def test_refusals_are_sentences(elvis, tmp_path, arguments, sentence):
+    (tmp_path / "notes.txt").write_text("nothing\n")
+    given = [a.format(text=tmp_path / "notes.txt", out=tmp_path / "out") for a in arguments]
+    with pytest.raises((ElvisError, click.UsageError)) as caught:
+        elvis("convert", *given)
+    message = caught.value.message if isinstance(caught.value, click.UsageError) else str(caught.value)
+    assert sentence in message
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_library_that_is_missing_is_named_with_what_brings_it(case, plugin):
+    (candidate,) = in_file(plugin)
+    candidate.converter.needs = ("no_such_library",)
+    assert candidate.missing == ("no_such_library",)
+    with pytest.raises(
+        ElvisError, match=r"needs no_such_library, which is not installed; pip install 'elvis-viz\[converters\]'"
+    ):
+        chosen([candidate], [case])
+
+
+def test_several_claims_ask_for_a_choice(case, plugin):
+    (candidate,) = in_file(plugin)
+    twins = [Candidate("one", candidate.converter), Candidate("two", candidate.converter)]
+    with pytest.raises(ElvisError, match="one and two open them all; choose one with --from"):
+        chosen(twins, [case])
+    assert chosen(twins, [case], "two").name == "two"
+
+
+@pytest.mark.parametrize(
+    ("source", "sentence"),
+    [("import nothing_like_this", "does not load: ModuleNotFoundError"), ("x = 1", "expected a subclass of")],
+)
+def test_files_without_a_converter_are_told(tmp_path, source, sentence):
+    path = tmp_path / "broken.py"
+    path.write_text(source)
+    with pytest.raises(PluginError, match=sentence):
+        in_file(path)
+
+
+def test_the_kit_finds_a_converter_that_ignores_pieces(plugin, case):
+    (candidate,) = in_file(plugin)
+
+    class Careless(candidate.converter):
+        def positions(self, block, points):
+            return np.einsum("pn,eni->epi", self.basis.at(points), self.nodes[: len(block)])
+
+    with pytest.raises(AssertionError, match=r"is block\.rows used"):
+        check(Careless, [case])
+
+
+def test_mismatched_nodes_are_told(plugin, case):
+    (candidate,) = in_file(plugin)
+    np.savez(case, nodes=np.zeros((2, 7, 3)), corners=np.zeros((2, 8), int), wall=np.zeros((0, 4), int), time=0.0)
+    with pytest.raises(FormatError, match=r"expected nodes \(n, \(p\+1\)\^3, 3\), found \(2, 7, 3\)"):
+        candidate.converter([case])

@@ -1,0 +1,150 @@
+"""HOPR meshes and FLEXI states against FLEXI's own evaluation."""
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from elvis.converters.hopr import Hopr
+from elvis.formats import FormatError
+from elvis.plugins.converting import convert
+from elvis.plugins.testing import check
+
+NAMES = ("Density", "MomentumX", "MomentumY", "MomentumZ", "EnergyStagnationDensity")
+NACA = "NACA0012_Re5000_AoA8_3D_Referenz_0000010.000000000.h5"
+CAVITY = "reggie_cavity_Re100_State_0000001.000000000.h5"
+
+#: state, truth, whether the map needs fields, digits that the solver's float32 tool keeps of the largest value
+CASES = [
+    (NACA, "NACA0012_3D", False),
+    ("convcurved_N4_State.h5", "convcurved_N4", True),
+    (CAVITY, "cavity4x4x4", False),
+]
+
+
+@pytest.fixture
+def folder(solvers):
+    return solvers / "hopr_flexi"
+
+
+@pytest.mark.parametrize(("state", "name", "has_map"), CASES)
+def test_states_agree_with_the_solver(folder, truth, near, state, name, has_map):
+    conversion = check(Hopr, [folder / state])
+    assert {measure.state for measure in (conversion.report.geometry, *conversion.report.fields)} == {"exact"}
+    assert conversion.report.has_map is has_map
+    own = truth(folder / f"{name}.truth.npz")
+    near(own.positions_at(conversion, {"hex": 0}), own.xyz, 1e-12)
+    for column, field in enumerate(NAMES):
+        wanted, visu = own.column("soln", column), own.column("soln_posti_visu", column)
+        by_element, by_place = own.at(conversion, field, {"hex": 0}), own.found(conversion.dataset, field)
+        near(by_element, wanted)
+        near(by_place, wanted)
+        assert np.abs(by_place - visu).max() <= 2e-7 * np.abs(visu).max()
+
+
+def test_names_time_boundaries(folder):
+    conversion = convert(Hopr([folder / NACA]))
+    dataset = conversion.dataset
+    assert tuple(field.name for field in dataset.fields) == NAMES
+    assert dataset.time == 10.0
+    assert dataset.metadata["Program"] == "Flexi"
+    names = [composite.name for composite in dataset.mesh.composites]
+    assert names == ["hexahedron", "BC_wall", "BC_inflow", "BC_outflow", "BC_zminus", "BC_zplus"]
+
+
+def test_all_shapes_of_a_mesh_alone(folder):
+    source = Hopr([folder / "pyhope_1-11-cartbox_mixed_mesh.h5"])
+    assert [(len(block), block.order) for block in source.blocks] == [(48, 4), (48, 4), (32, 4), (8, 4)]
+    conversion = check(Hopr, [folder / "pyhope_1-11-cartbox_mixed_mesh.h5"])
+    assert conversion.report.geometry.state == "exact"
+
+    # every side on the border has a name; the inner nodes of this file's pyramids are folded
+    names = {c.name for c in conversion.dataset.mesh.composites[3:]}
+    assert names == {"bc_x-", "bc_x+", "bc_y-", "bc_y+", "bc_z-", "bc_z+"}
+    pyramids = source.blocks[1].ids
+    assert set(conversion.report.listed["inverted"]) == set(pyramids.tolist())
+
+
+def test_sides_lie_where_their_names_say(folder):
+    dataset = convert(Hopr([folder / "cavity4x4x4_mesh.h5"])).dataset
+    from elvis.formats.orientation import polygon_vertices
+    from elvis.formats.shapes import Shape
+
+    faces = dataset.mesh.vertices[polygon_vertices(dataset.mesh, Shape.QUADRILATERAL)]
+    planes = {"BC_zminus": (2, 0), "BC_zplus": (2, 1), "BC_wall_left": (0, 0), "BC_wall_right": (0, 1)}
+    low, high = dataset.mesh.vertices.min(axis=0), dataset.mesh.vertices.max(axis=0)
+    for composite in dataset.mesh.composites:
+        if composite.name in planes:
+            axis, end = planes[composite.name]
+            assert faces[composite.parts[0][1], :, axis] == pytest.approx((low, high)[end][axis])
+
+
+@pytest.fixture
+def copied(folder, tmp_path):
+    """A state and its mesh, to be spoilt."""
+    for name in (CAVITY, "cavity4x4x4_mesh.h5"):
+        shutil.copy(folder / name, tmp_path / name)
+        (tmp_path / name).chmod(0o644)
+    return tmp_path
+
+
+def test_gauss_lobatto_nodes(copied):
+    with h5py.File(copied / CAVITY, "r+") as file:
+        file.attrs["NodeType"] = b"GAUSS-LOBATTO"
+        line = np.array([-1.0, 0.0, 1.0])
+        file["DG_Solution"][...] = (line**2)[:, None]
+    conversion = convert(Hopr([copied / CAVITY]))
+    found = check(Hopr, [copied / CAVITY]).report.fields[0]
+    assert found.state == "exact"
+    assert found.range == pytest.approx(1, abs=1e-3)
+    assert conversion.report.fields[0].order == 2
+
+
+def without_mesh(folder):
+    (folder / "cavity4x4x4_mesh.h5").unlink()
+
+
+def on_another_mesh(folder):
+    with h5py.File(folder / CAVITY, "r+") as file:
+        short = file["DG_Solution"][:10]
+        del file["DG_Solution"]
+        file["DG_Solution"] = short
+
+
+def with_other_nodes(folder):
+    with h5py.File(folder / CAVITY, "r+") as file:
+        file.attrs["NodeType"] = b"CHEBYSHEV"
+
+
+def with_subcells(folder):
+    with h5py.File(folder / CAVITY, "r+") as file:
+        file.attrs["VarNamesAdd"] = np.array([b"myRank", b"FV_Elems", b"dt"])
+        file["ElemData"][:5, 1] = 1
+
+
+def truncated(folder):
+    path = folder / CAVITY
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (without_mesh, "expected its mesh cavity4x4x4_mesh.h5 beside it"),
+        (on_another_mesh, "expected values on the 64 elements of the mesh, found an array of shape"),
+        (with_other_nodes, "expected GAUSS or GAUSS-LOBATTO nodes"),
+        (with_subcells, "finite-volume sub-cells in 5"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(copied, spoil, sentence):
+    spoil(copied)
+    with pytest.raises(FormatError, match=sentence):
+        Hopr([copied / CAVITY])
+
+
+def test_a_truncated_file_is_refused(copied, elvis, tmp_path):
+    truncated(copied)
+    with pytest.raises(Exception, match=CAVITY):
+        elvis("convert", copied / CAVITY, "-o", tmp_path / "out.xml")
+    assert not (tmp_path / "out.xml").exists()

@@ -1,0 +1,155 @@
+"""PyFR meshes and solutions against PyFR's own sampler."""
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from elvis.converters.pyfr import _KINDS, PyFR
+from elvis.formats import Basis, FormatError, Shape
+from elvis.plugins.converting import convert
+from elvis.plugins.nodal import native_points
+from elvis.plugins.testing import check
+
+NAMES = ("rho", "rhou", "rhov", "rhow", "E")
+MESH, SOLUTION = "mixed3d_p3.pyfrm", "mixed3d_p3-01.pyfrs"
+
+#: the source's blocks come in the order of the alphabet
+KINDS = ("hex", "pri", "pyr", "tet")
+BLOCKS = {kind: number for number, kind in enumerate(KINDS)}
+
+
+@pytest.fixture
+def folder(solvers):
+    return solvers / "pyfr"
+
+
+def ours(block, ref):
+    """The solver's reference points in our coordinates."""
+    shape, frame, _ = _KINDS[KINDS[block]]
+    return native_points(shape, np.array(frame, float), ref)
+
+
+@pytest.mark.parametrize("number", ["00", "01"])
+def test_all_shapes_agree_with_the_solver(folder, truth, near, number):
+    conversion = check(PyFR, [folder / f"mixed3d_p3-{number}.pyfrs"])
+    assert {measure.state for measure in (conversion.report.geometry, *conversion.report.fields)} == {"exact"}
+    assert conversion.report.elements == {"tetrahedron": 98, "pyramid": 4, "prism": 28, "hexahedron": 12}
+    own = truth(folder / f"mixed3d_p3-{number}.truth.npz")
+    near(own.positions_at(conversion, BLOCKS, ours), own.xyz, 1e-11)
+    for column, field in enumerate(NAMES):
+        wanted = own.column("soln", column)
+        near(own.at(conversion, field, BLOCKS, ours), wanted)
+        near(own.found(conversion.dataset, field), wanted)
+
+
+def test_pyramids_stay_pyramids(folder):
+    dataset = convert(PyFR([folder / MESH, folder / SOLUTION])).dataset
+    blocks = {block.expansion.shape: block.expansion for block in dataset.field("rho").blocks}
+    assert blocks[Shape.PYRAMID].bases == (Basis.ORTHO_A, Basis.ORTHO_A, Basis.ORTHO_PYR_C)
+    assert dataset.time == pytest.approx(0.02)
+    assert dataset.mesh.composites[-1].name == "wall"
+    assert len(dataset.mesh.composites) == 5
+
+
+def test_derived_quantities_announce_their_error(folder, truth):
+    conversion = check(PyFR, [folder / SOLUTION], primitive=True)
+    own = truth(folder / "mixed3d_p3-01.truth.npz")
+    rho, rhou, rhov, rhow, energy = (own.column("soln", i) for i in range(5))
+    pressure = 0.4 * (energy - 0.5 * (rhou**2 + rhov**2 + rhow**2) / rho)
+    measures = {measure.name: measure for measure in conversion.report.fields}
+    for name, wanted in (("u", rhou / rho), ("v", rhov / rho), ("w", rhow / rho), ("p", pressure)):
+        assert measures[name].state == "projected"
+        assert 0 < np.abs(own.found(conversion.dataset, name) - wanted).max() <= 1.5 * measures[name].max
+
+
+@pytest.fixture
+def copied(folder, tmp_path):
+    """The mesh and a solution, to be spoilt."""
+    for name in (MESH, SOLUTION):
+        shutil.copy(folder / name, tmp_path / name)
+        (tmp_path / name).chmod(0o644)
+    return tmp_path
+
+
+def as_subset(folder):
+    with h5py.File(folder / SOLUTION, "r+") as file:
+        for kind in ("hex", "pyr"):
+            del file[f"soln/p3-{kind}"]
+        data = file["soln/p3-tet"]
+        values, points = data[::3], data.attrs["pts"]
+        del file["soln/p3-tet"]
+        file["soln/p3-tet"] = values
+        file["soln/p3-tet"].attrs["pts"] = points
+        file["soln/p3-tet-idxs"] = np.arange(0, 98, 3)
+
+
+def test_a_part_of_the_mesh_is_converted_on_request(copied, truth, near):
+    whole = convert(PyFR([copied / SOLUTION])).dataset
+    as_subset(copied)
+    with pytest.raises(FormatError, match="expected values on all 142 elements of the mesh, found none on 81"):
+        PyFR([copied / SOLUTION])
+    conversion = check(PyFR, [copied / SOLUTION], subset=True)
+    assert conversion.report.elements == {"tetrahedron": 33, "prism": 28}
+    assert any("81 elements" in note for note in conversion.report.notes)
+    points = np.random.default_rng(0).random((300, 3)) * [0.9, 0.9, 0.6]
+    from elvis.plugins.testing import values_found
+
+    part, all_of_it = values_found(conversion.dataset, "rho", points), values_found(whole, "rho", points)
+    inside = np.isfinite(part)
+    assert 20 < inside.sum() < 250
+    near(part[inside], all_of_it[inside])
+
+
+def without_mesh(folder):
+    (folder / MESH).unlink()
+
+
+def on_another_mesh(folder):
+    with h5py.File(folder / SOLUTION, "r+") as file:
+        del file["mesh-uuid"]
+        file["mesh-uuid"] = np.bytes_("00000000-267e-c603-6803-3cdf733fa874")
+
+
+def with_too_few_values(folder):
+    with h5py.File(folder / SOLUTION, "r+") as file:
+        data = file["soln/p3-hex"]
+        values, points = data[:5], data.attrs["pts"]
+        del file["soln/p3-hex"]
+        file["soln/p3-hex"] = values
+        file["soln/p3-hex"].attrs["pts"] = points
+
+
+def with_unknown_elements(folder):
+    with h5py.File(folder / MESH, "r+") as file:
+        file.move("eles/hex", "eles/octahedron")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (without_mesh, r"expected its mesh \(.pyfrm\) beside it, found none"),
+        (with_too_few_values, r"soln/p3-hex: expected \(12, 5, 64\) values on 12 elements, found \(5, 5, 64\)"),
+        (with_unknown_elements, "expected elements quad, tri, hex, pri, pyr, tet, found octahedron"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(copied, spoil, sentence):
+    spoil(copied)
+    with pytest.raises(FormatError, match=sentence):
+        PyFR([copied / SOLUTION])
+
+
+def test_a_solution_on_another_mesh_is_refused(copied):
+    on_another_mesh(copied)
+    with pytest.raises(FormatError, match="expected a solution on the mesh mixed3d_p3"):
+        PyFR([copied / MESH, copied / SOLUTION])
+
+
+def test_files_of_old_versions_are_told(tmp_path):
+    with h5py.File(tmp_path / "old.pyfrm", "w") as file:
+        file["mesh_uuid"] = np.bytes_("0")
+        file["spt_hex_p0"] = np.zeros((8, 1, 3))
+    assert PyFR.opens([tmp_path / "old.pyfrm"])
+    with pytest.raises(FormatError, match="or later, found an older one"):
+        PyFR([tmp_path / "old.pyfrm"])
