@@ -150,17 +150,19 @@ def pieces(section: Section) -> Iterator[Piece]:
     space, elements = section.space, len(section.element_ids)
     if not elements:
         return
-    distinct, first, group = np.unique(space.modes, axis=0, return_index=True, return_inverse=True)
-    counts = space.counts(elements)
-    if len(distinct) == 1:
-        values = section.values.reshape(len(space.names), elements, int(counts[0]))
-        yield Piece(space.names, _expansion(space, distinct[0]), section.element_ids, values)
+    if (space.modes == space.modes[0]).all():
+        values = section.values.reshape(len(space.names), elements, -1)
+        yield Piece(space.names, _expansion(space, space.modes[0]), section.element_ids, values)
         return
 
+    # rows of each group of equal modes
+    distinct, first, group = np.unique(space.modes, axis=0, return_index=True, return_inverse=True)
+    group = group.reshape(-1)
+    rows_of = np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+
+    counts = space.counts(elements)
     starts = np.cumsum(counts) - counts
     fields = section.values.reshape(len(space.names), -1)
-    by_group = np.argsort(group.reshape(-1), kind="stable")
-    rows_of = np.split(by_group, np.cumsum(np.bincount(group.reshape(-1)))[:-1])
     for index in np.argsort(first):
         rows = rows_of[index]
         gathered = _gather(fields, starts[rows], int(counts[rows[0]]))

@@ -23,6 +23,7 @@ _NAME = re.compile(rb"[A-Za-z_:][\w:.\-]*")
 _ATTRIBUTE = re.compile(rb"""([A-Za-z_:][\w:.\-]*)\s*=\s*("[^"]*"|'[^']*')""")
 _MARK = re.compile(rb"""[<>"']""")
 _DECLARATION = re.compile(rb"<!(?!--|\[CDATA\[)")
+_AFTER_NAME = (b" ", b"\t", b"\r", b"\n", b"/", b">")
 _BEGINNING = re.compile(rb"(\xef\xbb\xbf)?[\x01-\x20]*<")
 _SPECIAL = re.compile(rb"<!--|<!\[CDATA\[")
 _REFERENCE = re.compile(r"&(lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9a-fA-F]{1,6});")
@@ -170,19 +171,28 @@ def _tag_end(data: Buffer, start: int, stop: int, file: str) -> int:
 
 def _closing(data: Buffer, tag: bytes, start: int, stop: int, file: str) -> tuple[int, int]:
     """Where the content ends, and where the closing tag does; elements of the same tag may be nested in between."""
-    same = re.compile(rb"<(/?)" + re.escape(tag) + rb"(?=[\s/>])")
     position, depth = start, 1
-    while found := same.search(data, position, stop):
-        end = _tag_end(data, found.end(), stop, file)
-        position = end + 1
-        if found[1]:
-            depth -= 1
-        elif data[end - 1 : end] != b"/":
-            depth += 1
+    closing = _next(data, b"</" + tag, start, stop)
+    while closing >= 0:
+        opening = _next(data, b"<" + tag, position, closing)
+        position = _tag_end(data, (closing if opening < 0 else opening) + 1 + len(tag), stop, file) + 1
+        if opening >= 0:
+            depth += data[position - 2 : position - 1] != b"/"
+            continue
+        depth -= 1
         if depth == 0:
-            return found.start(), position
+            return closing, position
+        closing = _next(data, b"</" + tag, position, stop)
     message = f"expected </{_decode(tag)}>, found the end of the {'file' if stop == len(data) else 'enclosing element'}"
     raise FormatError(message, file=file, place=_at(data, start))
+
+
+def _next(data: Buffer, mark: bytes, start: int, stop: int) -> int:
+    """Where a tag that begins like ``mark`` stands, -1 where there is none."""
+    found = data.find(mark, start, stop)
+    while found >= 0 and data[found + len(mark) : found + len(mark) + 1] not in _AFTER_NAME:
+        found = data.find(mark, found + 1, stop)
+    return found
 
 
 def _after(data: Buffer, mark: bytes, start: int, stop: int, file: str) -> int:
