@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.nektar.heaps import check_heaps
+from elvis.formats.nektar.strings_hdf5 import attribute_data, check_lengths
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -85,6 +86,7 @@ def strings(parent: h5py.Group, name: str) -> list[str] | None:
         is_text = found.dtype.kind in "OS" and _is_plain(found.dtype)
         if found.ndim != 1 or not is_text or found.size > _MOST_STRINGS:
             raise FormatError(f"expected a list of strings, found {_kind(found)}", place=_place(parent, name))
+        _check_strings(found)
         items = found[()]
     return [text(item) for item in items]
 
@@ -214,9 +216,31 @@ def _check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
     found = owner.attrs.get_id(name)
     if not _is_plain(found.dtype):
         raise FormatError(f"expected numbers or strings in {name}, found {found.dtype}", place=_place(owner))
+    if found.dtype.kind == "O":
+        _check_attribute_strings(owner, name)
     claimed = found.get_space().get_simple_extent_npoints() * found.get_type().get_size()
     if claimed > _GREATEST_ATTRIBUTE:
         raise FormatError(f"expected a short attribute {name}, found {claimed} bytes", place=_place(owner))
+
+
+def _check_strings(found: h5py.Dataset) -> None:
+    """FormatError where strings of variable length claim more than the file holds."""
+    offset = found.id.get_offset()
+    if offset is not None and found.dtype.kind == "O":
+        path = Path(found.file.filename)
+        with path.open("rb") as file:
+            file.seek(offset)
+            check_lengths(file.read(found.id.get_storage_size()), path.stat().st_size)
+
+
+def _check_attribute_strings(owner: h5py.Group | h5py.Dataset, name: str) -> None:
+    """As `_check_strings`."""
+    import h5py
+
+    path = Path(owner.file.filename)
+    with path.open("rb") as file:
+        data = attribute_data(file, h5py.h5o.get_info(owner.id).addr, name.encode("utf-8", "surrogateescape"))
+    check_lengths(data, path.stat().st_size)
 
 
 def _is_plain(dtype: np.dtype[Any]) -> bool:
