@@ -87,14 +87,14 @@ def steps(folder: Path, device: str, side: int, points: int) -> dict[str, Any]:
     tree = diary.step("tree", lambda: BoxTree.build(boxes))
     renderer = diary.step("open the device", lambda: Renderer(device))
     diary.step("upload", lambda: renderer.show(volume))
-    held = renderer.device.bytes_held
+    held = renderer.device.bytes_made
     frame = diary.step("first picture", lambda: renderer.render(cut(side), references=False))
     for _ in range(3):
         diary.step("next picture", lambda: renderer.render(cut(side), references=False))
-    drawn = renderer.device.bytes_held
+    drawn = renderer.device.bytes_made
     where = np.random.default_rng(0).random((points, 3))
     diary.step("first probe", lambda: renderer.probe(where))
-    probing = renderer.device.bytes_held - drawn
+    probing = renderer.device.bytes_made - drawn
     places = diary.step("next probe", lambda: renderer.probe(where))
     return {
         "steps": diary.steps,

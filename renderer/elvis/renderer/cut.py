@@ -63,7 +63,9 @@ class Cutter:
         device.include(volume.shader_folder)
         self.device, self.parts = device, volume.parts
         self.buffers = [{name: device.buffer(data) for name, data in part.buffers.items()} for part in self.parts]
-        self.first = np.cumsum([0, *(len(part) for part in self.parts)])
+        self.first = np.cumsum([0, *map(len, self.parts)])
+        self.reach = max((float(np.abs(part.boxes).max(initial=0.0)) for part in self.parts), default=0.0)
+        self.bytes = sum(data.nbytes for part in self.parts for data in part.buffers.values())
         self.clock = Clock()
         self.tiles = 0
         self.references = True
@@ -157,8 +159,7 @@ class Cutter:
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
         record["width"], record["height"], record["references"] = view.width, view.height, self.references
         record["first"], record["count"] = self.first[number], count
-        boxes = self.parts[number].boxes
-        record["slack"] = 1e-12 * float(np.abs(boxes).max(initial=0.0) + np.abs(view.plane.point).max())
+        record["slack"] = 1e-12 * (self.reach + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
     def _read(self, image: dict[str, slangpy.Buffer], count: int) -> Pixels:

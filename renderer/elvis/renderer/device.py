@@ -88,7 +88,7 @@ class Device:
         self._folders = [SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
-        self.bytes_held = 0
+        self.bytes_made = 0  # of all buffers so far
 
     def close(self) -> None:
         """Give the device back; it can't be used any more."""
@@ -131,7 +131,7 @@ class Device:
         except RuntimeError as error:
             size = count * dtype.itemsize / 2**20
             raise DeviceError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
-        self.bytes_held += count * dtype.itemsize
+        self.bytes_made += count * dtype.itemsize
         return buffer
 
     def read(self, buffer: slangpy.Buffer, dtype: DTypeLike) -> NDArray[Any]:

@@ -146,7 +146,7 @@ class Renderer:
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
             elements=len(ids),
             tiles=cutter.tiles,
-            bytes={"device": self.device.bytes_held},
+            bytes={"volume": cutter.bytes, "image": 12 * pixels.owner.size},
             pixels=frame.counts(),
         )
         return frame
