@@ -6,6 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis.formats.nektar.strings_hdf5 import attribute_data
+
 
 @pytest.fixture
 def hdf5_field(copied):
@@ -143,3 +145,55 @@ def test_hdf5_meshes_that_contradict_themselves(copied, nektar, refused):
             del file[f"NEKTAR/GEOMETRY/{name}"]
             file[f"NEKTAR/GEOMETRY/{name}"] = values
         refused(mesh, match=message)
+
+
+def patched(path, place, value):
+    raw = bytearray(path.read_bytes())
+    raw[place : place + len(value)] = value
+    path.write_bytes(raw)
+
+
+def test_heaps_that_would_make_the_library_loop_or_grow(hdf5_field, refused):
+    mesh, field = hdf5_field
+    original = field.read_bytes()
+    heap = original.index(b"GCOL")
+    patched(field, heap + 8, (2**33).to_bytes(8, "little"))
+    refused(mesh, field, match=r"expected a heap of 4096 to \d+ bytes, found 8589934592")
+    field.write_bytes(original)
+    patched(field, heap + 16 + 8, (2**33).to_bytes(8, "little"))
+    refused(mesh, field, match=rf"damaged \(the heap at byte {heap}\)")
+
+    # the free space, shortened by some zeros: an object of no size follows
+    free = heap + 16
+    while original[free : free + 2] != b"\0\0":
+        free += 16 + (int.from_bytes(original[free + 8 : free + 16], "little") + 7) // 8 * 8
+    field.write_bytes(original)
+    length = int.from_bytes(original[free + 8 : free + 16], "little")
+    patched(field, free + 8, (length - 64).to_bytes(8, "little"))
+    refused(mesh, field, match=rf"damaged \(the heap at byte {heap}\)")
+
+
+@pytest.mark.parametrize("name", ["SHAPE", "FIELDS", "NUMMODESPERDIR"])
+def test_strings_that_claim_gigabytes(name, hdf5_field, refused):
+    mesh, field = hdf5_field
+    with h5py.File(field) as file, field.open("rb") as raw:
+        address = h5py.h5o.get_info(file["NEKTAR/18380036883355646697"].id).addr
+        data = attribute_data(raw, address, name.encode())
+    assert len(data) >= 16
+    patched(field, field.read_bytes().index(data), (0xF0000000).to_bytes(4, "little"))
+    refused(mesh, field, match=r"damaged \(a string of 4026531840 bytes\)")
+
+
+def test_lists_of_strings_that_claim_gigabytes(copied, refused):
+    mesh = copied("interptest_hdf5") / "interptest_hdf5.nekg"
+    with h5py.File(mesh) as file:
+        place = file["NEKTAR/GEOMETRY/MESH/COMPOSITE"].id.get_offset()
+    patched(mesh, place + 16, (0xF0000000).to_bytes(4, "little"))
+    refused(mesh, match=r"damaged \(a string of 4026531840 bytes\)")
+
+
+def test_kinds_of_strings_that_would_crash_the_library(hdf5_field, refused):
+    mesh, field = hdf5_field
+    place = field.read_bytes().index(b"SHAPE\0\0\0\x19\x01") + 9
+    patched(field, place, b"\x7f")
+    refused(mesh, field, match="expected numbers or strings in SHAPE, found object")
