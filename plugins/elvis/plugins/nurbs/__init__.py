@@ -1,0 +1,7 @@
+"""NURBS volumes as a runtime plugin: rational elements, exactly."""
+
+from __future__ import annotations
+
+from elvis.plugins.nurbs.plugin import Nurbs
+
+__all__ = ["Nurbs"]

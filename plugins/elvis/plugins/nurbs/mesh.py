@@ -1,0 +1,214 @@
+"""Files of NURBS meshes and grid functions as MFEM writes them (``MFEM NURBS mesh v1.0``, ``FiniteElementSpace``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.plugins.nurbs.knots import KnotVector
+from elvis.plugins.nurbs.numbering import EDGES, numbered
+
+MESH, FUNCTION = "MFEM NURBS mesh v1.0", "FiniteElementSpace"
+_CUBE = 5
+
+
+@dataclass(frozen=True, eq=False)
+class GridFunction:
+    """Values of a finite element space: collection (``H1_3D_P3``), and values (n, components)."""
+
+    collection: str
+    values: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PatchMesh:
+    """Hexahedral patches.
+
+    vertices    (n, 8) of each patch
+    knots       knot vectors of each patch in its three directions
+    edges       (m, 2) vertices, in the order of the file
+    weights     (k,) of the control points
+    points      (k, 3) control points
+    collection  name of the space of the control points, as ``NURBS2``
+    """
+
+    vertices: Ints
+    knots: list[tuple[KnotVector, KnotVector, KnotVector]]
+    edges: Ints
+    weights: Floats
+    points: Floats
+    collection: str
+
+    def controls(self) -> list[Ints]:
+        """For each patch the numbers (n_x, n_y, n_z) of its control points."""
+        return numbered(self.vertices, [[k.count for k in own] for own in self.knots], self.edges.tolist())[0]
+
+    @property
+    def control_count(self) -> int:
+        """How many control points the patches have together."""
+        return numbered(self.vertices, [[k.count for k in own] for own in self.knots], self.edges.tolist())[1]
+
+    def elements(self) -> Ints:
+        """(e, 8) vertices of the elements: the knot spans of all patches, x fastest, patch by patch."""
+        counts = [[len(k.spans) + 1 for k in own] for own in self.knots]
+        grids, _ = numbered(self.vertices, counts, self.edges.tolist())
+        return np.concatenate([_cells(grid) for grid in grids])
+
+
+def _cells(grid: Ints) -> Ints:
+    """(n, 8) corners of the cells of a grid of vertices, x fastest."""
+    low, high = slice(None, -1), slice(1, None)
+    around = [(low, low), (high, low), (high, high), (low, high)]
+    corners = [grid[x, y, z] for z in (low, high) for x, y in around]
+    return np.stack([corner.transpose(2, 1, 0).reshape(-1) for corner in corners], axis=1)
+
+
+def first_line(path: Path) -> str:
+    """The first line that holds something; nothing for what isn't text."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(4096)
+    except OSError:
+        return ""
+    lines = (line.strip() for line in start.decode("ascii", errors="replace").splitlines())
+    return next((line for line in lines if line and not line.startswith("#")), "")
+
+
+def read_mesh(path: Path) -> PatchMesh:
+    """The patches of a file.  FormatError where it isn't a 3D mesh of hexahedral NURBS patches."""
+    sections = Sections(path)
+    if MESH not in sections.names:
+        raise FormatError(f"expected the line {MESH!r}, found none", file=path)
+    dimension = sections.numbers("dimension", 1)[0, 0]
+    if dimension != 3:
+        raise sections.error("dimension", f"expected 3, found {dimension:g}")
+    vertices = sections.cubes("elements")
+    edges = sections.counted("edges", 3).astype(np.int64)
+    knots = _patch_knots(sections, vertices, edges, _vectors(sections))
+    weights = sections.numbers("weights", 1)[:, 0]
+    function = _function(sections)
+
+    # all must speak of the same control points
+    mesh = PatchMesh(vertices, knots, edges[:, 1:], weights, function.values, function.collection)
+    count = mesh.control_count
+    for name, found in (("weights", weights.shape), (FUNCTION, function.values.shape)):
+        wanted = (count,) if name == "weights" else (count, 3)
+        if found != wanted:
+            raise sections.error(name, f"expected an array {wanted}, found {found}")
+    if not (weights > 0).all():
+        raise sections.error("weights", f"expected positive weights, found {weights.min():g}")
+    return mesh
+
+
+def read_function(path: Path) -> GridFunction:
+    """The collection and values (n, components) of a grid function."""
+    return _function(Sections(path))
+
+
+def _function(sections: Sections) -> GridFunction:
+    """Values in either ordering: 0 component by component, 1 node by node."""
+    words = sections.words
+    values = sections.numbers("Ordering", 1)[:, 0]
+    try:
+        components, ordering = int(words["VDim"]), int(words["Ordering"])
+        shape = (-1, components) if ordering else (components, -1)
+        table = values.reshape(shape) if ordering else values.reshape(shape).T
+        return GridFunction(words["FiniteElementCollection"], table)
+    except (KeyError, ValueError) as error:
+        wanted = "FiniteElementCollection, VDim, Ordering and as many values as these say"
+        raise sections.error(FUNCTION, f"expected {wanted}, found others ({error})") from error
+
+
+def _vectors(sections: Sections) -> list[KnotVector]:
+    """The knot vectors: each line has the degree, the number of control points, and the knots."""
+    lines = sections.rows("knotvectors")[1:]
+    vectors = []
+    for line in lines:
+        degree, count, knots = int(line[0]), int(line[1]), np.array(line[2:])
+        if len(knots) != degree + count + 1 or count <= degree or degree < 1 or (np.diff(knots) < 0).any():
+            raise sections.error("knotvectors", f"expected {degree + count + 1} ascending knots, found {line[2:]}")
+        vectors.append(KnotVector(degree, knots))
+    return vectors
+
+
+def _patch_knots(
+    sections: Sections, vertices: Ints, edges: Ints, vectors: list[KnotVector]
+) -> list[tuple[KnotVector, KnotVector, KnotVector]]:
+    """The knot vectors of each patch along its first three edges, turned where the file's edge runs the other way."""
+    found: dict[tuple[int, int], KnotVector] = {}
+    for vector, a, b in edges.tolist():
+        if not 0 <= vector < len(vectors):
+            raise sections.error("edges", f"expected a knot vector from 0 to {len(vectors) - 1}, found {vector}")
+        found[a, b], found[b, a] = vectors[vector], vectors[vector].reversed()
+    result = []
+    for own in vertices.tolist():
+        for a, b in EDGES:
+            if (own[a], own[b]) not in found:
+                raise sections.error("edges", f"expected an edge from vertex {own[a]} to {own[b]}, found none")
+        x, y, z = (found[own[a], own[b]] for a, b in ((0, 1), (0, 3), (0, 4)))
+        result.append((x, y, z))
+    return result
+
+
+class Sections:
+    """A text file of headings and numbers; comments are left out, every surprise is a FormatError.
+
+    words  what follows a heading with a colon, as ``VDim: 3``
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.words: dict[str, str] = {}
+        self._lines: dict[str, list[str]] = {}
+        lines = (line.strip() for line in path.read_text(encoding="ascii", errors="replace").splitlines())
+        current: list[str] = []
+        for line in lines:
+            if line and line[0].isalpha():
+                name, _, word = line.partition(":")
+                current = self._lines.setdefault(name, [])
+                self.words[name] = word.strip()
+            elif line and not line.startswith("#"):
+                current.append(line)
+
+    @property
+    def names(self) -> list[str]:
+        """The headings, in the order of the file."""
+        return list(self._lines)
+
+    def error(self, name: str, message: str) -> FormatError:
+        """A FormatError at a heading."""
+        return FormatError(message, file=self._path, place=name)
+
+    def rows(self, name: str) -> list[list[float]]:
+        """The numbers below a heading, line by line."""
+        if name not in self._lines:
+            raise self.error(name, "expected this heading, found none")
+        try:
+            return [[float(word) for word in line.split()] for line in self._lines[name]]
+        except ValueError as error:
+            raise self.error(name, f"expected numbers, found others ({error})") from error
+
+    def numbers(self, name: str, width: int) -> Floats:
+        """(n, width) numbers below a heading."""
+        values = [value for row in self.rows(name) for value in row]
+        if not values or len(values) % width:
+            raise self.error(name, f"expected rows of {width} numbers, found {len(values)}")
+        return np.array(values).reshape(-1, width)
+
+    def counted(self, name: str, width: int) -> Floats:
+        """(n, width) numbers below a heading and their count."""
+        rows = self.rows(name)
+        if not rows or len(rows[0]) != 1 or len(rows) != rows[0][0] + 1 or any(len(row) != width for row in rows[1:]):
+            raise self.error(name, f"expected a count and as many rows of {width} numbers, found {len(rows)} rows")
+        return np.array(rows[1:])
+
+    def cubes(self, name: str) -> Ints:
+        """(n, 8) vertices; a row has attribute, kind and vertices."""
+        rows = self.counted(name, 10).astype(np.int64)
+        if not len(rows) or (rows[:, 1] != _CUBE).any() or (rows[:, 2:] < 0).any():
+            raise self.error(name, f"expected patches of kind {_CUBE} (hexahedra), found others")
+        return rows[:, 2:]

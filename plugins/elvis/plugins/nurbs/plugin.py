@@ -1,0 +1,158 @@
+"""The runtime plugin for NURBS volumes: MFEM's NURBS meshes with grid functions on them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.quadrature import gauss, gll
+from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes
+from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, first_line, read_function, read_mesh
+from elvis.plugins.nurbs.numbering import numbered
+from elvis.plugins.source import VolumeSource
+from elvis.plugins.volume import Part, Shown, basis_part, boxes_between
+
+_COLLECTION = re.compile(r"(H1|H1Pos|L2|L2_T1|L2_T2)_3D_P(\d+)")
+_LARGEST = 12
+
+#: nodes in [0, 1] of a family of elements, None where its coefficients are those of Bernstein polynomials
+_NODES: dict[str, Callable[[int], Floats] | None] = {
+    "H1": lambda p: (gll(p + 1)[0] + 1) / 2,
+    "H1Pos": None,
+    "L2": lambda p: (gauss(p + 1)[0] + 1) / 2,
+    "L2_T1": lambda p: (gll(p + 1)[0] + 1) / 2,
+    "L2_T2": None,
+}
+
+
+class Nurbs(VolumeSource):
+    """A mesh and any number of grid functions; a function's name is the last word of its file's name before .gf.
+
+    Elements are the knot spans in MFEM's order, with reference coordinates in [0, 1]^3.
+    """
+
+    format = "NURBS volumes of MFEM (mesh v1.0 with .gf grid functions)"
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """One NURBS mesh, all else grid functions."""
+        kinds = sorted(first_line(Path(path)) for path in paths)
+        return kinds.count(MESH) == 1 and kinds.count(FUNCTION) == len(kinds) - 1
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        """Open the files."""
+        files = [Path(path) for path in paths]
+        mesh = next(path for path in files if first_line(path) == MESH)
+        self.mesh = read_mesh(mesh)
+        self._functions: dict[str, tuple[Path, GridFunction, int]] = {}
+        for path in files:
+            if path != mesh:
+                self._add(path, read_function(path))
+        self.fields = tuple(self._functions)
+
+    def _add(self, path: Path, function: GridFunction) -> None:
+        """A function's components become fields."""
+        name = path.stem.split(".")[-1]
+        count = function.values.shape[1]
+        for number in range(count):
+            own = name if count == 1 else f"{name}_{'xyz'[number] if count <= 3 else number}"
+            if own in self._functions:
+                raise FormatError(f"expected one field {own!r}, found another in {self._functions[own][0]}", file=path)
+            self._functions[own] = path, function, number
+
+    def volume(self, field: str) -> Shown:
+        """The elements with one field; those of equal degrees make a part."""
+        path, function, component = self._functions[field]
+        values = function.values[:, component]
+        is_rational = function.collection == self.mesh.collection or function.collection == "NURBS"
+        try:
+            nets = _rational(self.mesh, values) if is_rational else _polynomial(self.mesh, function.collection, values)
+        except FormatError as error:
+            raise error.within(file=path, place=FUNCTION) from error
+        parts = _parts(weighted(self.mesh), nets, is_rational)
+        return Shown(parts, Path(__file__).parent)
+
+
+def weighted(mesh: PatchMesh) -> list[Floats]:
+    """For each patch the nets (elements, n_x, n_y, n_z, 4) of w x, w y, w z, w."""
+    homogeneous = np.column_stack([mesh.points * mesh.weights[:, None], mesh.weights])
+    return [_spans(mesh, patch, homogeneous[grid]) for patch, grid in enumerate(mesh.controls())]
+
+
+def _rational(mesh: PatchMesh, values: Floats) -> list[Floats]:
+    """For each patch the nets (elements, n_x, n_y, n_z) of w c."""
+    if len(values) != len(mesh.weights):
+        raise FormatError(f"expected {len(mesh.weights)} values, found {len(values)}")
+    scaled = values * mesh.weights
+    return [_spans(mesh, patch, scaled[grid]) for patch, grid in enumerate(mesh.controls())]
+
+
+def _spans(mesh: PatchMesh, patch: int, controls: Floats) -> Floats:
+    """Nets of the spans of one patch, x fastest, from control values (n_x, n_y, n_z, …)."""
+    x, y, z = (vector.pieces() for vector in mesh.knots[patch])
+    return np.array([along((a, b, c), controls) for c, b, a in product(z, y, x)])
+
+
+def _polynomial(mesh: PatchMesh, collection: str, values: Floats) -> list[Floats]:
+    """For each patch the nets (elements, p + 1, p + 1, p + 1) of an H1 or L2 function."""
+    found = _COLLECTION.fullmatch(collection)
+    if not found or not int(found[2]) <= _LARGEST:
+        known = f"H1, H1Pos, L2, L2_T1 or L2_T2 in 3D up to P{_LARGEST}, or {mesh.collection}"
+        raise FormatError(f"expected a function of {known}, found {collection}")
+    family, order, elements = found[1], int(found[2]), mesh.elements()
+    if family.startswith("H1"):
+        grids, total = numbered(elements, [(order + 1,) * 3] * len(elements))
+        numbers = np.array(grids)
+    else:
+        total = len(elements) * (order + 1) ** 3
+        numbers = np.arange(total).reshape(len(elements), *(order + 1,) * 3).transpose(0, 3, 2, 1)
+    if len(values) != total:
+        raise FormatError(f"expected {total} values of {collection}, found {len(values)}")
+    nets = values[numbers]
+    if (nodes := _NODES[family]) is not None:
+        nets = np.array([along((from_nodes(nodes(order)),) * 3, net) for net in nets])
+    return np.split(nets, np.cumsum(_counts(mesh))[:-1])
+
+
+def _counts(mesh: PatchMesh) -> list[int]:
+    """Elements of each patch."""
+    return [int(np.prod([len(vector.spans) for vector in own])) for own in mesh.knots]
+
+
+def _parts(maps: list[Floats], fields: list[Floats], is_rational: bool) -> list[Part]:
+    """Parts of all patches with equal degrees."""
+    first = np.cumsum([0, *map(len, maps)])
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for patch, (geometry, field) in enumerate(zip(maps, fields, strict=True)):
+        groups.setdefault((*geometry.shape[1:4], *field.shape[1:4]), []).append(patch)
+    parts = []
+    for shape, patches in groups.items():
+        ids = np.concatenate([np.arange(first[patch], first[patch + 1]) for patch in patches])
+        geometry, field = (np.concatenate([nets[patch] for patch in patches]) for nets in (maps, fields))
+        parts.append(_part([size - 1 for size in shape], geometry, field, ids, is_rational))
+    return parts
+
+
+def _part(degrees: list[int], geometry: Floats, field: Floats, ids: Ints, is_rational: bool) -> Part:
+    """Elements in the hull of their control points, since all weights are positive."""
+
+    def evaluate(elements: Ints, points: Floats) -> tuple[Floats, Floats]:
+        homogeneous, values = evaluated(geometry[elements], points), evaluated(field[elements], points)
+        weights = homogeneous[:, 3]
+        return homogeneous[:, :3] / weights[:, None], values / weights if is_rational else values
+
+    points = (geometry[..., :3] / geometry[..., 3:]).reshape(len(geometry), -1, 3)
+    return basis_part(
+        "rational",
+        f"Rational<{', '.join(map(str, degrees))}, {int(is_rational)}>",
+        boxes_between(points.min(axis=1), points.max(axis=1)),
+        {"controls": flattened(geometry), "coefficients": flattened(field)},
+        ids,
+        evaluate,
+    )
