@@ -205,6 +205,20 @@ def test_a_map_that_curves_hold_stays_in_the_mesh_file():
     assert len(conversion.dataset.mesh.edge_curves)
 
 
+@pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.TRIANGLE, Shape.QUADRILATERAL])
+def test_meshes_lie_in_the_space_of_the_axes_that_they_use(shape):
+    def arch(points):  # all vertices stay where they are
+        x = points[..., 0]
+        return points + (x * (x - 1))[..., None] * [0, 0, 1]
+
+    straight = Analytic(grid(shape, 1), {"u": Given(polynomial(2), 2)})
+    bent_up = Analytic(grid(shape, 1), {"u": Given(polynomial(2), 2)}, arch, 2)
+    assert convert(straight).dataset.mesh.space == shape.dimension
+    conversion = convert(bent_up)
+    assert conversion.dataset.mesh.space == 3
+    assert_exact(conversion.report)
+
+
 def test_straight_meshes_get_no_curves():
     conversion = convert(Analytic(mixed_volume(), {}, lambda x: 2 * x + 1, 3, seed=1))
     assert not len(conversion.dataset.mesh.edge_curves)

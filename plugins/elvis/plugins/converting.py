@@ -151,11 +151,13 @@ def _spaced(block: NativeBlock, settings: Settings) -> NativeBlock:
 
 
 def _curved(sampler: Sampler, plan: Topology) -> Mesh:
-    """The mesh with the curves of the source's map."""
+    """The mesh with the curves of the source's map, in the space of the axes up to the last that is used."""
     positions = fit_positions(sampler, plan.blocks)
     traces = Traces(plan.mesh, plan.blocks, [block.source.order + 1 for block in plan.blocks])
     own = [(block.mesh_rows, found) for block, found in zip(plan.blocks, positions, strict=True)]
-    return with_curves(plan.mesh, traces.gather(positions), own)
+    used = [axis for axis in range(3) if any(found[:, axis].any() for found in positions)]
+    mesh = replace(plan.mesh, space=max(plan.mesh.dimension, 1 + max(used, default=0)))
+    return with_curves(mesh, traces.gather(positions), own)
 
 
 def _projected(

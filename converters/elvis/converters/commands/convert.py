@@ -74,7 +74,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
 @click.option("--fields", metavar="NAMES", help="Fields to convert, commas between them.  [default: all]")
-@click.option("--order", type=int, help="Polynomial order of every field.  [default: the source's]")
+@click.option(
+    "--order", type=int, help="Order of every field; beside --tolerance the highest.  [default: the source's]"
+)
 @click.option("--tolerance", type=float, help="Choose the order by element: the lowest with a smaller relative error.")
 @click.option(
     "--geometry",

@@ -82,7 +82,7 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     repeated = [_part_repeated(draft, pool) for draft in drafts]
     _raise_apexes(drafts, pool)
     detached = _order(drafts, pool)
-    return _assembled(source, drafts, pool, repeated, detached, is_planar)
+    return _assembled(source, drafts, pool, repeated, detached)
 
 
 class _Pool:
@@ -223,13 +223,12 @@ def _assembled(
     pool: _Pool,
     repeated: Sequence[Ints],
     detached: Sequence[Ints],
-    is_planar: bool,
 ) -> Topology:
     """The mesh, and native blocks with the places of their elements in it."""
     dimension = drafts[0].shape.dimension
     shapes = [shape for shape in Shape.of_dimension(dimension) if any(draft.shape is shape for draft in drafts)]
     stacked = {s: np.concatenate([d.vertices for d in drafts if d.shape is s]) for s in shapes}
-    mesh = connected(pool.places, stacked, 2 if dimension == 2 and is_planar else 3)
+    mesh = connected(pool.places, stacked)
     ids = _ids([draft.elements for draft in drafts])
     blocks = tuple(_native(draft, own, first) for draft, own, first in zip(drafts, ids, _firsts(drafts), strict=True))
     kinds = dict(mesh.entities)
