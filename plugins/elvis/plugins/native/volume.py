@@ -69,7 +69,7 @@ def _field_space(patch: Patch) -> BernsteinSpace:
 
 
 def _parts(geometry: BernsteinSpace, found: list[Patch]) -> Iterator[Part]:
-    """Parts of elements with one kind of map: by order of the field, unless they are so few that one order does for all.
+    """Parts of elements with one kind of map: by order of the field, unless so few that one order does for all.
 
     A part costs kernels of its own, which take longer to prepare than a few elements of higher degree to draw.
     """
