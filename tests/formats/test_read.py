@@ -78,7 +78,7 @@ def test_names_of_composites_and_several_tokens(square):
 
 
 def test_ids_that_do_not_exist_are_ignored_in_composites(square):
-    mesh = square(("E[3]", "E[3-99999999999,5]"), ("Q[7]", "Q[0-7000000000000]")).mesh
+    mesh = square(("E[3]", "E[3-99999999999,5]"), ("Q[7]", "Q[0-7000000000000], Q[]")).mesh
     assert mesh.composite(1).parts[1][1].tolist() == [3]
     assert mesh.domain_ids().tolist() == [7]
 
@@ -98,7 +98,7 @@ def test_expansion_rules(case_files, square):
       <PARAMETERS> <P> N = 3 </P> <P> M = 2*N+1 </P> <P> odd </P> </PARAMETERS> </CONDITIONS>
       <EXPANSIONS> <E COMPOSITE="C[0,4-5]" NUMMODES="M-1" TYPE="MODIFIED" FIELDS="u, v"/>
       <H COMPOSITE="C[0]" TYPE-X="FOURIER" NUMMODES-X="8" TYPE-Y="MODIFIED" NUMMODES-Y="N" FIELDS="p"/>
-      <F FILE="x.fld"/> </EXPANSIONS>"""
+      <E COMPOSITE="C[0]" NUMMODES="unknown" TYPE="MODIFIED" FIELDS="w"/> <F FILE="x.fld"/> </EXPANSIONS>"""
     rules = square(("</GEOMETRY>", entries)).expansions
     assert [(rule.composites, rule.kind, rule.modes, rule.fields) for rule in rules] == [
         ((0,), "MODIFIED", (6,), ("u", "v")),

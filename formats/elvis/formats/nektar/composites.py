@@ -32,8 +32,8 @@ def parse_tokens(text: bytes) -> tuple[tuple[str, IdList], ...]:
 
 
 def _check_blank(text: bytes) -> None:
-    if text.strip():
-        raise FormatError(f"expected tokens such as T[0-9], found {text.strip()[:40].decode('utf-8', 'replace')!r}")
+    if found := text.strip(b" \t\r\n,"):
+        raise FormatError(f"expected tokens such as T[0-9], found {found[:40].decode('utf-8', 'replace')!r}")
 
 
 def format_tokens(parts: Iterable[tuple[str, Ints]]) -> str:

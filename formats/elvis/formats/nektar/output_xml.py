@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.nektar.payload import ENCODING, encode
 
-_UNWRITABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff￾￿]")
+_UNWRITABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 _NOT_IN_NAMES = re.compile(r"[^\w.\-]")
 COMPRESSED = {"COMPRESSED": ENCODING, "BITSIZE": "64"}
 

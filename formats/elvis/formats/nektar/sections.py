@@ -19,7 +19,7 @@ from elvis.formats.nektar.counts import check_bases, coefficient_counts
 from elvis.formats.nektar.expansions import split
 from elvis.formats.shapes import Shape
 
-_SHAPE = re.compile(r"(\w+?)(?:-HomogenousExp([12])D)?(-Strips)?")
+_SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")
 _FOURIER = frozenset({Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM})
 _ROWS_AT_ONCE = 1 << 14
 _MOST_COEFFICIENTS = 1 << 50
