@@ -1,0 +1,95 @@
+"""Automatic views: what the plane meets of boxes, and nothing else."""
+
+import numpy as np
+import pytest
+
+from elvis.renderer import Camera, Plane, Scene, SceneError
+from elvis.renderer.fitting import automatic, crossings, proportionate, surrounding
+
+UNIT = np.array([[0, 0, 0, 1, 1, 1]], np.float32)
+
+
+def never(scene):
+    raise AssertionError("nothing had to be looked at")
+
+
+@pytest.mark.parametrize(
+    ("plane", "count"),
+    [
+        (Plane((0.5, 0.5, 0.5), (0, 0, 1)), 4),
+        (Plane((0.5, 0.5, 0.5), (1, 1, 1)), 6),
+        (Plane((0, 0, 0.25), (1, 1, 1)), 3),
+        (Plane((0, 0, 1), (0, 0, 1)), 4),
+        (Plane((0, 0, 1.001), (0, 0, 1)), 0),
+        (Plane((0, 0, 0), (1, 1, 1)), 1),
+    ],
+)
+def test_a_cube_is_cut_in_a_polygon(plane, count):
+    points = crossings(UNIT, plane)
+    distinct = np.unique(points.round(12), axis=0)
+    assert len(distinct) == count
+    assert np.abs((points - plane.point) @ plane.basis()[2]).max(initial=0) < 1e-15
+
+
+def test_flat_boxes_are_met_by_their_own_plane():
+    flat = np.array([[0, 0, 0, 2, 1, 0]], np.float32)
+    points = crossings(flat, Plane((0, 0, 0), (0, 0, 1)))
+    assert {tuple(p) for p in points} == {(0, 0, 0), (2, 0, 0), (0, 1, 0), (2, 1, 0)}
+
+
+def test_every_point_of_a_section_lies_within_its_crossings():
+    rng = np.random.default_rng(3)
+    corners = np.sort(rng.uniform(-1, 1, (50, 2, 3)), axis=1)
+    boxes = corners.reshape(50, 6).astype(np.float32)
+    plane = Plane((0.1, 0.0, 0.05), (0.3, -1.0, 0.6))
+    right, up, normal = plane.basis()
+    axes = np.array([right, up])
+    met = crossings(boxes, plane) @ axes.T
+    inner = boxes[:, None, :3] + rng.uniform(0, 1, (50, 400, 3)) * (boxes[:, None, 3:] - boxes[:, None, :3])
+    near = inner[np.abs((inner - plane.point) @ normal) < 0.02] @ axes.T
+    assert (near > met.min(axis=0) - 0.1).all()
+    assert (near < met.max(axis=0) + 0.1).all()
+
+
+def test_the_box_around_all_boxes():
+    boxes = [np.array([[0, 1, 2, 3, 4, 5]], np.float32), np.empty((0, 6), np.float32), UNIT]
+    assert np.array_equal(surrounding(boxes), [[0, 0, 0], [3, 4, 5]])
+
+
+def test_a_camera_that_is_settled_stays():
+    for camera in (Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), fov=30.0), Camera((0, 0, 1), (0, 0, 0), height=2.0)):
+        scene = Scene("u", Plane((9, 9, 9), (0, 0, 1)), camera, (10, 20))
+        assert automatic(scene, [UNIT], never) == scene
+
+
+@pytest.mark.parametrize("view", ["fit", "+x", "-y", "iso", Camera((5, 4, 3), (0, 0, 0))])
+def test_a_glance_decides_what_is_shown(view):
+    """Where only the middle third of a box is seen, the picture shows just that."""
+
+    def middle(scene):
+        mask = np.zeros((scene.size[1], scene.size[0]), bool)
+        mask[scene.size[1] // 3 : 2 * scene.size[1] // 3, scene.size[0] // 3 : 2 * scene.size[0] // 3] = True
+        return mask
+
+    scene = Scene("u", Plane((0.5, 0.5, 0.5), (1, 1, 1)), view, (300, 300))
+    whole = automatic(scene, [UNIT], lambda scene: np.ones((scene.size[1], scene.size[0]), bool)).camera
+    part = automatic(scene, [UNIT], middle).camera
+    nothing = automatic(scene, [UNIT], lambda scene: np.zeros((scene.size[1], scene.size[0]), bool)).camera
+    assert 0.3 < part.height / whole.height < 0.4
+    assert nothing.height <= whole.height * 1.05
+    assert np.allclose(part.basis(), whole.basis())
+
+
+def test_a_plane_that_misses_every_box_is_refused():
+    with pytest.raises(SceneError, match=r"the picture is empty: .* through \(0, 0, 9\) with normal \(0, 0, 1\)"):
+        automatic(Scene("u", Plane((0, 0, 9), (0, 0, 1))), [UNIT], never)
+    with pytest.raises(SceneError, match="no element to draw"):
+        automatic(Scene("u", Plane((0, 0, 9), (0, 0, 1))), [UNIT[:0]], never)
+
+
+@pytest.mark.parametrize("sides", [(1, 1), (10, 1), (1, 10), (1e-200, 1), (0, 0), (3e300, 1e300)])
+def test_pictures_have_the_proportions_of_what_is_seen(sides):
+    width, height = proportionate(np.array([[0.0, 0.0], sides]))
+    assert 160 <= width <= 1000
+    assert 160 <= height <= 800
+    assert width == 1000 or height == 800
