@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis.converters.names import components
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, kind_of, read
 from elvis.formats.arrays import Floats, Ints
@@ -21,8 +22,6 @@ from elvis.plugins.conversion import DOUBLE, SINGLE, Converter, Elements, Option
 
 #: cells whose edges tell where the nodes lie, and the share of an edge that a node may be off
 _ENOUGH, _OFF = 2000, 1e-5
-
-_XYZ = "xyz"
 
 
 class Vtk(Converter):
@@ -181,18 +180,6 @@ class Vtk(Converter):
     def _precision(self) -> float:
         arrays = [a for grid, *_ in self._cells for a in (grid.points, *grid.point_data.values())]
         return SINGLE if any(a.dtype == np.float32 for a in arrays) else DOUBLE
-
-
-def components(name: str, count: int) -> list[str]:
-    """Names of the components of an array: letters for vectors and tensors, numbers for anything else."""
-    if count == 1:
-        return [name]
-    if count in (2, 3):
-        return [f"{name}_{axis}" for axis in _XYZ[:count]]
-    if count in (4, 9):
-        axes = _XYZ[: 2 if count == 4 else 3]
-        return [f"{name}_{a}{b}" for a in axes for b in axes]
-    return [f"{name}_{i}" for i in range(count)]
 
 
 def _dimension(grids: Sequence[Grid], paths: Sequence[Path]) -> int:

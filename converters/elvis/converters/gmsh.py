@@ -1,0 +1,213 @@
+"""Gmsh files: meshes of any order with their physical groups, and the data that goes with them.
+
+Values are evaluated by the functions of their interpolation scheme where they have one, else by those of the elements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from elvis.converters.gmsh_data import MAGIC, Contents, Scheme, Section, scan
+from elvis.converters.gmsh_mesh import Functions, Group, Mesh, read_mesh
+from elvis.converters.names import components
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
+
+
+@dataclass(eq=False)
+class _Values:
+    """Values (n, functions, components) of a section on a block; ``functions`` None where they are constant."""
+
+    functions: Functions | None
+    values: Floats
+
+
+class Gmsh(Converter):
+    """A mesh, with data from the same file or others."""
+
+    format = "Gmsh meshes and data (.msh, versions 2.2 and 4)"
+    keeps = (
+        "all shapes and orders, serendipity elements, physical groups, node and element data with their schemes, time"
+    )
+    loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
+    needs = ("gmsh",)
+    options = (Option("step", "Which step of a series, counted from 0; the last by default."),)
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether all files start like Gmsh's."""
+        return bool(paths) and all(_starts(path) for path in paths)
+
+    def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
+        if step is not None and not step.lstrip("-").isdigit():
+            raise ElvisError(f"expected a number for --step, found {step!r}")
+        contents = [scan(path) for path in paths]
+        self._mesh = read_mesh(_with_mesh(contents))
+        self._groups = self._mesh.groups
+        self.blocks = [_block(i, group, self._mesh) for i, group in enumerate(self._groups)]
+        self.boundaries = [Boundary(name, vertices=sides) for name, sides in self._mesh.sides.items()]
+        self.notes = list(self._mesh.notes)
+        self._values: dict[tuple[str, int], _Values] = {}
+        self._known: dict[tuple[int, Shape], Functions] = {}
+        self.fields = []
+        for name, kind, sections in _series([s for each in contents for s in each.sections], step):
+            self._read(name, kind, sections)
+            self.time = sections[0].time if self.time is None else max(self.time, sections[0].time)
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """The nodes, combined by the functions of the element."""
+        group = self._groups[block.key]
+        return np.asarray(np.matmul(group.kind.functions.at(points), self._mesh.places[group.nodes[block.rows]]))
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """Values combined by the functions of the scheme or of the element."""
+        name, component = field.key
+        own = self._values[name, block.key]
+        values = own.values[block.rows, :, component]
+        if own.functions is None:
+            return np.repeat(values, len(points), axis=1)
+        return np.asarray(values @ own.functions.at(points).T)
+
+    def _read(self, name: str, kind: str, sections: Sequence[Section]) -> None:
+        """The values of one field at one time, which may be in pieces."""
+        parts = [section.read() for section in sections]
+        tags, counts, values = (np.concatenate([part[i] for part in parts]) for i in range(3))
+        starts = np.cumsum(counts) - counts
+        order = np.argsort(tags, kind="stable")
+        tags, starts, counts = tags[order], starts[order], counts[order]
+        self._check_tags(sections[0], tags)
+        orders: list[int | None] = []
+        for i, group in enumerate(self._groups):
+            wanted = self._mesh.tags[group.nodes] if kind == "NodeData" else group.tags[:, None]
+            rows = np.minimum(np.searchsorted(tags, wanted), max(len(tags) - 1, 0))
+            if not len(tags) or not np.array_equal(tags[rows], wanted):
+                orders.append(None)
+                continue
+            found = self._on_group(group, sections[0], starts[rows], counts[rows], values)
+            self._values[name, i] = found
+            orders.append(0 if found.functions is None else found.functions.order)
+        for i, label in enumerate(components(name, values.shape[1])):
+            self.fields = [*self.fields, SourceField(label, orders, kind == "NodeData", key=(name, i))]
+
+    def _on_group(self, group: Group, section: Section, starts: Ints, counts: Ints, values: Floats) -> _Values:
+        """The values on a group, at (elements, nodes or 1) places ``starts`` of the values."""
+        if section.kind == "ElementData":
+            return _Values(None, values[starts])
+        if section.kind == "NodeData":
+            functions = self._functions(group, section, group.nodes.shape[1])
+            return _Values(functions, values[starts])
+        number = int(counts.max(initial=0))
+        if (counts != number).any():
+            raise _error(section, "as many values in elements of one type", f"{counts.min()} and {number}")
+        functions = self._functions(group, section, number)
+        return _Values(functions, values[starts + np.arange(number)])
+
+    def _functions(self, group: Group, section: Section, count: int) -> Functions:
+        """The functions that so many values on an element of a group belong to."""
+        kind = group.kind
+        scheme = section.schemes.get(kind.shape)
+        if scheme is None and count == kind.functions.count:
+            return kind.functions
+        if scheme is None and count == len(kind.corners):
+            return self._linear(group)
+        if scheme is None or len(scheme.coefficients) != count:
+            wanted = kind.functions.count if scheme is None else len(scheme.coefficients)
+            raise _error(section, f"{wanted} values in a {kind.name.lower()}", f"{count}")
+        return self._of_scheme(group, section, scheme)
+
+    def _of_scheme(self, group: Group, section: Section, scheme: Scheme) -> Functions:
+        shape = group.kind.shape
+        key = (id(scheme), shape)
+        if key not in self._known:
+            found = Functions.fitted(shape, group.kind.frame, lambda points: scheme.values(points, shape))
+            if found is None:
+                raise _error(section, f"a scheme of polynomials for a {shape.label.lower()}", "another")
+            self._known[key] = found
+        return self._known[key]
+
+    def _linear(self, group: Group) -> Functions:
+        """One function a vertex, in the library's order."""
+        from elvis.plugins.nodal import NodalBasis, native_points
+
+        kind = group.kind
+        nodes = native_points(kind.shape, kind.frame, kind.nodes[: len(kind.corners)])
+        basis = NodalBasis(kind.shape, 1, nodes, PyramidSpace.RATIONAL)
+        found = Functions.fitted(
+            kind.shape,
+            kind.frame,
+            lambda points: basis.at(native_points(kind.shape, kind.frame, points[:, : kind.shape.dimension])),
+            range(1, 2),
+        )
+        assert found is not None
+        return found
+
+    def _check_tags(self, section: Section, tags: Ints) -> None:
+        """A note where some values belong to nothing in the mesh, as after saving a part; FormatError where most do."""
+        own = np.concatenate([group.tags for group in self._groups])
+        known = self._mesh.tags if section.kind == "NodeData" else np.concatenate([own, self._mesh.others])
+        what = "nodes" if section.kind == "NodeData" else "elements"
+        unknown = np.setdiff1d(tags, known)
+        if 2 * len(unknown) > len(tags):
+            found = f"{len(unknown)} of {len(tags)} on others"
+            raise _error(section, f"values on {what} of the mesh", found)
+        if len(unknown):
+            left = f"values of {section.name} on {len(unknown)} {what} that the mesh doesn't have were left out"
+            self.notes = [*self.notes, left]
+
+
+def _starts(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def _with_mesh(contents: Sequence[Contents]) -> Contents:
+    found = [each for each in contents if each.has_mesh]
+    if len(found) != 1:
+        raise FormatError(f"expected one file with a mesh, found {len(found)}", file=contents[0].path)
+    return found[0]
+
+
+def _block(number: int, group: Group, mesh: Mesh) -> Elements:
+    kind = group.kind
+    return Elements(
+        kind.shape,
+        len(group.tags),
+        kind.functions.order,
+        mesh.tags[group.nodes[:, kind.corners]],
+        frame=kind.frame,
+        ids=group.tags,
+        region=group.region,
+        pyramid=PyramidSpace.RATIONAL,
+        key=number,
+    )
+
+
+def _series(sections: Sequence[Section], step: str | None) -> list[tuple[str, str, list[Section]]]:
+    """Of each field the sections of one step: of the last, or of that with a number."""
+    found: dict[tuple[str, str], dict[tuple[float, int], list[Section]]] = {}
+    for section in sections:
+        found.setdefault((section.name, section.kind), {}).setdefault((section.time, section.step), []).append(section)
+    names = [name for name, _ in found]
+    result = []
+    for (name, kind), steps in found.items():
+        times = sorted(steps)
+        try:
+            own = steps[times[-1 if step is None else int(step)]]
+        except IndexError:
+            raise _error(steps[times[0]][0], f"a step {step}", f"{len(times)} steps") from None
+        result.append((name if names.count(name) == 1 else f"{name}_{kind}", kind, own))
+    return result
+
+
+def _error(section: Section, expected: str, found: str) -> FormatError:
+    place = f"${section.kind} {section.name!r}"
+    return FormatError(f"expected {expected}, found {found}", file=section.path, place=place)

@@ -1,0 +1,322 @@
+"""Data sections of Gmsh files: values at nodes, on elements, at nodes of elements, and interpolation schemes.
+
+They are read here, for the library gives no access to schemes and gives up on some files that it wrote itself.
+Layout: Gmsh reference manual, chapter "MSH file format".
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.shapes import Shape
+
+MAGIC = b"$MeshFormat"
+
+_DATA = (b"InterpolationScheme", b"NodeData", b"ElementNodeData", b"ElementData")
+_MESH = (b"MeshFormat", b"PhysicalNames", b"Entities", b"PartitionedEntities", b"Nodes", b"Elements", b"Periodic",
+         b"GhostElements", b"Parametrizations")  # fmt: skip
+_OPENING = re.compile(rb"(?m)^\$(" + b"|".join(_DATA + _MESH) + rb")[ \t\r]*\n")
+
+#: tags (n,), values (n,) of each, and all values (sum, components)
+Values: TypeAlias = tuple[Ints, Ints, Floats]
+
+#: numbers of shapes in schemes
+_TOPOLOGIES = {
+    2: Shape.SEGMENT,
+    3: Shape.TRIANGLE,
+    4: Shape.QUADRILATERAL,
+    5: Shape.TETRAHEDRON,
+    6: Shape.PYRAMID,
+    7: Shape.PRISM,
+    8: Shape.HEXAHEDRON,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Scheme:
+    """Functions phi_i = sum_j coefficients[i, j] u^a v^b w^c, (a, b, c) = exponents[j]."""
+
+    coefficients: Floats
+    exponents: Floats
+
+    def values(self, points: Floats, shape: Shape) -> Floats:
+        """(n, functions) values at points (n, 3) of the reference element of the library.
+
+        On pyramids a monomial is (u/(1-w))^a (v/(1-w))^b (1-w)^max(a, b) w^c.
+        """
+        columns = points[:, : self.exponents.shape[1]]
+        if shape is not Shape.PYRAMID:
+            return np.asarray(_monomials(columns, self.exponents) @ self.coefficients.T)
+        c = np.maximum(1 - points[:, 2:], 1e-15)
+        plane = _monomials(points[:, :2] / c, self.exponents[:, :2]) * c ** self.exponents[:, :2].max(axis=1)
+        return np.asarray(plane * points[:, 2:] ** self.exponents[:, 2] @ self.coefficients.T)
+
+
+def _monomials(points: Floats, exponents: Floats) -> Floats:
+    """(n, m) product over the directions d of points[:, d]^exponents[:, d]."""
+    return np.asarray(np.prod(points[:, None, :] ** exponents[None, :], axis=2))
+
+
+class _Text:
+    """Lines of a text, as the numbers that they hold."""
+
+    def __init__(self, numbers: Floats) -> None:
+        self._numbers, self.length = numbers, len(numbers)
+
+    def width(self, values: int) -> int:
+        return 2 + values
+
+    def number(self, at: int) -> int:
+        found = self._numbers[at + 1] if at + 1 < self.length else -1
+        return int(found) if np.isfinite(found) else -1
+
+    def table(self, at: int, rows: int, values: int) -> Values:
+        own = self._numbers[at : at + rows * (2 + values)].reshape(rows, 2 + values)
+        return _integers(own[:, 0]), _integers(own[:, 1]), own[:, 2:]
+
+
+class _Binary:
+    """Lines of a binary file, as bytes."""
+
+    def __init__(self, raw: bytes, order: str) -> None:
+        self._raw, self._order, self.length = raw, order, len(raw)
+
+    def width(self, values: int) -> int:
+        return 8 + 8 * values
+
+    def number(self, at: int) -> int:
+        return int(np.frombuffer(self._raw, f"{self._order}i4", 1, at + 4)[0]) if at + 8 <= self.length else -1
+
+    def table(self, at: int, rows: int, values: int) -> Values:
+        kind = np.dtype([("head", f"{self._order}i4", (2,)), ("values", f"{self._order}f8", (values,))])
+        own = np.frombuffer(self._raw, kind, rows, at)
+        head = own["head"].astype(np.int64)
+        return head[:, 0], head[:, 1], own["values"].astype(np.float64)
+
+
+def _integers(values: Floats) -> Ints:
+    """Numbers of a text that should be whole; -1 where they aren't finite."""
+    return np.where(np.isfinite(values), values, -1).astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A data section; values are read when they are asked for.
+
+    kind     NodeData, ElementData or ElementNodeData
+    schemes  by shape, those that the section names; empty where it names none
+    """
+
+    path: Path
+    kind: str
+    name: str
+    time: float
+    step: int
+    components: int
+    count: int
+    schemes: Mapping[Shape, Scheme]
+    start: int
+    end: int
+    order: str
+
+    def read(self) -> Values:
+        """Tags (n,) of nodes or elements, values (n,) of each, and all values (sum, components) in that order."""
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            raw = file.read(self.end - self.start)
+        tags, counts, values = self._binary(raw) if self.order else self._text(raw)
+        if len(tags) != self.count:
+            raise self._error(f"values for {self.count} of them", f"values for {len(tags)}")
+        return tags, counts, values
+
+    def _text(self, raw: bytes) -> Values:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                numbers = np.fromstring(raw.decode("ascii", "replace"), sep=" ")
+            except (DeprecationWarning, ValueError):
+                raise self._error("numbers", "something else") from None
+        if self.kind == "ElementNodeData":
+            return self._lines(_Text(numbers), self.components)
+        if numbers.size != self.count * (1 + self.components):
+            raise self._error(f"{self.count} lines of a tag and {self.components} values", "others")
+        table = numbers.reshape(-1, 1 + self.components)
+        return _integers(table[:, 0]), np.ones(len(table), np.int64), table[:, 1:]
+
+    def _binary(self, raw: bytes) -> Values:
+        if self.kind == "ElementNodeData":
+            return self._lines(_Binary(raw, self.order), self.components)
+        kind = np.dtype([("tag", f"{self.order}i4"), ("values", f"{self.order}f8", (self.components,))])
+        if len(raw) < self.count * kind.itemsize:
+            raise self._error(f"{self.count * kind.itemsize} bytes", f"{len(raw)}")
+        table = np.frombuffer(raw, kind, self.count)
+        return table["tag"].astype(np.int64), np.ones(self.count, np.int64), table["values"].astype(np.float64)
+
+    def _lines(self, lines: _Text | _Binary, components: int) -> Values:
+        """Lines of a tag, a number n and n values a component, many of equal n at once."""
+        tags, counts, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, components))]
+        at, found, ahead = 0, 0, 64
+        while found < self.count and at < lines.length:
+            number = lines.number(at)
+            width = lines.width(number * components)
+            if number < 0 or at + width > lines.length:
+                raise self._error("as many values as are said to follow", "fewer")
+            rows = min((lines.length - at) // width, self.count - found, ahead)
+            own, each, table = lines.table(at, rows, number * components)
+            differing = np.flatnonzero(each != number)
+            same = int(differing[0]) if len(differing) else rows
+            ahead = max(1, same) * (1 if len(differing) else 2)
+            tags.append(own[:same])
+            counts.append(each[:same])
+            values.append(table[:same].reshape(-1, components))
+            at, found = at + same * width, found + same
+        return np.concatenate(tags), np.concatenate(counts), np.concatenate(values)
+
+    def _error(self, expected: str, found: str) -> FormatError:
+        return FormatError(f"expected {expected}, found {found}", file=self.path, place=f"${self.kind} {self.name!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What a file holds beside its mesh; ``mesh`` are the ranges of bytes of that, where it comes first.
+
+    The library writes the mesh again with each set of data that it appends.
+    """
+
+    path: Path
+    has_mesh: bool
+    is_plain: bool
+    sections: tuple[Section, ...]
+    mesh: tuple[tuple[int, int], ...]
+
+
+def scan(path: Path) -> Contents:
+    """The data sections of a file; FormatError where one is damaged."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        order = _byte_order(path, data)
+        schemes: dict[str, dict[Shape, Scheme]] = {}
+        sections: list[Section] = []
+        kept: dict[bytes, tuple[int, int]] = {}
+        end, is_plain = 0, True
+        while (found := _OPENING.search(data, end)) is not None:
+            stop, end = _closing(path, data, found)
+            if found[1] in _MESH and found[1] not in kept:
+                kept[found[1]] = (found.start(), end)
+                continue
+            is_plain = False
+            if found[1] == b"InterpolationScheme":
+                name, own = _scheme(path, data[found.end() : stop])
+                schemes[name] = own
+            elif found[1] in _DATA:
+                sections.append(_section(path, data, found, stop, order, schemes))
+        return Contents(path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()))
+
+
+def _closing(path: Path, data: mmap.mmap, found: re.Match[bytes]) -> tuple[int, int]:
+    """Where the contents of a section end, and the section."""
+    closing = b"$End" + found[1]
+    stop = data.find(closing, found.end())
+    if stop < 0:
+        raise FormatError(f"expected {closing.decode()}, found the end", file=path)
+    line = data.find(b"\n", stop)
+    return stop, len(data) if line < 0 else line + 1
+
+
+def _byte_order(path: Path, data: mmap.mmap) -> str:
+    """``<`` or ``>`` for a binary file, empty for a text."""
+    found = re.match(rb"\$MeshFormat\s*\n(\S+)\s+(\d)\s+(\d+)[ \t\r]*\n", data[:200])
+    if found is None:
+        raise FormatError("expected version, type and size after $MeshFormat, found something else", file=path)
+    if found[2] == b"0":
+        return ""
+    one = data[found.end() : found.end() + 4]
+    if one not in (b"\1\0\0\0", b"\0\0\0\1"):
+        raise FormatError("expected a 1 in either byte order after the format, found other bytes", file=path)
+    return "<" if one[0] else ">"
+
+
+def _scheme(path: Path, raw: bytes) -> tuple[str, dict[Shape, Scheme]]:
+    """Name and functions by shape of a section of schemes."""
+    head, _, rest = raw.partition(b"\n")
+    words, at = rest.split(), 0
+
+    def number() -> int:
+        nonlocal at
+        at += 1
+        return int(words[at - 1])
+
+    def matrix() -> Floats:
+        nonlocal at
+        rows, columns = number(), number()
+        values = np.array(words[at : at + rows * columns], np.float64).reshape(rows, columns)
+        at += rows * columns
+        return values
+
+    found = {}
+    try:
+        for _ in range(number()):
+            topology, matrices = number(), number()
+            own = [matrix() for _ in range(matrices)]
+            if topology in _TOPOLOGIES and len(own) > 1:
+                if own[0].shape[1] != len(own[1]) or own[1].shape[1] < _TOPOLOGIES[topology].dimension:
+                    raise ValueError
+                found[_TOPOLOGIES[topology]] = Scheme(own[0], own[1])
+    except (ValueError, IndexError):
+        raise FormatError(
+            "expected matrices of coefficients and exponents, found others", file=path, place="$InterpolationScheme"
+        ) from None
+    return head.decode("utf-8", "replace").strip().strip('"'), found
+
+
+def _section(
+    path: Path,
+    data: mmap.mmap,
+    found: re.Match[bytes],
+    stop: int,
+    order: str,
+    schemes: Mapping[str, Mapping[Shape, Scheme]],
+) -> Section:
+    """The head of a data section: tags that are text, real numbers, integers."""
+    kind, at = found[1].decode(), found.end()
+    groups: list[list[str]] = []
+    try:
+        for _ in range(3):
+            line, at = _line(data, at, stop)
+            own = []
+            for _ in range(int(line)):
+                text, at = _line(data, at, stop)
+                own.append(text)
+            groups.append(own)
+        names, times, (step, components, count) = groups[0], groups[1], (int(text) for text in groups[2][:3])
+        time = float(times[0]) if times else 0.0
+    except (ValueError, IndexError):
+        raise FormatError(
+            "expected tags before the values, found something else", file=path, place=f"${kind}"
+        ) from None
+    if components < 1 or count < 0:
+        found_text = f"{components} and {count}"
+        raise FormatError(f"expected numbers of components and values, found {found_text}", file=path, place=f"${kind}")
+    titles = [name.strip('"') for name in names]
+    named = schemes.get(titles[1], {}) if len(titles) > 1 else {}
+    if len(titles) > 1 and not named:
+        raise FormatError(f"expected an interpolation scheme {titles[1]!r}, found none", file=path, place=f"${kind}")
+    title = titles[0] if titles and titles[0] else kind
+    return Section(path, kind, title, time, step, components, count, named, at, stop, order)
+
+
+def _line(data: mmap.mmap, at: int, stop: int) -> tuple[str, int]:
+    """The text up to the end of the line, and where the next begins."""
+    end = data.find(b"\n", at, stop)
+    if end < 0:
+        raise ValueError
+    return data[at:end].decode("utf-8", "replace").strip(), end + 1

@@ -1,0 +1,251 @@
+"""Meshes of Gmsh files, read by its library into arrays, with the functions of its elements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from elvis.converters.gmsh_data import Contents
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.collapse import uncollapse
+from elvis.formats.errors import FormatError
+from elvis.formats.quadrature import gauss
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.nodal import native_points, space_values, tensor_nodes
+
+_SHAPES = {
+    "Line": Shape.SEGMENT,
+    "Triangle": Shape.TRIANGLE,
+    "Quadrilateral": Shape.QUADRILATERAL,
+    "Tetrahedron": Shape.TETRAHEDRON,
+    "Hexahedron": Shape.HEXAHEDRON,
+    "Prism": Shape.PRISM,
+    "Pyramid": Shape.PYRAMID,
+}
+
+#: the library's vertex at each of ours
+_CORNERS = {Shape.PRISM: (0, 2, 5, 3, 1, 4)}
+
+#: functions that differ by more from a polynomial aren't one
+_ROUNDING, _HIGHEST = 1e-8, 15
+
+#: how the library says that it couldn't read
+_ERROR = "Error: "
+
+
+@dataclass(eq=False)
+class Kind:
+    """A type of elements: ``nodes`` (k, d) in the library's reference coordinates, ``corners`` ours among them."""
+
+    name: str
+    shape: Shape
+    order: int
+    nodes: Floats
+    corners: Ints
+    functions: Functions
+
+    @property
+    def frame(self) -> Floats:
+        """(n_vertices, d) the library's reference coordinates of our vertices."""
+        return self.nodes[self.corners]
+
+
+@dataclass(eq=False)
+class Group:
+    """Elements of one type and one part of the mesh: ``tags`` (n,), ``nodes`` (n, k) numbers of rows of places."""
+
+    kind: Kind
+    region: str
+    tags: Ints
+    nodes: Ints
+
+
+@dataclass(eq=False)
+class Mesh:
+    """What a file's mesh holds; ``sides`` are numbers of nodes at the corners of elements one dimension lower."""
+
+    tags: Ints
+    places: Floats
+    groups: list[Group] = field(default_factory=list)
+    sides: dict[str, list[Ints]] = field(default_factory=dict)
+    others: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    notes: list[str] = field(default_factory=list)
+
+
+class Functions:
+    """Functions that are combinations of those of a complete space.
+
+    order         of the least complete space that holds them
+    coefficients  (modes, functions)
+    """
+
+    def __init__(self, shape: Shape, order: int, frame: Floats, coefficients: Floats) -> None:
+        self.shape, self.order, self._frame, self._coefficients = shape, order, frame, coefficients
+        self._last: tuple[Floats, Floats] | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of functions."""
+        return int(self._coefficients.shape[1])
+
+    def at(self, points: Floats) -> Floats:
+        """(n, functions) values at points (n, d) of the library's reference element."""
+        if self._last is None or self._last[0] is not points:
+            own = native_points(self.shape, self._frame, points)
+            table = space_values(self.shape, self.order, own, PyramidSpace.RATIONAL) @ self._coefficients
+            self._last = (points, table)
+        return self._last[1]
+
+    @classmethod
+    def fitted(
+        cls, shape: Shape, frame: Floats, evaluate: Callable[[Floats], Floats], orders: range = range(_HIGHEST + 1)
+    ) -> Functions | None:
+        """Of functions given by their values at points (n, 3); None where they are in no space of these orders."""
+        for order in orders:
+            eta = tensor_nodes(_BOXES[shape.dimension], tuple(gauss(order + 2)[0].tolist()))
+            own = uncollapse(shape, eta)
+            points = np.zeros((len(own), 3))
+            points[:, : shape.dimension] = _from_native(shape, frame, own)
+            table, wanted = space_values(shape, order, own, PyramidSpace.RATIONAL), evaluate(points)
+            coefficients = np.asarray(np.linalg.lstsq(table, wanted, rcond=None)[0], np.float64)
+            if np.abs(table @ coefficients - wanted).max() <= _ROUNDING * np.abs(wanted).max():
+                return cls(shape, order, frame, coefficients)
+        return None
+
+
+_BOXES = {1: Shape.SEGMENT, 2: Shape.QUADRILATERAL, 3: Shape.HEXAHEDRON}
+
+
+def _from_native(shape: Shape, frame: Floats, points: Floats) -> Floats:
+    from elvis.plugins.projection.frames import affine_between
+
+    matrix, offset = affine_between(shape.vertices, frame)
+    return points @ matrix.T + offset
+
+
+def read_mesh(contents: Contents) -> Mesh:
+    """The mesh of a file; FormatError with the library's first complaint."""
+    with TemporaryDirectory() as folder, _session() as gmsh:
+        path = contents.path
+        if not contents.is_plain:  # the library reads a copy without data
+            path = Path(folder) / "mesh.msh"
+            with contents.path.open("rb") as whole, path.open("wb") as part:
+                for start, end in contents.mesh:
+                    whole.seek(start)
+                    part.write(whole.read(end - start))
+        _load(gmsh, path, contents.path)
+        return _mesh(gmsh, contents.path)
+
+
+@contextmanager
+def _session() -> Iterator[Any]:
+    """The library, begun and ended here, or a model of its own in one that is at work."""
+    import gmsh
+
+    is_ours = not gmsh.isInitialized()
+    if is_ours:
+        gmsh.initialize(["elvis"], readConfigFiles=False, interruptible=False)
+    options = ("General.Terminal", "General.AbortOnError")
+    before = {name: gmsh.option.getNumber(name) for name in options}
+    current = None if is_ours else gmsh.model.getCurrent()
+    for name in options:  # errors are looked for in the log; cubic prisms cause some that mean nothing
+        gmsh.option.setNumber(name, 0)
+    try:
+        yield gmsh
+    finally:
+        if is_ours:
+            gmsh.finalize()
+        else:
+            gmsh.model.remove()
+            gmsh.model.setCurrent(current)
+            for name, value in before.items():
+                gmsh.option.setNumber(name, value)
+
+
+def _load(gmsh: Any, path: Path, named: Path) -> None:
+    gmsh.logger.start()
+    with suppress(Exception):  # the log says what
+        gmsh.open(str(path))
+    found = [line.removeprefix(_ERROR) for line in gmsh.logger.get() if line.startswith(_ERROR)]
+    gmsh.logger.stop()
+    if found:
+        reason = found[0].replace(str(path), named.name)
+        raise FormatError(f"expected a whole mesh, found: {reason}", file=named)
+
+
+def _mesh(gmsh: Any, path: Path) -> Mesh:
+    """Nodes, and elements by type and physical group."""
+    tags, places, _ = gmsh.model.mesh.getNodes()
+    order = np.argsort(tags)
+    mesh = Mesh(np.asarray(tags, np.int64)[order], np.asarray(places, np.float64).reshape(-1, 3)[order])
+    entities = gmsh.model.getEntities()
+    dimension = max((d for d, tag in entities if len(gmsh.model.mesh.getElementTypes(d, tag))), default=0)
+    if not dimension:
+        raise FormatError("expected elements, found none", file=path)
+    kinds: dict[int, Kind] = {}
+    parts: dict[tuple[int, str], list[tuple[Ints, Ints]]] = {}
+    others = []
+    for d, entity in entities:
+        types, numbers, nodes = gmsh.model.mesh.getElements(d, entity)
+        names = _groups(gmsh, d, entity)
+        for kind, own, flat in zip(types, numbers, nodes, strict=True):
+            own, table = np.asarray(own, np.int64), np.asarray(flat, np.int64).reshape(len(own), -1)
+            if d == dimension:
+                if kind not in kinds:
+                    kinds[kind] = _kind(gmsh, kind, path)
+                parts.setdefault((kind, names[0] if names else ""), []).append((own, table))
+                if len(names) > 1:
+                    mesh.notes.append(f"elements of {names[0]!r} are of {', '.join(map(repr, names[1:]))} too")
+                continue
+            others.append(own)
+            corners = gmsh.model.mesh.getElementProperties(kind)[5]
+            for name in names if d == dimension - 1 else ():
+                mesh.sides.setdefault(name, []).append(table[:, :corners])
+    mesh.others = np.concatenate([mesh.others, *others])
+    for (kind, region), pieces in parts.items():
+        own = np.concatenate([piece for piece, _ in pieces])
+        mesh.groups.append(Group(kinds[kind], region, own, _rows(mesh, np.concatenate([t for _, t in pieces]), path)))
+    return mesh
+
+
+def _groups(gmsh: Any, dimension: int, entity: int) -> list[str]:
+    """Names of the physical groups of an entity."""
+    numbers = gmsh.model.getPhysicalGroupsForEntity(dimension, entity)
+    named = ((gmsh.model.getPhysicalName(dimension, abs(n)), abs(n)) for n in numbers)
+    return [name or f"physical{number}" for name, number in named]
+
+
+def _rows(mesh: Mesh, nodes: Ints, path: Path) -> Ints:
+    """Rows of the places of nodes given by tag."""
+    rows = np.minimum(np.searchsorted(mesh.tags, nodes), len(mesh.tags) - 1)
+    if not np.array_equal(mesh.tags[rows], nodes):
+        missing = np.setdiff1d(nodes, mesh.tags)[0]
+        raise FormatError(f"expected nodes that are defined, found {missing}", file=path, place="elements")
+    return rows
+
+
+def _kind(gmsh: Any, number: int, path: Path) -> Kind:
+    """A type of elements with its functions, taken from the library at as many points as tell them."""
+    name, dimension, order, count, local, corners = gmsh.model.mesh.getElementProperties(number)
+    shape = _SHAPES.get(name.split()[0])
+    nodes = np.asarray(local, np.float64).reshape(count, -1)[:, :dimension]
+    if shape is None or len(shape.vertices) != corners:
+        expected = ", ".join(key.lower() for key in _SHAPES)
+        raise FormatError(f"expected elements of the kinds {expected}, found {name}", file=path)
+    own = np.array(_CORNERS.get(shape, range(corners)))
+
+    def evaluate(points: Floats) -> Floats:
+        table = gmsh.model.mesh.getBasisFunctions(number, points.reshape(-1), "Lagrange")[1]
+        return np.asarray(table, np.float64).reshape(len(points), count)
+
+    functions = Functions.fitted(shape, nodes[own], evaluate, range(order, max(_HIGHEST, order + 3)))
+    if functions is None:
+        raise FormatError(f"expected functions of some order in {name}, found others", file=path)
+    return Kind(name, shape, order, nodes, own, functions)

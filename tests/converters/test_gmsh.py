@@ -1,0 +1,318 @@
+"""Gmsh files: the library's own values are reproduced, for files of ours and for meshes that it makes in the test."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.converters.gmsh import Gmsh
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.plugins.converting import convert
+from elvis.plugins.testing import check, positions_at, values_at, values_found
+
+gmsh = pytest.importorskip("gmsh")
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "gmsh"
+shared = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data")
+
+#: files of version 2.2 were renumbered when they were saved: tags of the truth less those of the file
+RENUMBERED = {"tet": 126, "hex": -12, "prism": -12, "pyr": 86}
+
+
+@pytest.fixture
+def session():
+    """The library, silent and with nothing in it."""
+    gmsh.initialize(["test"], readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("General.AbortOnError", 0)
+    yield gmsh
+    gmsh.finalize()
+
+
+def linear(x):
+    return 1 + x[:, 0] - 2 * x[:, 1] + 0.5 * x[:, 2]
+
+
+def wave(x):
+    return np.sin(x[:, 0] + 0.5 * x[:, 1]) + np.cos(x[:, 2])
+
+
+def mixed(order, incomplete=False):
+    """A cube with a pyramid on it: hexahedra beside a pyramid and tetrahedra, or prisms; curved by a map."""
+    model = gmsh.model
+    model.add("mixed")
+    base = model.occ.addRectangle(0, 0, 0, 1, 1)
+    model.occ.synchronize()
+    for _, curve in model.getEntities(1):
+        model.mesh.setTransfiniteCurve(curve, 3)
+    model.mesh.setTransfiniteSurface(base)
+    model.mesh.setRecombine(2, base)
+    body = [d[1] for d in model.occ.extrude([(2, base)], 0, 0, 0.5, [1], recombine=True) if d[0] == 3]
+    triangle = model.occ.addPlaneSurface([model.occ.addCurveLoop(_triangle(model))])
+    model.occ.synchronize()
+    wedge = [d[1] for d in model.occ.extrude([(2, triangle)], 0, 0, 0.5, [1], recombine=True) if d[0] == 3]
+    model.occ.synchronize()
+    model.addPhysicalGroup(3, body, name="block")
+    model.addPhysicalGroup(3, wedge, name="wedge")
+    model.addPhysicalGroup(2, [base], name="floor")
+    model.mesh.generate(3)
+    gmsh.option.setNumber("Mesh.SecondOrderIncomplete", int(incomplete))
+    model.mesh.setOrder(order)
+    bend(model)
+
+
+def _triangle(model):
+    points = [model.occ.addPoint(*x) for x in ((2, 0, 0), (3, 0, 0), (2, 1, 0))]
+    return [model.occ.addLine(points[i], points[(i + 1) % 3]) for i in range(3)]
+
+
+def bend(model):
+    tags, places, _ = model.mesh.getNodes()
+    x = places.reshape(-1, 3)
+    for tag, place in zip(tags, x + 0.05 * np.sin(2 * x[:, [1, 2, 0]]), strict=True):
+        model.mesh.setNode(tag, place, [])
+
+
+def elements():
+    """Of the elements of the highest dimension: type, tags, places (n, k, 3) of the nodes."""
+    tags, places, _ = gmsh.model.mesh.getNodes()
+    place = dict(zip(tags.tolist(), places.reshape(-1, 3), strict=True))
+    for kind, own, nodes in zip(*gmsh.model.mesh.getElements(3), strict=True):
+        table = nodes.reshape(len(own), -1)
+        yield kind, own, np.array([[place[node] for node in row] for row in table.tolist()])
+
+
+def add_view(name, function, offset=False):
+    """Values at the nodes of every element; with an offset that differs by element they jump."""
+    view = gmsh.view.add(name)
+    tags, values = [], []
+    for _, own, places in elements():
+        tags += own.tolist()
+        values += [(function(x) + (0.1 * i if offset else 0)).tolist() for i, x in enumerate(places)]
+    gmsh.view.addModelData(view, 0, gmsh.model.getCurrent(), "ElementNodeData", tags, values, 0.25, 1)
+    return view
+
+
+def save(path, version=4.1, binary=0, views=()):
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
+    gmsh.option.setNumber("Mesh.Binary", binary)
+    gmsh.write(str(path))
+    for view in views:
+        gmsh.view.write(view, str(path), append=True)
+    return path
+
+
+def where(source, tags):
+    """Block and row of each element."""
+    pairs = {int(tag): (i, row) for i, b in enumerate(source.blocks) for row, tag in enumerate(b.ids)}
+    return np.array([pairs[int(tag)] for tag in tags]).T
+
+
+@shared
+@pytest.mark.parametrize(
+    ("file", "truth"),
+    [
+        ("mixed_o3", "mixed_o3"),
+        ("mixed_o3", "mixed_o3_w"),
+        ("mixed_o2_v22", "mixed_o2_v22"),
+        ("mixed_o2_v22", "mixed_o2_v22_w"),
+        ("ball_tet_o2_p5", "ball_tet_o2_p5"),
+    ],
+)
+def test_agrees_with_the_library(file, truth):
+    path, truth = DATA / f"{file}.msh", np.load(DATA / f"{truth}.truth.npz")
+    done = check(Gmsh, [path])
+    shift = np.array([RENUMBERED[str(shape)] if "v22" in file else 0 for shape in truth["shape"]])
+    blocks, rows = where(Gmsh([path]), truth["elem"] - shift)
+    key = next(key for key in truth.files if key.startswith("f_"))
+    for i, values in enumerate(truth[key].T):
+        name, bound = key[2:] + (f"_{'xyz'[i]}" if truth[key].shape[1] > 1 else ""), 1e-10 * np.ptp(values)
+        for block in np.unique(blocks):
+            here = blocks == block
+            at = (block, rows[here], truth["ref"][here])
+            assert np.abs(values_at(done, name, *at) - values[here]).max() < bound
+            assert np.abs(positions_at(done, *at) - truth["xyz"][here]).max() < 1e-11
+        assert np.abs(values_found(done.dataset, name, truth["xyz"]) - values).max() < bound
+
+
+@shared
+def test_groups_become_composites():
+    done = convert(Gmsh([DATA / "mixed_o2_v22.msh"]))
+    names = {}
+    for each in done.dataset.mesh.composites:
+        names[each.name] = names.get(each.name, 0) + sum(len(ids) for _, ids in each.parts)
+    assert names == {"fluid": 142, "wall": 128}
+    assert done.report.elements["pyramid"] == 4
+    continuity = {field.name: field.is_continuous for field in done.report.fields}
+    assert continuity == {"u_dg": False, "w_cg_x": True, "w_cg_y": True, "w_cg_z": True}
+
+
+@pytest.mark.parametrize(("version", "binary"), [(2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)])
+def test_every_version_holds_the_same(session, tmp_path, version, binary):
+    mixed(3)
+    views = [add_view("smooth", wave), add_view("rough", wave, offset=True)]
+    path = save(tmp_path / "mixed.msh", version, binary, views)
+    done = check(Gmsh, [path])
+    assert {each.name for each in done.dataset.mesh.composites} == {"block", "wedge", "floor", "boundary"}
+    assert set(done.report.elements) == {"hexahedron", "prism"}
+    assert all(field.is_exact and field.order == 3 for field in done.report.fields)
+    assert done.dataset.time == 0.25
+    places = np.concatenate([nodes.mean(axis=1) for _, _, nodes in elements()])
+    found = values_found(done.dataset, "smooth", places)
+    assert np.nanmax(np.abs(found - wave(places))) < 2e-3
+    again = convert(Gmsh([path]))
+    assert gmsh.isInitialized()
+    assert gmsh.model.getCurrent() == "mixed"
+    assert [field.max for field in again.report.fields] == [field.max for field in done.report.fields]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
+def test_meshes_alone_of_every_order(session, tmp_path, order):
+    mixed(order)
+    done = check(Gmsh, [save(tmp_path / "mesh.msh")])
+    assert done.report.geometry.is_exact
+    assert done.report.geometry.order == order
+    assert not done.report.fields
+
+
+def test_serendipity_elements(session, tmp_path):
+    mixed(2, incomplete=True)
+    kinds = {gmsh.model.mesh.getElementProperties(kind)[0] for kind, _, _ in elements()}
+    assert kinds == {"Hexahedron 20", "Prism 15"}
+    path = save(tmp_path / "twenty.msh", views=[add_view("u", linear)])
+    done = check(Gmsh, [path])
+    assert done.report.geometry.is_exact
+    places = np.concatenate([nodes[:, :4].mean(axis=1) for _, _, nodes in elements()])
+    found = values_found(done.dataset, "u", places)
+    assert np.nanmax(np.abs(found - linear(places))) < 1e-11
+
+
+@pytest.mark.parametrize(("kind", "count"), [(7, 5), (14, 14), (19, 13), (118, 30), (119, 55)])
+def test_pyramids(session, tmp_path, kind, count):
+    """A linear function of the coordinates is reproduced on bent pyramids of every order."""
+    gmsh.model.add("pyramid")
+    gmsh.model.addDiscreteEntity(3, 1)
+    nodes = np.asarray(gmsh.model.mesh.getElementProperties(kind)[4]).reshape(-1, 3)
+    nodes = nodes + 0.03 * np.random.default_rng(3).uniform(-1, 1, nodes.shape)
+    gmsh.model.mesh.addNodes(3, 1, range(1, count + 1), nodes.reshape(-1))
+    gmsh.model.mesh.addElements(3, 1, [kind], [[1]], [range(1, count + 1)])
+    done = check(Gmsh, [save(tmp_path / "pyramid.msh", views=[add_view("u", linear)])])
+    assert done.report.geometry.is_exact
+    assert all(field.is_exact for field in done.report.fields)
+    inside = np.random.default_rng(4).uniform(-0.3, 0.3, (20, 3)) * [1, 1, 0.5] + [0, 0, 0.3]
+    assert np.abs(values_found(done.dataset, "u", inside) - linear(inside)).max() < 1e-11
+
+
+def test_values_of_elements_and_of_two_files(session, tmp_path):
+    mixed(2)
+    mesh = save(tmp_path / "mesh.msh")
+    tags = np.concatenate([own for _, own, _ in elements()]).astype(int)
+    view = gmsh.view.add("part")
+    gmsh.view.addModelData(view, 0, "mixed", "ElementData", tags, [[float(tag)] for tag in tags], 0.5, 1)
+    gmsh.view.addModelData(view, 1, "mixed", "ElementData", tags, [[-float(tag)] for tag in tags], 1.5, 1)
+    data = tmp_path / "data.msh"
+    gmsh.option.setNumber("PostProcessing.SaveMesh", 0)
+    gmsh.view.write(view, str(data))
+    places = np.concatenate([nodes.mean(axis=1) for _, _, nodes in elements()])
+    for step, time, sign in ((None, 1.5, -1), ("0", 0.5, 1)):
+        done = check(Gmsh, [mesh, data], **({} if step is None else {"step": step}))
+        assert done.dataset.time == time
+        found = values_found(done.dataset, "part", places)
+        assert np.nanmax(np.abs(found - sign * tags)) < 1e-9
+    with pytest.raises(FormatError, match="expected one file with a mesh, found 0"):
+        Gmsh([data])
+    with pytest.raises(FormatError, match="expected a step 5, found 2 steps"):
+        Gmsh([mesh, data], step="5")
+    with pytest.raises(ElvisError, match="expected a number for --step"):
+        Gmsh([mesh], step="first")
+
+
+TEXT = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+4
+1 0 0 0
+2 1 0 0
+3 0 1 0
+4 0 0 1
+$EndNodes
+$Elements
+1
+7 4 2 0 1 1 2 3 4
+$EndElements
+$InterpolationScheme
+"own"
+1
+5
+2
+4 4
+1 -1 -1 -1
+0 1 0 0
+0 0 1 0
+0 0 0 1
+4 3
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+$EndInterpolationScheme
+$ElementNodeData
+2
+"u"
+"own"
+1
+0.5
+3
+0
+1
+1
+7 4 1 2 3 4
+$EndElementNodeData
+"""
+
+
+def test_a_scheme_says_what_the_numbers_are(tmp_path):
+    path = tmp_path / "own.msh"
+    path.write_text(TEXT.replace("4 4\n1 -1 -1 -1", "4 4\n1 0 0 0"))
+    done = check(Gmsh, [path])
+    x = np.array([[0.2, 0.3, 0.1]])
+    assert np.isclose(values_found(done.dataset, "u", x)[0], 1 + 2 * 0.2 + 3 * 0.3 + 4 * 0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("7 4 1 2 3 4", "7 4 1 2 3", "expected as many values as are said to follow, found fewer"),
+        ("7 4 1 2 3 4", "7 3 1 2 3", "expected 4 values in a tetrahedron 4, found 3"),
+        ("7 4 1 2 3 4", "7 4 1 2 x 4", "expected numbers, found something else"),
+        ("7 4 1 2 3 4", "8 4 1 2 3 4", "expected values on elements of the mesh, found 1 of 1 on others"),
+        ('"own"\n1\n0.5', '"other"\n1\n0.5', "expected an interpolation scheme 'other', found none"),
+        ("1\n5\n2\n4 4", "1\n5\n2\n4 9", "expected matrices of coefficients and exponents, found others"),
+        ("\n1\n7 4 1 2", "\n2\n7 4 1 2", "expected values for 2 of them, found values for 1"),
+        ("$EndElementNodeData\n", "", r"expected \$EndElementNodeData, found the end"),
+        ("2.2 0 8", "two", "expected version, type and size after"),
+        ("7 4 2 0 1 1 2 3 4", "7 4 2 0 1 1 2 3 9", "mesh|nodes"),
+        ("\n7 4 2 0 1 1 2 3 4", "\n7 15 2 0 1 1", "expected elements, found none"),
+        ("7 4 2 0 1 1 2 3 4", "7 444 2 0 1 1 2 3 4", "expected"),
+    ],
+)
+def test_bad_files_are_refused_in_a_sentence(tmp_path, old, new, message, capfd):
+    assert old in TEXT
+    path = tmp_path / "bad.msh"
+    path.write_text(TEXT.replace(old, new, 1))
+    with pytest.raises(FormatError, match=message) as caught:
+        Gmsh([path])
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("binary", [0, 1])
+def test_truncated_files_are_refused(session, tmp_path, binary, share):
+    mixed(2)
+    path = save(tmp_path / "cut.msh", binary=binary, views=[add_view("u", wave)])
+    raw = path.read_bytes()
+    path.write_bytes(raw[: int(share * len(raw))])
+    with pytest.raises(FormatError, match="expected"):
+        Gmsh([path])
