@@ -1,0 +1,7 @@
+"""Periodic boxes in Fourier bases as a runtime plugin."""
+
+from __future__ import annotations
+
+from elvis.plugins.fourier.plugin import FourierBox, write_box
+
+__all__ = ["FourierBox", "write_box"]
