@@ -20,8 +20,14 @@ def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values in [low, high], at most ``most``: steps of 1, 2 or 5 times a power of ten."""
+    """Round values in [low, high], at most ``most``: steps of 1, 2 or 5 times a power of ten.
+
+    The two ends where the range is too narrow for such steps.
+    """
+    low, high = float(low), float(high)
     span = high - low
+    if not max(1e-12 * max(abs(low), abs(high)), 1e-300) < span < 1e301:
+        return [low, high]
     power = 10.0 ** np.floor(np.log10(span / max(most - 1, 1)))
     step = next(power * f for f in (1.0, 2.0, 5.0, 10.0, 20.0) if span / (power * f) <= max(most - 1, 1))
     first = int(np.ceil(low / step - 1e-9))
@@ -33,7 +39,7 @@ def labels(values: list[float]) -> list[str]:
     """Texts that tell neighbouring ticks apart, in as few digits as that takes."""
     if len(values) < 2:
         return [f"{value:.6g}" for value in values]
-    step = values[1] - values[0]
+    step = max(values[1] - values[0], 5e-324)
     largest = max(abs(value) for value in values)
     if not 1e-4 <= largest < 1e6:
         digits = max(0, int(np.floor(np.log10(largest)) - np.floor(np.log10(step) + 1e-9)))

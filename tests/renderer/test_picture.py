@@ -1,0 +1,134 @@
+"""Colours, colour bars, titles."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import grid
+from elvis.renderer import SceneError
+from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
+from elvis.renderer.picture import labels, picture, ticks
+
+FINITE = st.floats(-1e12, 1e12)
+
+
+@pytest.fixture(scope="module")
+def frame(draw, linear):
+    return draw(linear(grid(Shape.QUADRILATERAL, 2)), size=(80, 60))
+
+
+@given(FINITE, st.floats(1e-9, 1e12), st.integers(3, 12))
+def test_ticks_are_round_and_few(low, span, most):
+    span = max(span, 1e-9 * abs(low))
+    values = ticks(low, low + span, most)
+    assert 1 <= len(values) <= most
+    assert min(values) >= low - 1e-6 * span
+    assert max(values) <= low + span * (1 + 1e-6)
+    assert len(values) >= most / 5 - 1
+    if len(values) > 1:
+        step = np.diff(values).mean()
+        mantissa = step / 10 ** np.floor(np.log10(step) + 1e-9)
+        assert min(abs(mantissa - round_one) for round_one in (1, 2, 5, 10)) < 1e-3
+        assert np.allclose(np.array(values) / step, np.round(np.array(values) / step), atol=1e-3)
+
+
+@given(FINITE, st.floats(1e-9, 1e12), st.integers(3, 12))
+def test_labels_tell_ticks_apart_and_are_near_them(low, span, most):
+    span = max(span, 1e-9 * abs(low))
+    values = ticks(low, low + span, most)
+    texts = labels(values)
+    assert len(set(texts)) == len(texts)
+    step = values[1] - values[0] if len(values) > 1 else max(abs(values[0]), 1)
+    assert all(abs(float(text) - value) < 0.51 * step for text, value in zip(texts, values, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "texts"),
+    [
+        (0.0, 1.0, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
+        (-1.0, 1.0, ["-1.0", "-0.5", "0.0", "0.5", "1.0"]),
+        (0.0, 35000.0, ["0", "10000", "20000", "30000"]),
+        (1e-9, 5e-9, ["1e-09", "2e-09", "3e-09", "4e-09", "5e-09"]),
+        (101325.0, 101326.0, ["101325.0", "101325.2", "101325.4", "101325.6", "101325.8", "101326.0"]),
+    ],
+)
+def test_labels_of_usual_ranges(low, high, texts):
+    assert labels(ticks(low, high, 6)) == texts
+
+
+@pytest.mark.parametrize("low", [0.0, -1e-310, 1.0, 1e300, -1e300])
+@pytest.mark.parametrize("span", [5e-324, 1e-300, 1e-16, 3e300])
+def test_every_range_has_ticks(low, span):
+    high = max(low + span, np.nextafter(low, np.inf))
+    values = ticks(low, high, 6)
+    assert 1 <= len(values) <= 6
+    assert len(labels(values)) == len(values)
+
+
+def test_colours_go_through_the_table_in_equal_steps():
+    palette = Palette.named("viridis", 2.0, 4.0)
+    assert palette.table.shape == (STEPS, 3)
+    middles = 2.0 + (np.arange(STEPS) + 0.5) * 2 / STEPS
+    assert np.array_equal(palette.colors(middles), palette.table)
+    ends = palette.colors(np.array([2.0, 4.0, -1e300, 1e300]))
+    assert np.array_equal(ends, palette.table[[0, -1, 0, -1]])
+    assert (palette.colors(np.array([np.nan, np.inf, -np.inf])) == NOT_A_NUMBER).all()
+    assert not (palette.table == NOT_A_NUMBER).all(axis=1).any()
+
+
+def test_unknown_colour_maps_are_refused():
+    with pytest.raises(SceneError, match="unknown colour map 'rainbowish': expected a name of the cmap catalogue"):
+        Palette.named("rainbowish", 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([1.0, np.nan, -3.0, np.inf], (-3.0, 1.0)),
+        ([np.nan, -np.inf], (0.0, 1.0)),
+        ([], (0.0, 1.0)),
+        ([5.0, 5.0], (5.0 - 5e-6, 5.0 + 5e-6)),
+        ([0.0], (-1e-6, 1e-6)),
+    ],
+)
+def test_the_automatic_range(values, expected):
+    assert automatic_range(np.array(values)) == pytest.approx(expected)
+
+
+def test_the_plain_picture_is_the_colours(frame):
+    image = picture(frame, plain=True)
+    assert image.size == (80, 60)
+    assert np.array_equal(np.asarray(image), np.rint(frame.color * 255).astype(np.uint8))
+    assert (np.asarray(image)[~frame.seen] == 255).all()
+
+
+def test_the_framed_picture_holds_the_plain_one_a_bar_and_words(frame):
+    plain, framed = np.asarray(picture(frame, plain=True)), np.asarray(picture(frame))
+    assert framed.shape[0] > 60
+    assert framed.shape[1] > 80
+    corner = [
+        (y, x)
+        for y in range(framed.shape[0] - 59)
+        for x in range(framed.shape[1] - 79)
+        if np.array_equal(framed[y : y + 60, x : x + 80], plain)
+    ]
+    assert len(corner) == 1
+    top, left = corner[0]
+
+    # to the right: all colours of the map, greatest value above; above: the dark letters of the title
+    bar = framed[top : top + 60, left + 80 :]
+    table = np.rint(frame.palette.table * 255).astype(np.uint8)
+    column = next(bar[:, x] for x in range(bar.shape[1]) if (bar[30, x] == table[120:136]).all(axis=1).any())
+    assert np.abs(column[2].astype(int) - table[-5]).max() < 15
+    assert np.abs(column[-3].astype(int) - table[5]).max() < 15
+    assert (framed[:top] < 100).any()
+
+
+def test_titles_and_numbers_of_any_length_fit(draw, linear):
+    dataset = linear(grid(Shape.QUADRILATERAL, 1), name="a field with quite a long name, longer than its picture")
+    frame = draw(dataset, size=(20, 20), range=(-1e-300, 123456789.123))
+    framed = np.asarray(picture(frame))
+    assert (framed[:, -5:] == 255).all()
+    assert (framed[-3:] == 255).all()
