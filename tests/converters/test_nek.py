@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis.converters.nek import Nek
-from elvis.formats.errors import FormatError
+from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.quadrature import lobatto
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
@@ -128,6 +128,11 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
         places = done.dataset.mesh.vertices
         wanted = 1 + places[:, 0] - 2 * places[:, 1]
         assert np.abs(values_found(done.dataset, "pressure", places) - wanted).max() < 1e-12
+    assert not Nek([tmp_path / "run.nek5000"], step="0").fields
+    with pytest.raises(FormatError, match="expected a step 2, found 2 steps"):
+        Nek([tmp_path / "run.nek5000"], step="2")
+    with pytest.raises(ElvisError, match="expected a number for --step, found 'last'"):
+        Nek([tmp_path / "run.nek5000"], step="last")
     (tmp_path / "run0.f00001").unlink()
     with pytest.raises(FormatError, match="expected points, or a file of the same series that has them"):
         Nek([last])

@@ -28,6 +28,11 @@ NODES = {
 }
 
 
+#: nodes of order 5 that lie at (2, 1)/5 and (1, 2, 1)/5 where they are evenly spaced
+BASIX_TRIANGLE = [0.4142052527467741, 0.17158949450645158]
+BASIX_TETRAHEDRON = [0.18579474725322576, 0.44261575824032257, 0.18579474725322576]
+
+
 def grid(points, cells, point_data=None, cell_data=None):
     """The library's grid of points (n, 3) and cells, pairs of type and nodes, with arrays by name."""
     from vtkmodules.util.numpy_support import numpy_to_vtk
@@ -149,6 +154,19 @@ def test_nodes_that_lie_elsewhere_are_found_out():
 
 
 @shared
+def test_fields_of_one_mesh_in_two_files():
+    files = [DATA / "vtk" / f"dolfinx_tet_o3_{name}_p0_000000.vtu" for name in "wu"]
+    truth = np.load(DATA / "vtk" / "dolfinx_tet_o3.truth.npz")
+    done = check(Vtk, files)
+    assert done.report.elements == {"tetrahedron": 679}
+    assert {field.name: field.is_continuous for field in done.report.fields} == {"w": False, "u": True}
+    for name in "uw":
+        wanted = truth[f"f_{name}"][:, 0]
+        found = values_at(done, name, 0, truth["elem"], truth["ref"])
+        assert np.abs(found - wanted).max() < 1e-10 * np.ptp(wanted)
+
+
+@shared
 def test_hexahedra_of_the_wrong_version_are_refused(tmp_path):
     raw = (DATA / "vtk" / "dealii_shell_p4.vtu").read_bytes()
     path = tmp_path / "relabelled.vtu"
@@ -207,6 +225,14 @@ def test_gauss_lobatto_nodes_hold_polynomials(tmp_path, kind, order):
     if cell.shape.dimension == 3:
         wanted = (linear(places) / 2) ** order
         assert np.abs(values_found(done.dataset, "u", places) - wanted).max() < 1e-11
+
+
+def test_gauss_lobatto_places_inside_are_those_of_basix():
+    """Two inner nodes of order 5 as fenics-basix 0.11 has them."""
+    triangle = warped(Shape.TRIANGLE, 5, np.array([[0.4, 0.2, 0.0]]))[0, :2]
+    assert np.allclose(triangle, BASIX_TRIANGLE, rtol=0, atol=1e-14)
+    tetrahedron = warped(Shape.TETRAHEDRON, 5, np.array([[0.2, 0.4, 0.2]]))[0]
+    assert np.allclose(tetrahedron, BASIX_TETRAHEDRON, rtol=0, atol=1e-14)
 
 
 def test_rational_cells_are_projected_with_a_measured_error(tmp_path):

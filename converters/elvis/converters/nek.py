@@ -13,10 +13,10 @@ import numpy as np
 
 from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, read_boundaries, read_header
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
+from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.quadrature import lobatto
 from elvis.formats.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, SourceField
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, SourceField
 from elvis.plugins.nodal import NodalBasis, tensor_nodes
 
 #: our local side for each side of theirs, by dimension
@@ -33,15 +33,19 @@ class Nek(Converter):
     keeps = "curved quadrilaterals and hexahedra of any order, all fields, either precision, steps of many files, time"
     loses = "periodic links and curve descriptions of the .re2 file; pressure on a mesh of its own"
 
+    options = (Option("step", "Which step of a series, counted from 0; the last by default."),)
+
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether these are field files, with an index of a series and a .re2 file at most."""
         kinds = [_kind(path) for path in paths]
         return bool(paths) and all(kinds) and ("field" in kinds or "index" in kinds)
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
+        if step is not None and not step.isdigit():
+            raise ElvisError(f"expected a number for --step, found {step!r}")
         fields = [path for path in paths if _kind(path) == "field"]
-        fields += [_last_of(path) for path in paths if _kind(path) == "index"]
+        fields += [_member(path, step) for path in paths if _kind(path) == "index"]
         points, values = _steps(fields)
         self._points, self._values = Step(points), Step(values)
         self._check_match()
@@ -142,14 +146,17 @@ def _kind(path: Path) -> str:
     return "index" if b"filetemplate:" in start else ""
 
 
-def _last_of(index: Path) -> Path:
-    """The first file of the last step of a series."""
+def _member(index: Path, step: str | None) -> Path:
+    """The first file of a step of a series, of the last where none is given."""
     words = dict(re.findall(r"(\w+):\s*(\S+)", index.read_text("utf-8", "replace")))
     try:
-        last = int(words["firsttimestep"]) + int(words["numtimesteps"]) - 1
-        path = Path(index.parent, words["filetemplate"] % (0, last))
+        first, count = int(words["firsttimestep"]), int(words["numtimesteps"])
+        number = count - 1 if step is None else int(step)
+        path = Path(index.parent, words["filetemplate"] % (0, first + number))
     except (KeyError, ValueError, TypeError):
         raise FormatError("expected filetemplate, firsttimestep and numtimesteps", file=index) from None
+    if not 0 <= number < count:
+        raise FormatError(f"expected a step {number}, found {count} steps", file=index)
     if not path.is_file():
         raise FormatError(f"expected {path.name} beside it, found none", file=index)
     return path

@@ -7,6 +7,7 @@ rounding; its search for a point in a curved cell is not used, for it follows li
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -48,103 +49,74 @@ class Vtk(Converter):
         if step is not None and not step.lstrip("-").isdigit():
             raise ElvisError(f"expected a number for --step, found {step!r}")
         self._grids = read(paths, -1 if step is None else int(step))
-        self._cells: list[tuple[Grid, Cell, Ints, Ints]] = []
-        self.blocks, self.notes = [], []
-        self._collect(_dimension(self._grids, paths))
+        self.notes = []
+        self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
         self._place_nodes(nodes)
+        self.blocks = [_block(part, number) for number, part in enumerate(self._parts)]
         self.fields = [*self._fields(True), *self._fields(False)]
         self.time = self._grids[0].time
         self.precision = self._precision()
 
     def positions(self, block: Elements, points: Floats) -> Floats:
         """The points of the cells, combined by the functions of the nodes."""
-        return self._combined(block, points, lambda grid: grid.points)
+        part: Part = self._parts[block.key]
+        return part.combined(part.grid.points, block.rows, points)
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
         """Values at the points of the cells combined likewise; cell data as they are."""
         is_on_points, name, component = field.key
+        leading: Part = self._parts[block.key]
+        part = leading.holder(name, is_on_points)
+        assert part is not None
+        array = part.arrays(is_on_points)[name][:, component : component + 1]
         if is_on_points:
-            return self._combined(block, points, lambda grid: grid.point_data[name][:, component : component + 1])[
-                ..., 0
-            ]
-        grid, _, _, rows = self._cells[block.key]
-        values = np.asarray(grid.cell_data[name][rows[block.rows], component], np.float64)
-        return np.repeat(values[:, None], len(points), axis=1)
+            return part.combined(array, block.rows, points)[..., 0]
+        return np.repeat(np.asarray(array[part.rows[block.rows]], np.float64), len(points), axis=1)
 
-    def _combined(self, block: Elements, points: Floats, array: object) -> Floats:
-        """(elements, points, k) values of an array (n, k) of the grid."""
-        assert callable(array)
-        grid, cell, nodes, _ = self._cells[block.key]
-        own, table = nodes[block.rows], cell.table(points)
-        values = np.asarray(array(grid)[own], np.float64)
-        if grid.weights is None or cell.kind.type not in BEZIER:
-            return np.asarray(np.matmul(table, values))
-        weights = grid.weights[own][..., None]
-        return np.asarray(np.matmul(table, values * weights) / np.matmul(table, weights))
-
-    def _collect(self, dimension: int) -> None:
-        """One block for the cells of one kind of each grid."""
+    def _collect(self, dimension: int) -> list[Part]:
+        """The cells of one kind of each grid, by number; grids of the same cells are taken together."""
+        result: list[list[Part]] = []
         first, others = 0, 0
         for grid in self._grids:
-            counts = np.diff(grid.offsets)
-            degrees = np.zeros((len(counts), 3), np.int64) if grid.degrees is None else grid.degrees
-            keys = np.column_stack([grid.types, counts, degrees])
-            keys[~np.isin(grid.types, [*LAGRANGE, *BEZIER]), 2:] = 0
-            kinds, which = np.unique(keys, axis=0, return_inverse=True)
-            for number, (kind, count, *own) in enumerate(kinds.tolist()):
-                rows = np.flatnonzero((which.reshape(-1) == number) & (grid.ghosts == 0))
-                shape = shape_of(kind, grid.file)
-                if shape is None or shape.dimension != dimension:
-                    others += len(rows)
-                elif len(rows):
-                    self._add(grid, Cell(Kind(kind, count, (own[0], own[1], own[2])), grid.file), rows, first)
-            first += len(counts)
+            own, left = _of_kinds(grid, dimension, first)
+            others += left
+            leading = next((parts for parts in result if _coincide(parts, own)), None)
+            if leading is None:
+                result.append(own)
+                first += len(grid.types)
+            else:
+                leading[:] = [part.joined(other) for part, other in zip(leading, own, strict=True)]
         if others:
             self.notes = [f"{others} cells of lower dimension were left out"]
+        return [part for parts in result for part in parts]
 
-    def _add(self, grid: Grid, cell: Cell, rows: Ints, first: int) -> None:
-        nodes = grid.nodes[grid.offsets[rows][:, None] + np.arange(cell.kind.nodes)]
-        is_rational = cell.kind.type in BEZIER and grid.weights is not None and bool(np.ptp(grid.weights[nodes]) > 0)
-        block = Elements(
-            cell.shape,
-            len(rows),
-            cell.order,
-            frame=cell.frame,
-            ids=first + rows,
-            region=grid.name,
-            pyramid=cell.pyramid,
-            is_polynomial=not is_rational,
-            key=len(self._cells),
-        )
-        self.blocks = [*self.blocks, block]
-        self._cells.append((grid, cell, nodes, rows))
+    def _every(self) -> list[Part]:
+        return [each for part in self._parts for each in (part, *part.companions)]
 
     def _check_edges(self, hexahedra: str) -> None:
         """Exchange the nodes of two edges of Lagrange hexahedra where asked; FormatError where they look exchanged."""
-        for i, (grid, cell, nodes, rows) in enumerate(self._cells):
-            if cell.kind.type not in LAGRANGE or cell.shape is not Shape.HEXAHEDRON:
+        for part in self._every():
+            if part.cell.kind.type not in LAGRANGE or part.cell.shape is not Shape.HEXAHEDRON:
                 continue
-            pair = _upright(cell)
+            pair = _upright(part.cell)
             if hexahedra == "exchanged":
-                nodes = nodes.copy()
-                nodes[:, np.concatenate(pair)] = nodes[:, np.concatenate(pair[::-1])]
-                self._cells[i] = (grid, cell, nodes, rows)
-            wrong = _exchanged(np.asarray(grid.points[nodes], np.float64), cell, pair)
-            if wrong > len(nodes) / 2:
+                part.nodes[:, np.concatenate(pair)] = part.nodes[:, np.concatenate(pair[::-1])]
+            wrong = _exchanged(np.asarray(part.grid.points[part.nodes], np.float64), part.cell, pair)
+            if wrong > len(part.nodes) / 2:
                 raise FormatError(
                     f"expected nodes of edges near their edges, found those of two edges exchanged in {wrong} "
                     "hexahedra, as by a wrong version of the file; see --hexahedra",
-                    file=grid.file,
+                    file=part.grid.file,
                 )
 
     def _place_nodes(self, nodes: str) -> None:
         """Move the nodes of Lagrange cells to Gauss-Lobatto places where asked, or where edges show them."""
-        known = [(grid, cell, own) for grid, cell, own, _ in self._cells if cell.is_even and cell.order > 2]
-        even, warped = np.sum([_votes(*each) for each in known], axis=0) if known else (0, 0)
+        known = [part for part in self._every() if part.cell.is_even and part.cell.order > 2]
+        even, warped = np.sum([_votes(part) for part in known], axis=0) if known else (0, 0)
         if nodes == "gll" or (nodes == "auto" and warped > even):
-            for _, cell, _ in known:
-                cell.warp()
+            for part in known:
+                part.cell.warp()
             if nodes == "auto" and known:
                 self.notes = [
                     *self.notes,
@@ -157,29 +129,121 @@ class Vtk(Converter):
 
     def _fields(self, on_points: bool) -> list[SourceField]:
         """Point data, continuous where they agree; or cell data, constant."""
-        arrays = [grid.point_data if on_points else grid.cell_data for grid, *_ in self._cells]
-        taken = {name for grid in self._grids for name in grid.point_data} if not on_points else set()
+        names = dict.fromkeys(name for part in self._every() for name in part.arrays(on_points))
+        taken = {name for part in self._every() for name in part.grid.point_data} if not on_points else set()
         result = []
-        for name in dict.fromkeys(name for each in arrays for name in each):
-            widths = {each[name].shape[1] for each in arrays if name in each}
+        for name in names:
+            holders = [part.holder(name, on_points) for part in self._parts]
+            widths = {part.arrays(on_points)[name].shape[1] for part in holders if part is not None}
             if len(widths) > 1:
                 found = " and ".join(map(str, sorted(widths)))
                 raise FormatError(f"expected as many components everywhere, found {found}", place=f"array {name}")
-            degrees = [
-                None if name not in each else cell.order if on_points else 0
-                for each, (_, cell, _, _) in zip(arrays, self._cells, strict=True)
-            ]
-            is_polynomial = all(block.is_polynomial for block in self.blocks) or not on_points
-            label = f"{name}_cell" if name in taken else name
+            degrees = [None if part is None else part.cell.order if on_points else 0 for part in holders]
+            is_polynomial = not on_points or not any(part is not None and part.is_rational for part in holders)
             result += [
-                SourceField(each, degrees, on_points, is_polynomial, key=(on_points, name, i))
-                for i, each in enumerate(components(label, widths.pop()))
+                SourceField(label, degrees, on_points, is_polynomial, key=(on_points, name, i))
+                for i, label in enumerate(components(f"{name}_cell" if name in taken else name, widths.pop()))
             ]
         return result
 
     def _precision(self) -> float:
-        arrays = [a for grid, *_ in self._cells for a in (grid.points, *grid.point_data.values())]
+        arrays = [a for part in self._every() for a in (part.grid.points, *part.grid.point_data.values())]
         return SINGLE if any(a.dtype == np.float32 for a in arrays) else DOUBLE
+
+
+@dataclass(eq=False)
+class Part:
+    """Cells of one kind of a grid: ``rows`` (n,) of the grid with their ``nodes`` (n, k), numbered from ``first``.
+
+    companions  the same cells as other grids have them, with other fields
+    """
+
+    grid: Grid
+    cell: Cell
+    nodes: Ints
+    rows: Ints
+    first: int
+    companions: list[Part] = field(default_factory=list)
+
+    @property
+    def is_rational(self) -> bool:
+        """Whether the functions of the cells are quotients."""
+        if self.cell.kind.type not in BEZIER or self.grid.weights is None:
+            return False
+        return bool(np.ptp(self.grid.weights[self.nodes]) > 0)
+
+    def arrays(self, on_points: bool) -> dict[str, Floats]:
+        """Arrays of the grid by name."""
+        return self.grid.point_data if on_points else self.grid.cell_data
+
+    def holder(self, name: str, on_points: bool) -> Part | None:
+        """The part that has an array: this one or a companion."""
+        return next((each for each in (self, *self.companions) if name in each.arrays(on_points)), None)
+
+    def joined(self, other: Part) -> Part:
+        """Both, the one of higher order with the other as a companion."""
+        high, low = (self, other) if self.cell.order >= other.cell.order else (other, self)
+        high.companions, high.first = [*high.companions, low, *low.companions], min(high.first, low.first)
+        low.companions = []
+        return high
+
+    def combined(self, array: Floats, rows: slice | Ints, points: Floats) -> Floats:
+        """(cells, points, k) values of an array (n, k) of the grid's points at reference points of cells ``rows``."""
+        own, table = self.nodes[rows], self.cell.table(points)
+        values = np.asarray(array[own], np.float64)
+        if not self.is_rational:
+            return np.asarray(np.matmul(table, values))
+        assert self.grid.weights is not None
+        weights = self.grid.weights[own][..., None]
+        return np.asarray(np.matmul(table, values * weights) / np.matmul(table, weights))
+
+
+def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
+    """The cells of each kind of a grid, those of others left out, and how many those are."""
+    counts, result, others = np.diff(grid.offsets), [], 0
+    degrees = np.zeros((len(counts), 3), np.int64) if grid.degrees is None else grid.degrees
+    keys = np.column_stack([grid.types, counts, degrees])
+    keys[~np.isin(grid.types, [*LAGRANGE, *BEZIER]), 2:] = 0
+    kinds, which = np.unique(keys, axis=0, return_inverse=True)
+    for number, (kind, count, *own) in enumerate(kinds.tolist()):
+        rows = np.flatnonzero((which.reshape(-1) == number) & (grid.ghosts == 0))
+        shape = shape_of(kind, grid.file)
+        if shape is None or shape.dimension != dimension:
+            others += len(rows)
+        elif len(rows):
+            cell = Cell(Kind(kind, count, (own[0], own[1], own[2])), grid.file)
+            nodes = grid.nodes[grid.offsets[rows][:, None] + np.arange(count)]
+            result.append(Part(grid, cell, nodes, rows, first))
+    return result, others
+
+
+def _coincide(parts: Sequence[Part], others: Sequence[Part]) -> bool:
+    """Whether two lists hold the same cells in the same order: shapes, numbers, and places of the vertices."""
+    if len(parts) != len(others):
+        return False
+    for part, other in zip(parts, others, strict=True):
+        if part.cell.shape is not other.cell.shape or not np.array_equal(part.rows, other.rows):
+            return False
+        own, place = (
+            np.asarray(each.grid.points[each.nodes[:, each.cell.vertex_nodes()]], np.float64) for each in (part, other)
+        )
+        if not np.allclose(own, place, rtol=0, atol=1e-6 * float(np.ptp(own, axis=(0, 1)).max())):
+            return False
+    return True
+
+
+def _block(part: Part, number: int) -> Elements:
+    return Elements(
+        part.cell.shape,
+        len(part.rows),
+        part.cell.order,
+        frame=part.cell.frame,
+        ids=part.first + part.rows,
+        region=part.grid.name,
+        pyramid=part.cell.pyramid,
+        is_polynomial=not part.is_rational,
+        key=number,
+    )
 
 
 def _dimension(grids: Sequence[Grid], paths: Sequence[Path]) -> int:
@@ -211,12 +275,13 @@ def _exchanged(places: Floats, cell: Cell, pair: tuple[Ints, Ints]) -> int:
     return int(np.sum(other < own))
 
 
-def _votes(grid: Grid, cell: Cell, nodes: Ints) -> tuple[int, int]:
+def _votes(part: Part) -> tuple[int, int]:
     """How many edges are simple, with their nodes evenly spaced and with them at Gauss-Lobatto places.
 
     Simple is an edge that is a polynomial two degrees below the cell's order: nodes taken to lie elsewhere never are.
     """
-    places = np.asarray(grid.points[nodes[:_ENOUGH][:, cell.edge_nodes()]], np.float64)
+    cell = part.cell
+    places = np.asarray(part.grid.points[part.nodes[:_ENOUGH][:, cell.edge_nodes()]], np.float64)
     length = np.linalg.norm(places[:, :, -1] - places[:, :, 0], axis=2)
     counts = []
     for line in (np.linspace(-1, 1, cell.order + 1), lobatto(cell.order + 1)[0]):
