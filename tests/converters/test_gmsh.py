@@ -316,3 +316,47 @@ def test_truncated_files_are_refused(session, tmp_path, binary, share):
     path.write_bytes(raw[: int(share * len(raw))])
     with pytest.raises(FormatError, match="expected"):
         Gmsh([path])
+
+
+@pytest.mark.parametrize("recombine", [False, True])
+def test_plane_meshes_with_named_edges(session, tmp_path, recombine):
+    model = gmsh.model
+    model.add("plane")
+    disk = model.occ.addDisk(0, 0, 0, 1, 1)
+    model.occ.synchronize()
+    model.addPhysicalGroup(2, [disk], 7)
+    model.addPhysicalGroup(1, [tag for _, tag in model.getEntities(1)], name="rim")
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.6)
+    gmsh.option.setNumber("Mesh.RecombineAll", int(recombine))
+    model.mesh.generate(2)
+    model.mesh.setOrder(3)
+    tags, places, _ = model.mesh.getNodes()
+    view = gmsh.view.add("u")
+    values = linear(places.reshape(-1, 3))[:, None]
+    gmsh.view.addModelData(view, 0, "plane", "NodeData", tags, values.tolist(), 0.0, 1)
+    done = check(Gmsh, [save(tmp_path / "plane.msh", views=[view])])
+    assert done.dataset.mesh.space == 2
+    assert all(field.is_exact and field.is_continuous for field in done.report.fields)
+    assert {each.name for each in done.dataset.mesh.composites} == {"physical7", "rim"}
+    x = np.random.default_rng(0).uniform(-0.6, 0.6, (30, 3)) * [1, 1, 0]
+    assert np.abs(values_found(done.dataset, "u", x) - linear(x)).max() < 1e-11
+
+
+def test_fields_on_a_part_are_refused_by_name(session, tmp_path):
+    mixed(2)
+    _, tags, places = next(iter(elements()))
+    view = gmsh.view.add("part")
+    values = [linear(x).tolist() for x in places]
+    gmsh.view.addModelData(view, 0, "mixed", "ElementNodeData", tags.tolist(), values, 0.0, 1)
+    path = save(tmp_path / "part.msh", views=[view])
+    with pytest.raises(ElvisError, match="field part: expected values on all 27 elements, found none on"):
+        convert(Gmsh([path]))
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "other.msh"
+    for text in ("", "neither"):
+        path.write_text(text)
+        assert not Gmsh.opens([path])
+        with pytest.raises(FormatError, match=r"expected \$MeshFormat at the beginning"):
+            Gmsh([path])

@@ -172,3 +172,12 @@ def test_boundaries_of_another_mesh_are_refused(tmp_path):
     mesh.write_bytes(head + tag + np.zeros(20).tobytes())
     with pytest.raises(FormatError, match=r"expected .* bytes of numbers"):
         Nek([field, mesh])
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "other"
+    for text in ("", "neither"):
+        path.write_text(text)
+        assert not Nek.opens([path])
+        with pytest.raises(FormatError, match="expected a Nek5000 field"):
+            Nek([path])

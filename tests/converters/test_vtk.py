@@ -350,3 +350,12 @@ def test_cells_of_lower_dimension_are_left_out_and_counted(tmp_path):
     done = check(Vtk, [write(tmp_path / "mixed.vtu", grid(x, [*cells, (5, [0, 1, 2]), (3, [0, 1])]))])
     assert done.report.elements == {"tetrahedron": 2}
     assert "2 cells of lower dimension were left out" in done.report.notes
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "other"
+    for text in ("", "neither"):
+        path.write_text(text)
+        assert not Vtk.opens([path])
+        with pytest.raises(FormatError, match="expected an unstructured grid of VTK"):
+            Vtk([path])

@@ -47,6 +47,9 @@ class Gmsh(Converter):
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         if step is not None and not step.lstrip("-").isdigit():
             raise ElvisError(f"expected a number for --step, found {step!r}")
+        for path in paths:
+            if not _starts(path):
+                raise FormatError(f"expected {MAGIC.decode()} at the beginning, found something else", file=path)
         contents = [scan(path) for path in paths]
         self._mesh = read_mesh(_with_mesh(contents))
         self._groups = self._mesh.groups

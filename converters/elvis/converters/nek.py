@@ -46,6 +46,9 @@ class Nek(Converter):
             raise ElvisError(f"expected a number for --step, found {step!r}")
         fields = [path for path in paths if _kind(path) == "field"]
         fields += [_member(path, step) for path in paths if _kind(path) == "index"]
+        for path in paths:
+            if not _kind(path):
+                raise FormatError("expected a Nek5000 field, .re2 or .nek5000 file, found another", file=path)
         points, values = _steps(fields)
         self._points, self._values = Step(points), Step(values)
         self._check_match()
@@ -164,6 +167,8 @@ def _member(index: Path, step: str | None) -> Path:
 
 def _steps(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """The files that hold the points and those that hold the values, which may be the same."""
+    if not paths:
+        raise FormatError("expected at least one field file, found none")
     steps: dict[tuple[int, float], list[Path]] = {}
     heads = {path: read_header(path) for path in dict.fromkeys(paths)}
     for path, head in heads.items():

@@ -75,6 +75,8 @@ def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
     """The grids of all files; of a series those of one step."""
     grids: list[Grid] = []
     for path in paths:
+        if not kind_of(path):
+            raise FormatError("expected an unstructured grid of VTK, found another file", file=path)
         if kind_of(path) == "series":
             time, members = _members(path, step)
             found = [grid for member in members for grid in _read(member)]
