@@ -49,6 +49,17 @@ def shared(shared_files):
 
 
 @pytest.fixture(scope="session")
+def liveliest():
+    """The name of the field whose coefficients vary most: some shared fields are constant."""
+
+    def find(dataset):
+        spread = [np.ptp(np.concatenate([block.coefficients.ravel() for block in f.blocks])) for f in dataset.fields]
+        return dataset.fields[int(np.argmax(spread))].name
+
+    return find
+
+
+@pytest.fixture(scope="session")
 def renderer():
     """An open device by name, opened once; only a missing Vulkan driver is a reason to skip, and not in CI."""
     opened = {}

@@ -48,7 +48,7 @@ def cubic(points):
 
 
 def depths(mesh, points):
-    """(elements, n) least distance of straight points from the sides of each straight element, and the elements' ids."""
+    """(elements, n) least distance of straight points from the sides of each straight element, and their ids."""
     rows, ids = [], []
     for shape, entities in mesh.elements.items():
         sides = shape.faces if shape.dimension == 3 else [(*edge,) for edge in shape.edges]

@@ -126,7 +126,7 @@ def test_scale_does_not_matter(same_on, linear, scale):
 def test_far_from_the_origin(same_on, linear):
     """A thousand sizes away three digits are gone, and the pixels still agree."""
     mesh = grid(Shape.TETRAHEDRON, 2)
-    moved = linear(replace(mesh, vertices=frozen_floats(mesh.vertices + [1000, -2000, 500])))
+    moved = linear(replace(mesh, vertices=frozen_floats(mesh.vertices + np.array([1000, -2000, 500]))))
     same_on(moved, plane=Plane((1000.5, -1999.5, 500.5), (0.1, 0.2, 1.0)), size=(60, 50))
 
 

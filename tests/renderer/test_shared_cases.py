@@ -18,12 +18,6 @@ def drawable(dataset):
     return 2 <= mesh.dimension == mesh.space and expansion.homogeneous is None
 
 
-def liveliest(dataset):
-    """The name of the field whose coefficients vary most."""
-    spread = [np.ptp(np.concatenate([block.coefficients.ravel() for block in f.blocks])) for f in dataset.fields]
-    return dataset.fields[int(np.argmax(spread))].name
-
-
 def views(mesh):
     """Two pictures: straight on with an automatic view, and in perspective from the side."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -37,7 +31,7 @@ def views(mesh):
     yield {"plane": tilted, "size": (133, 101), "camera": camera}
 
 
-def test_same_pixels(case, shared, same_on):
+def test_same_pixels(case, shared, same_on, liveliest):
     dataset = shared(case)
     if not drawable(dataset):
         refused(dataset)
@@ -48,7 +42,7 @@ def test_same_pixels(case, shared, same_on):
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_same_pixels_without_a_graphics_driver(name, shared, same_on):
+def test_same_pixels_without_a_graphics_driver(name, shared, same_on, liveliest):
     dataset = shared(name)
     scene = next(iter(views(dataset.mesh)))
     same_on(dataset, "cpu", field=liveliest(dataset), **{**scene, "size": (45, 36)})

@@ -1,0 +1,243 @@
+"""``elvis render`` and ``elvis devices``: what they write, what they say, how they end."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from elvis.plugins import command
+from elvis.renderer import device
+from elvis.renderer.device import Adapter
+
+CUBE = "gen_allelem_n4"
+PLANE = ("--plane", "0.5,0.5,0.4:0.1,0.2,1")
+
+
+@pytest.fixture
+def elvis(capfd):
+    """Run the command; exit status, standard output and standard error."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            command.main([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return ended.value.code or 0, out, err
+
+    return run
+
+
+@pytest.fixture
+def render(elvis, shared_files, renderer, tmp_path):
+    """Render a shared case into new files of these names; status, what was said and what is there afterwards."""
+    renderer("vulkan")
+
+    def run(case, *options, outputs=("a.npz",)):
+        targets = [part for name in outputs for part in ("-o", tmp_path / name)]
+        status, out, err = elvis("render", *shared_files(case), *options, *targets)
+        assert out == ""
+        return status, err, sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
+
+    return run
+
+
+def test_all_outputs_and_statistics(render, tmp_path):
+    outputs = ("a.png", "a.exr", "a.npz")
+    status, err, files = render(
+        CUBE, *PLANE, "--size", "60x40", "--field", "v", "--stats", tmp_path / "s.json", outputs=outputs
+    )
+    assert (status, err, files) == (0, "", ["a.exr", "a.npz", "a.png", "s.json"])
+    stats = json.loads((tmp_path / "s.json").read_text())
+    assert stats["elements"] == 181
+    assert sum(stats["pixels"][name] for name in ("miss", "certain", "ambiguous", "failed")) == 60 * 40
+    assert stats["pixels"]["certain"] > 500
+    assert stats["seconds"]["frame"] > 0
+    assert all(count > 0 for count in stats["bytes"].values())
+    assert set(stats["device"]) >= {"name", "label"}
+    assert np.load(tmp_path / "a.npz")["field"].shape == (40, 60)
+
+
+def test_devices_draw_the_same_automatic_picture(render, tmp_path):
+    for name in ("auto", "vulkan", "vulkan:0", "reference"):
+        assert render(CUBE, *PLANE, "--size", "60x45", "--device", name, outputs=(f"{name}.npz",))[0] == 0
+    auto, vulkan, first, reference = (
+        np.load(tmp_path / f"{name}.npz") for name in ("auto", "vulkan", "vulkan:0", "reference")
+    )
+    for name in auto.files:
+        assert auto[name].tobytes() == vulkan[name].tobytes() == first[name].tobytes()
+    assert np.array_equal(reference["element"], auto["element"])
+    assert np.allclose(reference["field"], auto["field"], rtol=0, atol=1e-11, equal_nan=True)
+    assert np.array_equal(reference["position"], auto["position"], equal_nan=True)
+
+
+@pytest.mark.parametrize("case_name", [CUBE, "bfs_tq7"])
+def test_the_automatic_size_follows_what_is_seen(render, tmp_path, case_name):
+    options = PLANE if case_name == CUBE else ()
+    assert render(case_name, *options, "--device", "vulkan")[0] == 0
+    record = np.load(tmp_path / "a.npz")
+    height, width = record["field"].shape
+    assert width == 1000 or height == 800
+    seen = record["element"] >= 0
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    assert np.ptp(columns) > 0.85 * width
+    assert np.ptp(rows) > 0.85 * height or height == 160
+
+
+def test_cameras_ranges_and_colours(render, tmp_path):
+    look = ("--camera", "2,-1.5,1.4:0.5,0.5,0.5:0,0,1:40", "--range", "0:1", "--colormap", "gray", "--size", "50x40")
+    assert render(CUBE, *PLANE, *look)[0] == 0
+    record = np.load(tmp_path / "a.npz")
+    seen = record["element"] >= 0
+    grey = record["color"][seen]
+    assert np.ptp(grey, axis=1).max() == 0
+    expected = np.clip(record["field"][seen], 0, 1)
+    assert np.abs(grey[:, 0] - expected).max() < 1 / 200
+    assert np.ptp(record["depth"][seen]) > 0.1
+
+
+@pytest.mark.parametrize("view", ["+x", "-y", "+z", "iso", "fit", "2,1,2:0.5,0.5,0.5", "2,1,2:0.5,0.5,0.5:0,1,0"])
+def test_every_kind_of_view(render, view):
+    assert render(CUBE, "--plane", "0.5,0.5,0.5:1,1,1", "--camera", view, "--size", "30x30")[:2] == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ((*PLANE, "--field", "vorticity"), "elvis: error: unknown field 'vorticity': the data hold u, v"),
+        ((), "elvis: error: 3D data need a cut plane: give a point and a normal, such as --plane 0,0,0:0,0,1"),
+        (("--plane", "0,0,7:0,0,1"), "elvis: error: the picture is empty: nothing of the plane through (0, 0, 7)"),
+        ((*PLANE, "--camera", "5,5,5:6,6,6:0,0,1:10"), "elvis: error: the picture is empty: nothing of the plane"),
+        ((*PLANE, "--camera", "1,1,1:1,1,1"), "elvis: error: the view of the camera (at - eye) must be a direction"),
+        ((*PLANE, "--camera", "1,1,5:1,1,1:0,0,1"), "elvis: error: up × view of the camera must be a direction"),
+        ((*PLANE, "--colormap", "rainbowish"), "elvis: error: unknown colour map 'rainbowish'"),
+        ((*PLANE, "--device", "abacus"), "elvis: error: no device 'abacus': found "),
+        ((*PLANE, "--device", "vulkan:99"), "elvis: error: no device 'vulkan:99': found "),
+    ],
+)
+def test_what_cannot_be_drawn_is_said_in_a_sentence(render, options, sentence):
+    status, err, files = render(CUBE, *options, outputs=("a.npz", "a.png"))
+    assert (status, files) == (1, [])
+    assert err.startswith(sentence)
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("device_name", ["vulkan", "reference"])
+@pytest.mark.parametrize("camera", ["fit", "5,5,5:6,6,6:0,0,1:10"])
+def test_an_empty_picture_is_refused_by_every_device(render, device_name, camera):
+    status, err, files = render(CUBE, "--plane", "0,0,7:0,0,1", "--camera", camera, "--device", device_name)
+    assert (status, files) == (1, [])
+    assert err.startswith("elvis: error: the picture is empty: nothing of the plane through (0, 0, 7)")
+    assert "the domain lies between" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "part"),
+    [
+        (("--plane", "0,0,0"), "--plane"),
+        (("--plane", "0,0,0:0,0,0"), "--plane"),
+        (("--plane", "0,0,0:0,0,nan"), "--plane"),
+        (("--size", "0x10"), "--size"),
+        (("--size", "100"), "--size"),
+        (("--size", "99999x10"), "--size"),
+        (("--range", "1:1"), "--range"),
+        (("--range", "1"), "--range"),
+        (("--camera", "above"), "--camera"),
+        (("--camera", "1,2,3:4,5,6:0,0,1:180"), "--camera"),
+        (("--no-such-option",), "--no-such-option"),
+    ],
+)
+def test_a_usage_error_is_two(render, options, part):
+    status, err, files = render(CUBE, *options)
+    assert (status, files) == (2, [])
+    assert part in err
+    assert "see elvis render --help" in err
+    assert err.count("\n") == 1
+
+
+def test_no_output_is_a_usage_error(elvis, shared_files):
+    status, _, err = elvis("render", *shared_files(CUBE), *PLANE)
+    assert status == 2
+    assert "--output" in err
+
+
+@pytest.mark.parametrize(
+    ("outputs", "sentence"),
+    [
+        (("a.npz", "b.jpg"), "expected a name that ends in .png, .exr, .npz, found .jpg"),
+        (("a.npz", "nowhere/b.png"), "there is no folder"),
+    ],
+)
+def test_a_bad_output_stops_before_any_is_written(render, outputs, sentence):
+    status, err, files = render(CUBE, *PLANE, outputs=outputs)
+    assert (status, files) == (1, [])
+    assert sentence in err
+    assert err.count("\n") == 1
+
+
+def test_a_picture_that_stood_there_survives_a_failure(render, tmp_path):
+    (tmp_path / "a.png").write_bytes(b"before")
+    assert render(CUBE, "--plane", "0,0,7:0,0,1", outputs=("a.png",))[0] == 1
+    assert (tmp_path / "a.png").read_bytes() == b"before"
+
+
+def test_a_mesh_alone_and_a_field_alone(elvis, shared_files, tmp_path):
+    mesh, field = shared_files(CUBE)
+    for given, words in ((mesh, ("no field",)), (field, ("mesh",))):
+        status, out, err = elvis("render", given, *PLANE, "-o", tmp_path / "a.png")
+        assert (status, out) == (1, "")
+        assert all(word in err for word in words)
+        assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("case_name", ["line_1d", "sphere_manifold", "chan3dh1d"])
+@pytest.mark.parametrize("device_name", ["vulkan", "reference"])
+def test_data_without_a_plane_picture(render, case_name, device_name):
+    options = ("--plane", "0,0,0:0,0,1") if case_name == "line_1d" else ()
+    status, err, files = render(case_name, *options, "--device", device_name)
+    assert (status, files) == (1, [])
+    assert err.startswith("elvis: error: pictures ")
+    assert err.count("\n") == 1
+
+
+def test_plane_data_take_no_plane(render):
+    status, err, _ = render("quad4", *PLANE)
+    assert (status, err) == (1, "elvis: error: 2D data are drawn in their own plane: leave the cut plane out\n")
+
+
+def test_devices_are_listed(elvis, renderer):
+    renderer("vulkan")
+    status, out, err = elvis("devices")
+    assert (status, err) == (0, "")
+    names = [line.split()[0] for line in out.splitlines()[1:]]
+    assert {"vulkan:0", "cpu", "reference"} <= set(names)
+    listed = json.loads(elvis("devices", "--json")[1])
+    assert [row["name"] for row in listed] == names
+    assert sum(row["auto"] for row in listed) == 1
+    assert all(row["label"] for row in listed)
+
+
+def test_without_a_driver_the_cpu_draws_and_advice_is_given(elvis, monkeypatch):
+    monkeypatch.setattr(device, "adapters", lambda: [Adapter("cpu", "slang's CPU target, one thread", True)])
+    assert device.choose("auto").kind == "cpu"
+    status, out, err = elvis("devices")
+    assert status == 0
+    assert "vulkan" not in out
+    assert "install a Vulkan driver" in err
+    with pytest.raises(device.DeviceError, match=r"no device 'vulkan': found cpu; install a Vulkan driver"):
+        device.choose("vulkan")
+
+
+def test_a_graphics_card_is_preferred_to_software(monkeypatch):
+    found = [Adapter("cuda:0", "card", False), Adapter("vulkan:1", "card", False), Adapter("vulkan:0", "soft", True)]
+    monkeypatch.setattr(device, "adapters", lambda: [*found, Adapter("cpu", "cpu", True)])
+    assert device.choose("auto").name == "vulkan:1"
+    assert device.choose("cuda").name == "cuda:0"
+    assert device.choose("vulkan:0").label == "soft"
+
+
+def test_nothing_is_left_in_the_working_folder(render, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert render(CUBE, *PLANE, "--size", "20x20")[0] == 0
+    assert os.listdir() == []
