@@ -17,6 +17,7 @@ from elvis.formats.arrays import Floats
 from elvis.formats.sampling import sample
 from elvis.renderer import Renderer
 from elvis.renderer.frame import Frame
+from elvis.renderer.picture import picture
 
 STAGES = ("refine", "cut", "draw")
 #: share of the range that one step of an 8-bit colour map spans
@@ -59,8 +60,8 @@ def exact(renderer: Renderer, side: int) -> Frame:
 
 
 def colours(frame: Frame) -> Any:
-    """(h, w, 3) 8-bit colours of a frame."""
-    return np.rint(frame.color * 255).astype(np.uint8)
+    """The bare 8-bit image of a frame."""
+    return picture(frame, plain=True)
 
 
 def frame_stages(renderer: Renderer, side: int) -> dict[str, float]:
