@@ -151,7 +151,7 @@ def test_plugins_lists_each_with_its_state(elvis):
     assert state["commands", "hello", "miniature 1.2"] == "ok"
     assert state["commands", "raises", "miniature 1.2"] == "RuntimeError: the licence of raises has expired"
     assert state["commands", "plugins", "miniature 1.2"].startswith("hidden")
-    assert state["volumes", "fourier", "miniature 1.2"] == "ok"
+    assert state["volumes", "wavelets", "miniature 1.2"] == "ok"
 
 
 def test_plugins_in_a_pipe_is_bare_text(elvis):

@@ -50,6 +50,14 @@ def installed() -> list[Candidate]:
 
 def in_file(path: Path) -> list[Candidate]:
     """The converters that a Python file defines, by class name; PluginError where it has none or doesn't load."""
+    own = [value for value in defined_in(path) if issubclass(value, Converter)]
+    if not own:
+        raise PluginError(f"{path}: expected a subclass of elvis.plugins.conversion.Converter, found none")
+    return [Candidate(converter.__name__, converter) for converter in own]
+
+
+def defined_in(path: Path) -> list[type]:
+    """The classes that a Python file defines; PluginError where it doesn't load."""
     spec = spec_from_file_location(f"elvis_plugin_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
         raise PluginError(f"{path}: expected a Python file, found none")
@@ -59,14 +67,7 @@ def in_file(path: Path) -> list[Candidate]:
         spec.loader.exec_module(module)
     except Exception as error:
         raise PluginError(f"{path}: does not load: {type(error).__name__}: {error}") from error
-    own = [value for value in vars(module).values() if _is_converter(value, spec.name)]
-    if not own:
-        raise PluginError(f"{path}: expected a subclass of elvis.plugins.conversion.Converter, found none")
-    return [Candidate(converter.__name__, converter) for converter in own]
-
-
-def _is_converter(value: object, module: str) -> bool:
-    return isinstance(value, type) and issubclass(value, Converter) and value.__module__ == module
+    return [value for value in vars(module).values() if isinstance(value, type) and value.__module__ == spec.name]
 
 
 def chosen(candidates: Sequence[Candidate], paths: Sequence[Path], name: str | None = None) -> Candidate:

@@ -12,11 +12,13 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
+from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
 from elvis.plugins.volume import Volume
 from elvis.renderer.cut import NOBODY, Cutter, Pixels
 from elvis.renderer.device import Device
 from elvis.renderer.errors import SceneError
+from elvis.renderer.examining import check_on_device
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
 from elvis.renderer.probing import Finder, Places
@@ -24,43 +26,94 @@ from elvis.renderer.scene import Plane, Scene
 from elvis.renderer.view import View, seen
 
 
-def render(dataset: Dataset, scene: Scene | None = None, *, device: str = "auto", **options: Any) -> Frame:
-    """A picture of a dataset.
+def render(dataset: Dataset | Opened, scene: Scene | None = None, *, device: str = "auto", **options: Any) -> Frame:
+    """A picture of a dataset, or of what a runtime plugin has opened.
 
     scene    what to draw; or its parts as keywords: ``render(data, field="u", plane=Plane((0, 0, 0), (0, 0, 1)))``
     device   ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or the name of a device plugin such as ``reference``
 
     Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used.
     """
-    scene = completed(dataset, scene or Scene(**{"field": default_field(dataset), **options}))
+    scene = scene or Scene(**{"field": options.get("field") or default_field(dataset), **options})
+    if isinstance(dataset, Opened):
+        return drawn(dataset, scene, device)
+    scene = completed(dataset, scene)
     if device in plugins("elvis.devices"):
         draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
-        return draw(dataset, scene)
+        return draw(dataset, scene) if scene.field in _names(dataset) else _judged(draw, dataset, scene)
     with Renderer(device) as renderer:
         renderer.load(dataset, scene.field)
         return renderer.render(scene)
 
 
-def default_field(dataset: Dataset) -> str:
-    """The first field; SceneError where the dataset has none."""
-    if not dataset.fields:
+def drawn(opened: Opened, scene: Scene, device: str) -> Frame:
+    """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
+    scene = _with_field(scene, opened.fields)
+    volume = opened.volume(scene.field)
+    scene = _with_plane(scene, volume.dimension)
+    if device in plugins("elvis.devices"):
+        raise SceneError(f"the device {device!r} draws the native format only, not what the plugin {opened.name} opens")
+    with Renderer(device) as renderer:
+        remarks = check_on_device(renderer.device, opened.name, volume)
+        renderer.show(volume)
+        frame = renderer.render(scene)
+    frame.stats["remarks"] = remarks
+    return frame
+
+
+def default_field(data: Dataset | Opened) -> str:
+    """The first field; SceneError where the data have none."""
+    names = _names(data)
+    if not names:
         raise SceneError("the data hold a mesh but no field: give the field file too")
-    return dataset.fields[0].name
+    return names[0]
 
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
-    """The scene with its field checked and a plane: z = 0 for 2D data; else it must be given."""
-    default_field(dataset)
-    known = [field.name for field in dataset.fields]
-    if scene.field not in known:
-        raise SceneError(f"unknown field {scene.field!r}: the data hold {', '.join(known)}")
-    if dataset.mesh.dimension == 2:
+    """The scene with its field checked and a plane: z = 0 for 2D data; else it must be given.
+
+    A field that the data don't hold is one in closed form, an expression of x, y and z.
+    """
+    return _with_plane(_with_field(scene, _names(dataset), is_mesh=True), dataset.mesh.dimension)
+
+
+def _names(data: Dataset | Opened) -> tuple[str, ...]:
+    return data.fields if isinstance(data, Opened) else tuple(field.name for field in data.fields)
+
+
+def _with_field(scene: Scene, known: tuple[str, ...], is_mesh: bool = False) -> Scene:
+    """The scene, if its field is known or, on a mesh, an expression; SceneError where it is neither."""
+    if scene.field in known:
+        return scene
+    unknown = f"unknown field {scene.field!r}: the data hold {', '.join(known) or 'none'}"
+    if not is_mesh:
+        raise SceneError(unknown)
+    try:
+        cast(Any, load("elvis.volumes", "analytic")).parse(scene.field)
+    except ElvisError as error:
+        raise SceneError(unknown if scene.field.isidentifier() else f"{unknown}; {error}") from error
+    return scene
+
+
+def _with_plane(scene: Scene, dimension: int) -> Scene:
+    """The scene with its plane: that of 2D data; else it must be given."""
+    if dimension == 2:
         if scene.plane is not None:
             raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
         return replace(scene, plane=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
     if scene.plane is None:
         raise SceneError("3D data need a cut plane: give a point and a normal, such as --plane 0,0,0:0,0,1")
     return scene
+
+
+def _judged(draw: Callable[[Dataset, Scene], Frame], dataset: Dataset, scene: Scene) -> Frame:
+    """An expression drawn by a device plugin: it finds the points, the expression says the values there."""
+    analytic = cast(Any, load("elvis.volumes", "analytic"))
+    frame = draw(analytic.carrier(dataset), replace(scene, field="x"))
+    y, x = np.nonzero(frame.seen)
+    field = np.full(frame.field.shape, np.nan)
+    field[y, x] = analytic.parse(scene.field)(frame.view.points_of(x, y))
+    return replace(frame, scene=replace(frame.scene, field=scene.field), field=field)
 
 
 class Renderer:
@@ -153,5 +206,6 @@ class Renderer:
 
 
 def _volume(dataset: Dataset, field: str) -> Volume:
-    """One field of a dataset, from the runtime plugin that serves datasets."""
-    return cast(Volume, cast(Any, load("elvis.volumes", "native")).of(dataset, field))
+    """One field of a dataset, from the runtime plugin that serves datasets, or that for fields in closed form."""
+    name = "native" if field in _names(dataset) else "analytic"
+    return cast(Volume, cast(Any, load("elvis.volumes", name)).of(dataset, field))

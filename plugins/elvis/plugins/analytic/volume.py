@@ -26,6 +26,16 @@ class AnalyticVolume:
     parts: Sequence[Part]
     shader_folder: Path
 
+    #: the expression that a text says
+    parse = staticmethod(Expression.parse)
+
+    @staticmethod
+    def carrier(dataset: Dataset) -> Dataset:
+        """The mesh with one field, its own coordinate ``x``; maps that travel as fields stay where they are."""
+        blocks = tuple(Block(own.expansion, own.element_ids, own.coefficients[:, 0]) for own in geometry(dataset))
+        maps = tuple(field for field in dataset.fields if field.name.startswith("map_"))
+        return replace(dataset, fields=(*maps, Field("x", blocks)))
+
     @staticmethod
     def of(dataset: Dataset, expression: str) -> AnalyticVolume:
         """All elements of a dataset's mesh with the field that an expression of x, y and z says.
@@ -33,16 +43,9 @@ class AnalyticVolume:
         Raises ElvisError for what is no expression, and for meshes without pictures (see NativeVolume).
         """
         function = Expression.parse(expression)
-        native = NativeVolume.of(carrier(dataset), "x")
+        native = NativeVolume.of(AnalyticVolume.carrier(dataset), "x")
         parts = [_expressed(part, function) for part in native.parts]
         return AnalyticVolume(native.dimension, parts, native.shader_folder)
-
-
-def carrier(dataset: Dataset) -> Dataset:
-    """The mesh with one field, its own coordinate ``x``; maps that travel as fields stay where they are."""
-    blocks = tuple(Block(own.expansion, own.element_ids, own.coefficients[:, 0]) for own in geometry(dataset))
-    maps = tuple(field for field in dataset.fields if field.name.startswith("map_"))
-    return replace(dataset, fields=(*maps, Field("x", blocks)))
 
 
 def _expressed(part: Part, function: Expression) -> Part:

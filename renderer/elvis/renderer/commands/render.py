@@ -18,6 +18,8 @@ Examples:
   elvis render wing.xml wing.fld --field p --plane 0,0,0.2:0,0,1 -o wing.png
   elvis render plane.xml plane.fld --field u --range -1:1 --colormap coolwarm -o u.png
   elvis render wing.xml wing.fld --field p --plane 0,0,0:1,1,0 --camera iso -o p.npz -o p.exr
+  elvis render wing.xml --field "sin(x)*exp(y)" --plane 0,0,0:0,0,1 -o waves.png
+  elvis render mine.dat --plugin my_plugin.py --plane 0,0,0:0,0,1 -o mine.png
   elvis render wing.xml wing.fld --field p --plane 0,0,0:0,0,1 --camera 3,-4,2:0,0,0:0,0,1:30 -o view.png
 """
 CAMERA = (
@@ -29,7 +31,12 @@ OUTPUT = click.Path(path_type=Path, dir_okay=False)
 
 @click.command(epilog=EPILOG, short_help="Draw a cut plane or a 2D solution, exact at every pixel.")
 @data_argument
-@click.option("--field", "-f", help="The field that colours the picture.  [default: the first]")
+@click.option(
+    "--field",
+    "-f",
+    help='The field that colours the picture, or a formula such as "sin(x)*exp(y)".  [default: the first]',
+)
+@click.option("--plugin", metavar="NAME|FILE.py", help="The runtime plugin that opens DATA.  [default: one that can]")
 @click.option("--plane", metavar="POINT:NORMAL", callback=parameters.plane, help="The cut plane, for 3D data.")
 @click.option("--camera", metavar="VIEW", default="fit", show_default=True, callback=parameters.camera, help=CAMERA)
 @click.option(
@@ -53,7 +60,7 @@ OUTPUT = click.Path(path_type=Path, dir_okay=False)
 )
 @click.option("--stats", type=OUTPUT, help="Write seconds, bytes and counts as JSON.")
 def render(data: tuple[Path, ...], outputs: tuple[Path, ...], stats: Path | None, plain: bool, **options: Any) -> None:
-    """Draw DATA (mesh and field files, in any order): every pixel from the solver's own polynomials."""
+    """Draw DATA (mesh and field files, in any order): every pixel from the solver's own functions."""
     from elvis.formats.output import check_place
     from elvis.renderer.saving import check_suffix
 
@@ -68,18 +75,25 @@ def render(data: tuple[Path, ...], outputs: tuple[Path, ...], stats: Path | None
         _write_stats(frame, stats)
     failed = frame.counts()["failed"]
     if failed:
-        click.echo(
-            f"elvis: warning: {failed} pixels failed: an element may be there, but its map did not invert", err=True
-        )
+        _warn(f"{failed} pixels failed: an element may be there, but its map did not invert")
+    for remark in frame.stats.get("remarks", ()):
+        _warn(remark)
 
 
-def _frame(data: tuple[Path, ...], field: str | None, colormap: str, device: str, **options: Any) -> Frame:
-    """Read the data and draw them."""
+def _warn(sentence: str) -> None:
+    click.echo(f"elvis: warning: {sentence}", err=True)
+
+
+def _frame(
+    data: tuple[Path, ...], field: str | None, plugin: str | None, colormap: str, device: str, **options: Any
+) -> Frame:
+    """Read the data, or let a runtime plugin open them, and draw them."""
     from elvis.formats.terminal import stage
+    from elvis.plugins.opening import open_files
     from elvis.renderer import Scene, default_field
     from elvis.renderer import render as draw
 
-    dataset = read_data(data)
+    dataset = open_files(data, plugin, _warn) or read_data(data)
     scene = Scene(
         field=field or default_field(dataset),
         plane=options["plane"],

@@ -1,0 +1,106 @@
+"""Which runtime plugin opens given files: one that is installed, or one in a file that the user names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from elvis.formats.errors import ElvisError
+from elvis.plugins.discovery import defined_in
+from elvis.plugins.registry import PluginError, plugins
+from elvis.plugins.source import VolumeSource
+from elvis.plugins.volume import Volume
+from elvis.plugins.volume_checks import check_volume
+
+GROUP = "elvis.volumes"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Opened:
+    """Data that a plugin has opened; whatever goes wrong in the plugin's own code is a PluginError with its name."""
+
+    name: str
+    source: VolumeSource
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The names of the fields."""
+        return guarded(self.name, "its fields", lambda: tuple(self.source.fields))
+
+    def volume(self, field: str) -> Volume:
+        """The elements with one field, after a check of all that can be told without a device."""
+        volume = guarded(self.name, f"the volume of {field!r}", lambda: self.source.volume(field))
+        check_volume(self.name, volume)
+        return volume
+
+
+def open_files(
+    paths: Sequence[Path], plugin: str | None = None, report: Callable[[str], object] = str
+) -> Opened | None:
+    """The files, opened by the one plugin that says so; None where there is none.
+
+    plugin  the name of an installed plugin, or a Python file that defines one, to be used and no other
+    report  is told, in a sentence, of plugins that fail when they are asked
+    """
+    candidates = named(plugin) if plugin is not None else installed()
+    if plugin is None:
+        candidates = {name: source for name, source in candidates.items() if _opens(name, source, paths, report)}
+    if len(candidates) > 1:
+        files = ", ".join(map(str, paths))
+        raise ElvisError(f"{files}: {' and '.join(candidates)} open them all; choose one with --plugin")
+    if not candidates:
+        return None
+    ((name, source),) = candidates.items()
+    return Opened(name, guarded(name, f"opening {paths[0]}", lambda: source(paths)))
+
+
+def installed() -> dict[str, type[VolumeSource]]:
+    """All runtime plugins that open files, by name, without those that don't load (see ``elvis plugins``)."""
+    found = {}
+    for name, plugin in plugins(GROUP).items():
+        try:
+            loaded = plugin.load()
+        except PluginError:
+            continue
+        if isinstance(loaded, type) and issubclass(loaded, VolumeSource):
+            found[name] = loaded
+    return found
+
+
+def named(plugin: str) -> dict[str, type[VolumeSource]]:
+    """The plugin of that name, or the one that a Python file defines; PluginError where there is none."""
+    if Path(plugin).suffix == ".py":
+        own = [kind for kind in defined_in(Path(plugin)) if issubclass(kind, VolumeSource)]
+        if len(own) != 1:
+            raise PluginError(f"{plugin}: expected one subclass of elvis.plugins.source.VolumeSource, found {len(own)}")
+        return {own[0].__name__: own[0]}
+    known = plugins(GROUP)
+    if plugin not in known:
+        raise PluginError(f"there is no {GROUP} plugin {plugin!r}; there are: {', '.join(known) or 'none'}")
+    loaded = known[plugin].load()
+    if not (isinstance(loaded, type) and issubclass(loaded, VolumeSource)):
+        raise PluginError(f"{known[plugin]} opens no files: it is not a subclass of elvis.plugins.source.VolumeSource")
+    return {plugin: loaded}
+
+
+def _opens(name: str, source: type[VolumeSource], paths: Sequence[Path], report: Callable[[str], object]) -> bool:
+    """Whether the plugin opens the files; one that raises doesn't."""
+    try:
+        return bool(source.opens(paths))
+    except Exception as error:
+        report(f"plugin {name} is left out: asked for {paths[0]} it raises {type(error).__name__}: {error}")
+        return False
+
+
+def guarded(name: str, what: str, work: Callable[[], T]) -> T:
+    """The result of a plugin's own code; what it raises becomes a PluginError with its name, but for our own errors."""
+    try:
+        return work()
+    except (ElvisError, MemoryError):
+        raise
+    except Exception as error:
+        raise PluginError(f"plugin {name}: {what}: {type(error).__name__}: {error}") from error
