@@ -32,7 +32,7 @@ def compiling() -> Iterator[None]:
 def diagnostics(text: str) -> str:
     """The errors of a compilation that lie in files, with file and line; all of the text where there is none."""
     blocks = [block.strip() for block in _START.split(text)]
-    errors = [block for block in blocks if not block.startswith(("warning", "note"))]
+    errors = [block for block in blocks if not block.startswith(("warning", "note")) and "import failed" not in block]
     placed = [block for block in errors if (found := _PLACE.search(block)) and Path(found[1]).is_file()]
     chosen = dict.fromkeys(re.sub(r"\n-+'?$", "", block) for block in placed)
     return "\n".join(chosen) or text.strip()

@@ -9,16 +9,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
 from elvis.plugins.volume import Volume
+from elvis.plugins.volume_checks import Samples
 from elvis.renderer.cut import NOBODY, Cutter, Pixels
 from elvis.renderer.device import Device
 from elvis.renderer.errors import SceneError
-from elvis.renderer.examining import check_on_device
+from elvis.renderer.examining import check_on_device, examine
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
 from elvis.renderer.probing import Finder, Places
@@ -151,6 +152,12 @@ class Renderer:
             raise ElvisError("load a dataset before probing")
         self._finder = self._finder or Finder(self.device, self._volume)
         return self._finder.find(points)
+
+    def examine(self, part: int, elements: Ints, offsets: Floats) -> Samples:
+        """What elements (n,) of a part answer at offsets (n, 3) from their type's centre; for checks of plugins."""
+        if self._volume is None:
+            raise ElvisError("load a dataset before examining")
+        return examine(self.device, self._volume, part, elements, offsets)
 
     def render(self, scene: Scene, *, references: bool = True) -> Frame:
         """A picture of the volume; the scene has a plane.  Only exact records need reference coordinates."""

@@ -7,5 +7,16 @@ conversion = check(MySolver, ["case.dat"])          raises AssertionError with a
 from elvis.plugins.testing.analytic import Analytic, Given
 from elvis.plugins.testing.kit import check
 from elvis.plugins.testing.probing import Probe, native_places, positions_at, values_at, values_found
+from elvis.plugins.testing.runtime import check_volume
 
-__all__ = ["Analytic", "Given", "Probe", "check", "native_places", "positions_at", "values_at", "values_found"]
+__all__ = [
+    "Analytic",
+    "Given",
+    "Probe",
+    "check",
+    "check_volume",
+    "native_places",
+    "positions_at",
+    "values_at",
+    "values_found",
+]

@@ -1,0 +1,112 @@
+"""The test of a runtime plugin: its maps, boxes and values on a device, against each other and against NumPy.
+
+from elvis.plugins.testing import check_volume
+with Renderer() as renderer:
+    check_volume(MyPlugin([path]).volume("p"), renderer)     raises AssertionError with a sentence where it is wrong
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.plugins import volume_checks
+from elvis.plugins.volume import Part, Volume
+from elvis.plugins.volume_checks import Samples, probes
+
+#: reference step of central differences, and how far they may be from derivatives
+_STEP, _DIFFERENCE = 1e-4, 1e-5
+#: what rounding does to values and places
+_ROUNDING = 1e-11
+
+
+class Found(Protocol):
+    """Where points are: global id of the element (n,), -1 where there is none, and reference point (n, 3)."""
+
+    @property
+    def element(self) -> Ints: ...  # noqa: D102
+    @property
+    def reference(self) -> Floats: ...  # noqa: D102
+    @property
+    def status(self) -> NDArray[np.uint8]: ...  # noqa: D102
+
+
+class Examiner(Protocol):
+    """What the kit asks of a device: an elvis.renderer.Renderer."""
+
+    def show(self, volume: Volume) -> None:
+        """Bring the volume to the device."""
+
+    def examine(self, part: int, elements: Ints, offsets: Floats) -> Samples:
+        """Samples in elements of a part, at offsets from the centre of their type."""
+        ...
+
+    def probe(self, points: Floats) -> Found:
+        """Where world points (n, 3) are."""
+        ...
+
+
+def check_volume(volume: Volume, examiner: Examiner, name: str = "under test") -> None:
+    """AssertionError, in a sentence, where the volume breaks a promise.
+
+    Buffers and boxes are as they should be; derivatives of the map are those of its positions; elements lie in their
+    boxes; the inverse map brings back what the map brought; values and positions are those of ``Part.evaluate``.
+    """
+    volume_checks.check_volume(name, volume)
+    examiner.show(volume)
+    for number, part in enumerate(volume.parts):
+        elements, offsets = probes(part)
+        samples = examiner.examine(number, elements, offsets)
+        volume_checks.check_samples(name, part, elements, samples)
+        _check_derivatives(examiner, number, part, elements, offsets, samples)
+        inside = samples.margin > 1e-6
+        assert inside.any(), f"{part.type}: expected points with a positive margin near the centre, found none"
+        reference = (samples.center + offsets)[inside]
+        _check_round_trip(examiner, part, volume.dimension, elements[inside], reference, samples.position[inside])
+        if part.evaluate is not None:
+            _check_twin(part, elements[inside], reference, samples.position[inside], samples.value[inside])
+
+
+def _check_derivatives(
+    examiner: Examiner, number: int, part: Part, elements: Ints, offsets: Floats, samples: Samples
+) -> None:
+    """The Jacobian is the central difference of positions, where that stays inside."""
+    inside = samples.margin > 10 * _STEP
+    size = np.abs(samples.jacobian[inside]).max(initial=1e-300)
+    for axis in range(3):
+        step = _STEP * np.eye(3)[axis]
+        high, low = (examiner.examine(number, elements, offsets + sign * step) for sign in (1, -1))
+        difference = (high.position - low.position) / (2 * _STEP)
+        error = np.abs(difference - samples.jacobian[:, :, axis])[inside].max(initial=0.0)
+        assert error <= _DIFFERENCE * size, (
+            f"{part.type}: expected d(position)/d(r.{'xyz'[axis]}) to be that of the positions, "
+            f"found a difference of {error / size:.3g} of its size"
+        )
+
+
+def _check_round_trip(
+    examiner: Examiner, part: Part, dimension: int, elements: Ints, reference: Floats, positions: Floats
+) -> None:
+    """Points of elements are found, at their reference points where it is in their own element."""
+    axes = np.arange(3) < dimension
+    found = examiner.probe(np.where(axes, positions, 0.0))
+    lost = np.flatnonzero(found.element < 0)
+    assert not len(lost), f"{part.type}: expected to find a point of element {elements[lost[0]]}, found it nowhere"
+    own = found.element == part.element_ids[elements]
+    error = np.abs(found.reference - reference)[own][:, axes].max(initial=0.0)
+    assert error <= 1e-8, f"{part.type}: expected the inverse map to lead back, found it off by {error:.3g}"
+
+
+def _check_twin(part: Part, elements: Ints, reference: Floats, positions: Floats, values: Floats) -> None:
+    """Positions and values are those that NumPy computes."""
+    assert part.evaluate is not None
+    twins = part.evaluate(elements, reference)
+    for what, found, wanted in (("positions", positions, twins[0]), ("values", values, twins[1])):
+        assert found.shape == np.shape(wanted), f"{part.type}: expected {found.shape} {what}, found {np.shape(wanted)}"
+        error = np.nanmax(np.abs(found - wanted), initial=0.0)
+        assert error <= _ROUNDING * np.abs(wanted).max(initial=1e-300), (
+            f"{part.type}: expected the {what} that NumPy gives, found them off by {error:.3g}"
+        )
