@@ -59,7 +59,7 @@ def _geometry(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
         "given_by_fields": "GeometryMap" in dataset.metadata,
         "expansions": [_expansion(block.expansion, len(block)) for block in blocks],
         "box": _box(dataset, ranges),
-        "jacobian": _jacobian(blocks, dataset.mesh.space),
+        "jacobian": jacobian(blocks, dataset.mesh.space),
     }
 
 
@@ -77,7 +77,7 @@ def _end(found: Range | None, end: str) -> float | None:
     return None if found is None else getattr(found, end)
 
 
-def _jacobian(blocks: Sequence[GeometryBlock], space: int) -> Facts:
+def jacobian(blocks: Sequence[GeometryBlock], space: int) -> Facts:
     """Extremes of the Jacobian determinant at quadrature points, and the elements where it is not positive there."""
     least, greatest, wrong = np.inf, -np.inf, []
     for block in blocks:

@@ -20,6 +20,7 @@ EPILOG = """\b
 Examples:
   elvis info wing.xml wing.fld
   elvis info --json wing.xml wing.fld >facts.json
+  elvis info --strict wing.xml wing.fld
 """
 
 
@@ -27,7 +28,8 @@ Examples:
 @data_argument
 @json_option
 @click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
-def info(data: tuple[Path, ...], as_json: bool, everything: bool) -> None:
+@click.option("--strict", is_flag=True, help="Check every rule that other programs of the format go by; fail if any.")
+def info(data: tuple[Path, ...], as_json: bool, everything: bool, strict: bool) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
     Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
@@ -36,6 +38,9 @@ def info(data: tuple[Path, ...], as_json: bool, everything: bool) -> None:
     from elvis.formats.summary import summary
     from elvis.formats.terminal import print_json, stage
 
+    if strict:
+        _check(data, as_json)
+        return
     dataset = read_data(data)
     with stage("measuring"):
         facts = summary(dataset)
@@ -43,6 +48,22 @@ def info(data: tuple[Path, ...], as_json: bool, everything: bool) -> None:
         print_json(facts)
         return
     _print(facts, None if everything else _MANY)
+
+
+def _check(data: tuple[Path, ...], as_json: bool) -> None:
+    """Print the rules that the files break; ElvisError where there are any."""
+    from elvis.formats.errors import ElvisError
+    from elvis.formats.strict import findings
+    from elvis.formats.terminal import print_json, stage
+
+    with stage("checking"):
+        found = findings(*data)
+    if as_json:
+        print_json({"findings": [{"place": each.place, "sentence": each.sentence} for each in found]})
+    else:
+        click.echo("\n".join(map(str, found)) or "all rules are kept")
+    if found:
+        raise ElvisError(f"expected files that keep all rules, found {len(found)} that are broken")
 
 
 def _print(facts: Facts, many: int | None) -> None:

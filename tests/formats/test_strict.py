@@ -1,0 +1,242 @@
+"""Strict rules: what is written keeps them all, and each of them is missed when it is broken."""
+
+import re
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from elvis.formats import read, write
+from elvis.formats.commands.info import info
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.formats.shapes import Shape
+from elvis.formats.strict import findings
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
+
+
+def with_fields(mesh, modes=4):
+    dataset = Dataset(mesh)
+    functions = {"u": lambda x: x[:, 0] ** 2 + x[:, 1], "v": lambda x: x[:, 0] - x[:, 2]}
+    return replace(dataset, fields=tuple(approximated(dataset, n, f, modes) for n, f in functions.items()))
+
+
+MESHES = {
+    "volume": lambda: curved(shuffled(mixed_volume(3), 1), ripple(0.05), 4),
+    "plane": lambda: curved(mixed_plane(1), ripple(0.05), 3),
+    **{shape.label: lambda shape=shape: curved(grid(shape, 2), ripple(0.02), 3) for shape in Shape},
+}
+
+
+@pytest.fixture(scope="module")
+def volume():
+    return with_fields(MESHES["volume"]())
+
+
+@pytest.mark.parametrize("mesh", list(MESHES))
+@pytest.mark.parametrize("form", ["compressed", "text", "hdf5"])
+def test_written_files_keep_all_rules(mesh, form, tmp_path):
+    dataset = with_fields(MESHES[mesh]())
+    write(dataset, tmp_path / "a.xml", mesh_format=form, field_format="hdf5" if form == "hdf5" else "xml")
+    assert findings(tmp_path / "a.xml", tmp_path / "a.fld") == ()
+    assert findings(tmp_path / "a.xml") == () if form == "compressed" else True
+
+
+def test_mixed_orders_keep_all_rules(tmp_path):
+    dataset = with_fields(grid(Shape.TETRAHEDRON, 1))
+    low, high = with_fields(dataset.mesh, 3), dataset
+    field = replace(
+        dataset.fields[0],
+        blocks=tuple(
+            replace(b, element_ids=b.element_ids[rows], coefficients=b.coefficients[rows])
+            for b, rows in ((low.fields[0].blocks[0], slice(0, 2)), (high.fields[0].blocks[0], slice(2, None)))
+        ),
+    )
+    for form in ("xml", "hdf5"):
+        write(replace(dataset, fields=(field,)), tmp_path / "a.xml", field_format=form)
+        assert findings(tmp_path / "a.xml", tmp_path / "a.fld") == ()
+
+
+def cut_digits(text):
+    return re.sub(r"(?<=[ >-])\d+\.\d+(?:e-?\d+)?", lambda m: f"{float(m[0]):.9g}", text)
+
+
+def twice(pattern, id):
+    """The first entry that matches, once more under another id."""
+
+    def edit(text):
+        entry = re.search(pattern, text)[0]
+        return text.replace(entry, entry + re.sub(r'ID="\d+"', f'ID="{id}"', entry, count=1), 1)
+
+    return edit
+
+
+def swap(pattern, text):
+    """Exchange the first two numbers of the first entry that matches."""
+    return re.sub(pattern, r"\1\3 \2", text, count=1)
+
+
+MESH_DAMAGE = {
+    "attribute": (lambda t: t.replace('DIM="3"', 'DIM="3" COLOUR="red"'), "expected only DIM, SPACE"),
+    "digits": (cut_digits, "17 digits, found 9"),
+    "edge twice": (twice(r'<E ID="0">.*?</E>', 9999), "edges: expected each once, found 9999"),
+    "triangle twice": (twice(r'<T ID="\d+">.*?</T>', 9999), "triangles: expected each once"),
+    "element twice": (twice(r'<A ID="\d+">.*?</A>', 9999), "tetrahedrons: expected each once"),
+    "collapsed vertex": (lambda t: re.sub(r'(<T ID="\d+">)(\d+) (\d+) (\d+)', r"\1\3 \4 \2", t, count=1), "collapsed"),
+    "open polygon": (lambda t: re.sub(r'(<Q ID="\d+">)(\d+) (\d+)', r"\1\3 \2", t, count=1), "closed polygon"),
+    "straight edge of a curved face": (
+        lambda t: re.sub(r'<E ID="\d+" EDGEID="0".*?</E>', "", t, count=1, flags=re.S),
+        "edges curved with as many points",
+    ),
+    "family of nodes": (lambda t: t.replace("NodalTriEvenlySpaced", "NodalTriElec"), "found NodalTriElec"),
+    "end of a curve": (lambda t: re.sub(r'(<V ID="0">)\S+', r"\g<1>0.01", t, count=1), "from vertex to vertex"),
+    "blank in brackets": (lambda t: re.sub(r"(<C ID=\S+ NAME[^>]*> \w)\[", r"\1[ ", t, count=1), "without blanks"),
+    "no domain": (lambda t: re.sub(r"<DOMAIN>.*?</DOMAIN>", "", t, flags=re.S), "expected a DOMAIN"),
+    "text of the domain": (lambda t: t.replace("<DOMAIN> C[", "<DOMAIN> D["), "expected C[ids]"),
+    "unknown composite": (lambda t: t.replace("<DOMAIN> C[0-3]", "<DOMAIN> C[0-3,77]"), "composites of the mesh"),
+    "shapes mixed": (
+        lambda t: re.sub(r'(<C ID="0"[^>]*>)([^<]*)(</C>)', r"\1\2 H[0] A[0]\3", t),
+        "elements of one shape",
+    ),
+    "boundary in the domain": (lambda t: t.replace("<DOMAIN> C[0-3]", "<DOMAIN> C[0-4]"), "elements of one shape"),
+    "no expansions": (lambda t: re.sub(r"<EXPANSIONS>.*</EXPANSIONS>", "", t, flags=re.S), "expected rules"),
+    "expansion of a composite": (lambda t: re.sub(r'<E COMPOSITE="C\[1\]".*?/>', "", t), "a rule for composite 1"),
+    "names of fields": (lambda t: t.replace('FIELDS="u,v"', 'FIELDS="u"'), "names the field v"),
+    "modes": (lambda t: t.replace('NUMMODES="4"', 'NUMMODES="3"'), "NUMMODES of 4 or more"),
+}
+
+
+@pytest.mark.parametrize("name", list(MESH_DAMAGE))
+def test_damaged_meshes_are_found(name, volume, tmp_path):
+    edit, sentence = MESH_DAMAGE[name]
+    write(volume, tmp_path / "a.xml", mesh_format="text")
+    before = (tmp_path / "a.xml").read_text()
+    after = edit(before)
+    assert after != before
+    (tmp_path / "a.xml").write_text(after)
+    assert sentence in "\n".join(map(str, findings(tmp_path / "a.xml", tmp_path / "a.fld")))
+
+
+def wrapped(text):
+    return re.sub(r"([A-Za-z0-9+/]{76})(?=[A-Za-z0-9+/])", r"\1\n", text)
+
+
+FIELD_DAMAGE = {
+    "lines": (wrapped, "on one line"),
+    "encoding": (lambda t: re.sub(r' COMPRESSED="\S+"', "", t), "expected COMPRESSED"),
+    "modes that descend": (lambda t: t.replace("UNIORDER:4,4,4", "UNIORDER:4,4,3"), "expected"),
+    "two sections": (lambda t: re.sub(r"(<ELEMENTS.*?</ELEMENTS>)", r"\1\1", t, count=1, flags=re.S), "one section a"),
+    "missing elements": (
+        lambda t: re.sub(r"<ELEMENTS.*?</ELEMENTS>", "", t, count=1, flags=re.S),
+        "elements of the domain, found none",
+    ),
+    "count": (lambda t: re.sub(r' ID="([\d-]+)', r' ID="900,\1', t, count=1), "expected"),
+}
+
+
+@pytest.mark.parametrize("name", list(FIELD_DAMAGE))
+def test_damaged_fields_are_found(name, volume, tmp_path):
+    edit, sentence = FIELD_DAMAGE[name]
+    write(volume, tmp_path / "a.xml")
+    before = (tmp_path / "a.fld").read_text()
+    assert edit(before) != before
+    (tmp_path / "a.fld").write_text(edit(before))
+    assert sentence in "\n".join(map(str, findings(tmp_path / "a.xml", tmp_path / "a.fld")))
+
+
+def test_lines_and_forms_of_compressed_meshes(volume, tmp_path):
+    write(volume, tmp_path / "a.xml")
+    text = (tmp_path / "a.xml").read_text()
+    (tmp_path / "a.xml").write_text(wrapped(text))
+    assert "on one line" in str(findings(tmp_path / "a.xml", tmp_path / "a.fld")[0])
+    write(volume, tmp_path / "b.xml", mesh_format="text")
+    curves = re.search(r"<CURVED>.*</CURVED>", (tmp_path / "b.xml").read_text(), re.S)[0]
+    mixed = re.sub(r"<CURVED .*</CURVED>", lambda _: curves, text, flags=re.S)
+    (tmp_path / "a.xml").write_text(mixed)
+    assert "expected compressed like VERTEX" in "\n".join(map(str, findings(tmp_path / "a.xml", tmp_path / "a.fld")))
+
+
+def test_negative_jacobians_are_found(tmp_path):
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    write(replace(Dataset(mesh), mesh=replace(mesh, vertices=mesh.vertices * [1, 1, -1])), tmp_path / "a.xml")
+    assert [str(each) for each in findings(tmp_path / "a.xml")] == [
+        "elements: expected positive Jacobians of the mesh, found others in 1: 0"
+    ]
+
+
+def retyped(name, dtype):
+    """Store a dataset again with another type."""
+
+    def edit(file):
+        values = file[name][()]
+        del file[name]
+        file.create_dataset(name, data=values.astype(dtype))
+
+    return edit
+
+
+def attribute(group, name, value, dtype=None):
+    return lambda file: file[group].attrs.create(name, value, dtype=dtype)
+
+
+def removed(name):
+    def edit(file):
+        del file[name]
+
+    return edit
+
+
+FIXED = h5py.string_dtype("ascii", 16)
+HDF5_DAMAGE = {
+    "mesh version": ("a.nekg", attribute("NEKTAR/GEOMETRY", "FORMAT_VERSION", 1, np.int64), "as one uint32"),
+    "vertices": ("a.nekg", retyped("NEKTAR/GEOMETRY/MESH/VERT", "f4"), "expected float64"),
+    "faces": ("a.nekg", retyped("NEKTAR/GEOMETRY/MESH/TRI", "i8"), "expected int32, found int64"),
+    "ids": ("a.nekg", retyped("NEKTAR/GEOMETRY/MAPS/HEX", "i8"), "expected int32, found int64"),
+    "composites": ("a.nekg", retyped("NEKTAR/GEOMETRY/MESH/COMPOSITE", "S20"), "strings of variable length"),
+    "curves": ("a.nekg", removed("NEKTAR/GEOMETRY/MESH/CURVE_FACE"), "a dataset CURVE_FACE"),
+    "field version": ("a.fld", attribute("NEKTAR", "FORMAT_VERSION", [1], np.uint32), "as one uint32"),
+    "metadata": ("a.fld", removed("NEKTAR/Metadata"), "expected a group Metadata"),
+    "element ids": ("a.fld", retyped("NEKTAR/ELEMENTIDS", "i8"), "expected uint32, found int64"),
+    "values": ("a.fld", retyped("NEKTAR/DATA", "f4"), "expected float64, found float32"),
+    "shape": ("a.fld", attribute("NEKTAR/1", "SHAPE", "Tetrahedron", FIXED), "strings of variable length"),
+    "bases": ("a.fld", attribute("NEKTAR/1", "BASIS", [4, 5, 6], np.int64), "expected int32, found int64"),
+}
+
+
+@pytest.mark.parametrize("name", list(HDF5_DAMAGE))
+def test_damaged_hdf5_is_found(name, volume, tmp_path):
+    path, edit, sentence = HDF5_DAMAGE[name]
+    write(volume, tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")
+    with h5py.File(tmp_path / path, "r+") as file:
+        edit(file)
+    assert sentence in "\n".join(map(str, findings(tmp_path / "a.xml", tmp_path / "a.fld")))
+
+
+def test_a_missing_file_is_found(volume, tmp_path):
+    write(volume, tmp_path / "a.xml", mesh_format="hdf5")
+    (tmp_path / "a.nekg").unlink()
+    assert "expected the file a.nekg beside it" in str(findings(tmp_path / "a.xml")[0])
+
+
+def test_real_files_are_judged_and_rewritten_ones_keep_the_rules(case, case_files, tmp_path):
+    paths = [path for path in case_files(case) if path]
+    dataset = read(*paths)
+    before = {str(each) for each in findings(*paths) if "elements" in each.place}
+    write(replace(dataset, fields=()), tmp_path / "a.xml", mesh_format="text")
+    after = [str(each) for each in findings(tmp_path / "a.xml")]
+    kept = ("found NodalTriElec", "positive Jacobians", "each once", "elements of one shape")
+    assert [each for each in after if each not in before and not any(word in each for word in kept)] == []
+
+
+def test_the_command_fails_where_rules_are_broken(volume, tmp_path):
+    files = [str(file) for file in write(volume, tmp_path / "a.xml", mesh_format="text")]
+    outcome = CliRunner().invoke(info, ["--strict", *files], standalone_mode=False)
+    assert outcome.exception is None
+    assert outcome.stdout == "all rules are kept\n"
+    text = (tmp_path / "a.xml").read_text()
+    (tmp_path / "a.xml").write_text(text.replace('NUMMODES="4"', 'NUMMODES="2"'))
+    outcome = CliRunner().invoke(info, ["--strict", *files], standalone_mode=False)
+    assert isinstance(outcome.exception, ElvisError)
+    assert "<EXPANSIONS>: expected NUMMODES of 4 or more for u on composite 0, found 2" in outcome.stdout
