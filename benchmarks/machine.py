@@ -40,7 +40,7 @@ def sentences(machine: dict[str, Any]) -> str:
     return (
         f"{machine['date']}, revision {machine['revision']}. {machine['processor']}, {machine['cores']} cores, "
         f"{machine['system']}; device {machine['device']}. Python {machine['python']}, {versions}. "
-        f"Clock over processor seconds of a busy loop, before and after: {busy} (1 on a quiet machine)."
+        f"Clock over processor seconds of a busy loop: {busy} (1 on a quiet machine)."
     )
 
 

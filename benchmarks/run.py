@@ -74,6 +74,7 @@ def main() -> None:
             texts.append(table.text())
             print(texts[-1], flush=True)
     about["contention"].append(round(measuring.contention(), 2))
+    print(f"Clock over processor seconds of a busy loop, now: {about['contention'][-1]:.2f}")
     text = "\n".join([f"# Benchmarks\n\n{machine.sentences(about)}\n", *texts])
     if options.json:
         options.json.write_text(json.dumps(numbers, indent=2) + "\n")
