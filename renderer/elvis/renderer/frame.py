@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.renderer.palette import Palette, automatic_range
+from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.scene import Scene
 from elvis.renderer.view import View
 
@@ -83,11 +83,26 @@ class Frame:
     @cached_property
     def color(self) -> Floats:
         """(h, w, 3) colours in [0, 1]."""
-        return np.where(self.seen[..., None], self.palette.colors(self.field), self.scene.background)
+        return self._colors.take(self._steps, axis=0)
+
+    @cached_property
+    def rgb(self) -> NDArray[np.uint8]:
+        """(h, w, 3) colours in [0, 255]."""
+        return np.rint(255 * self._colors).astype(np.uint8).take(self._steps, axis=0)
+
+    @cached_property
+    def _steps(self) -> NDArray[np.uint16]:
+        """(h, w) rows of _colors."""
+        return np.where(self.seen, self.palette.steps(self.field), np.uint16(STEPS + 1))
+
+    @property
+    def _colors(self) -> Floats:
+        """(STEPS + 2, 3) the colours of the palette, of what is not a number, of the background."""
+        return np.vstack([self.palette.table, NOT_A_NUMBER, self.scene.background])
 
     def counts(self) -> dict[str, int]:
         """Pixels by status, and those that are seen but are not finite numbers."""
-        by_status = {status.name.lower(): int(np.count_nonzero(self.status == status)) for status in Status}
+        by_status = {status.name.lower(): int(np.count_nonzero(self.status == status.value)) for status in Status}
         return {**by_status, "not_a_number": int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))}
 
     def save(self, path: str | Path, *, plain: bool = False) -> None:

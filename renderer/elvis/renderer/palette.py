@@ -6,6 +6,7 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
@@ -39,15 +40,18 @@ class Palette:
             ) from error
         return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
 
-    def colors(self, values: Floats) -> Floats:
-        """Colours (…, 3) in [0, 1] of values (…); finite values beyond the range take the end's colour."""
+    def steps(self, values: Floats) -> NDArray[np.uint16]:
+        """Steps (…) of values (…): finite values beyond the range take the last one there, all others STEPS."""
         span = self.high - self.low
-        scaled = (values - self.low) * (STEPS / span if span > 0 else 0.0)
-        finite = np.isfinite(values)
-        step = np.clip(np.where(finite, scaled, 0.0), 0, STEPS - 1).astype(np.uint8)
-        colors = self.table[step]
-        colors[~finite] = NOT_A_NUMBER
-        return np.asarray(colors)
+        with np.errstate(invalid="ignore", over="ignore"):
+            scaled = (values - self.low) * (STEPS / span if span > 0 else 0.0)
+        np.clip(scaled, 0, STEPS - 1, out=scaled)
+        np.copyto(scaled, STEPS, where=~np.isfinite(values))
+        return scaled.astype(np.uint16)
+
+    def colors(self, values: Floats) -> Floats:
+        """Colours (…, 3) in [0, 1] of values (…)."""
+        return np.vstack([self.table, NOT_A_NUMBER]).take(self.steps(values), axis=0)
 
 
 def automatic_range(values: Floats) -> tuple[float, float]:

@@ -15,7 +15,7 @@ INK = (30, 30, 30)
 
 def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
     """The frame as an RGB image of the scene's size; with a bar and a title beside it unless ``plain``."""
-    image = Image.fromarray(np.rint(frame.color * 255).astype(np.uint8), "RGB")
+    image = Image.fromarray(frame.rgb, "RGB")
     return image if plain else _framed(frame, image)
 
 
