@@ -80,7 +80,7 @@ def _ranges(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[So
     """Greatest minus least finite value of each field; its magnitude where it is constant."""
     low, high = np.full(len(fields), np.inf), np.full(len(fields), -np.inf)
     for block in blocks:
-        for rows, points in sampler.pieces(block, check_points(block.shape, _INSIDE)):
+        for rows, points in sampler.pieces(block, check_points(block.shape, _INSIDE, block.is_collapsed)):
             for i, field in enumerate(fields):
                 values = sampler.values(block, rows, field, points)
                 finite = values[np.isfinite(values)]
@@ -118,7 +118,7 @@ def _last_order(block: NativeBlock, field: SourceField) -> int:
 def _errors(sampler: Sampler, block: NativeBlock, field: SourceField) -> Floats:
     """(n,) largest difference on each element; values that are not finite make none."""
     assert block.modes is not None
-    which, own = operator(block, field, block.modes), check_points(block.shape, _INSIDE)
+    which, own = operator(block, field, block.modes), check_points(block.shape, _INSIDE, block.is_collapsed)
     coefficients = np.empty((len(block), which.matrix.shape[1]))
     for rows, points in sampler.pieces(block, which.points):
         coefficients[rows] = sampler.values(block, rows, field, points) @ which.matrix

@@ -13,6 +13,9 @@ from elvis.formats.shapes import Shape
 #: points inside, in all and at least and at most an element
 _IN_ALL, _LEAST, _MOST = 1 << 15, 12, 1000
 
+#: how far below the apex of a pyramid its field is looked at
+_BELOW_APEX = 1e-2
+
 #: 1 + the power of (1 - eta)/2 in the volume element of collapsed coordinates, by direction
 _DIMENSIONS = {
     Shape.SEGMENT: (1,),
@@ -31,10 +34,11 @@ def inside_count(elements: int) -> int:
 
 
 @lru_cache(maxsize=64)
-def check_points(shape: Shape, inside: int) -> Floats:
+def check_points(shape: Shape, inside: int, is_collapsed: bool = False) -> Floats:
     """(n, d) reference points: ``inside`` evenly distributed ones first, then half as many on faces, then the vertices.
 
-    The same ones every time.
+    The same ones every time.  In hexahedra that stand for pyramids (``is_collapsed``) none lies on the upper face, for
+    a field with jumps has as many values at an apex as there are directions to come from.
     """
     rng = np.random.default_rng(20261120)
     points = [_scattered(shape, inside, rng)]
@@ -44,7 +48,10 @@ def check_points(shape: Shape, inside: int) -> Floats:
         corners = shape.vertices[list(local)]
         axes = corners[[1, 3]] if kind is Shape.QUADRILATERAL else corners[1:]
         points.append(corners[0] + t @ (axes - corners[0]))
-    return frozen_floats(np.concatenate([*points, shape.vertices]))
+    own = np.concatenate([*points, shape.vertices])
+    if is_collapsed:
+        own[:, 2] = np.minimum(own[:, 2], 1 - _BELOW_APEX)
+    return frozen_floats(own)
 
 
 def _scattered(shape: Shape, count: int, rng: np.random.Generator) -> Floats:

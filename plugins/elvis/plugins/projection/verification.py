@@ -117,12 +117,12 @@ def check(
     work = [
         (i, rows, points)
         for i, block in enumerate(blocks)
-        for rows, points in sampler.pieces(block, check_points(block.shape, inside))
+        for rows, points in sampler.pieces(block, check_points(block.shape, inside, block.is_collapsed))
     ]
     for i, rows, points in track(work, "checking"):
         block = blocks[i]
         weights = _check_map(sampler, maps, findings, block, rows, points, inside, precision)
-        own = check_points(block.shape, inside)
+        own = check_points(block.shape, inside, block.is_collapsed)
         for tally, each in zip(findings.fields, fitted, strict=True):
             values = sampler.values(block, rows, each.field, points)
             ours = evaluate(block.expansion(each.modes[i]), each.coefficients[i][rows], own)
@@ -142,7 +142,7 @@ def _check_map(
     precision: float,
 ) -> Floats:
     """Compare the map on some elements, judge their Jacobians; the weights (k, inside) of integrals over them."""
-    ids, own = block.ids[rows], check_points(block.shape, inside)
+    ids, own = block.ids[rows], check_points(block.shape, inside, block.is_collapsed)
     places = sampler.positions(block, rows, points)
     ours, jacobians = maps.at(ids, own, inside)
     distances = np.sqrt(((ours - places) ** 2).sum(axis=2))
