@@ -1,0 +1,314 @@
+"""MFEM meshes and grid functions, read and evaluated by the library itself.
+
+Of spaces with one value a degree of freedom (H1, L2, of any basis) the functions are evaluated once a shape and order;
+everything else (NURBS, H(div), H(curl), integral L2) is asked of the library element by element.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.converters.mfem_files import (
+    check_mesh,
+    field_name,
+    is_field,
+    is_mesh,
+    load,
+    named_attributes,
+    rounding,
+    values_after_header,
+)
+from elvis.converters.names import components
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
+
+_BASE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))
+
+#: by dimension and number of vertices: our shape, and the library's reference coordinates and vertices in our order
+_SHAPES: dict[tuple[int, int], tuple[Shape, tuple[tuple[int, ...], ...], tuple[int, ...]]] = {
+    (1, 2): (Shape.SEGMENT, ((0,), (1,)), (0, 1)),
+    (2, 3): (Shape.TRIANGLE, ((0, 0), (1, 0), (0, 1)), (0, 1, 2)),
+    (2, 4): (Shape.QUADRILATERAL, ((0, 0), (1, 0), (1, 1), (0, 1)), (0, 1, 2, 3)),
+    (3, 4): (Shape.TETRAHEDRON, ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 1, 2, 3)),
+    (3, 5): (Shape.PYRAMID, (*_BASE, (0, 0, 1)), (0, 1, 2, 3, 4)),
+    (3, 6): (
+        Shape.PRISM,
+        ((0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0), (1, 0, 1)),
+        (0, 2, 5, 3, 1, 4),
+    ),
+    (3, 8): (Shape.HEXAHEDRON, (*_BASE, *((x, y, 1) for x, y, _ in _BASE)), tuple(range(8))),
+}
+
+#: orders that functions which are no polynomials get above their own
+_RATIONAL, _VECTOR = 4, 2
+
+#: the library's numbers: of functions that are vectors, of those that are divided by the Jacobian, of continuous spaces
+_IS_VECTOR, _IS_INTEGRAL, _IS_CONTINUOUS = 1, 1, 0
+
+#: the library's number of pyramids; how near to the apex discontinuous functions still have one value
+_PYRAMID, _NEAR_APEX = 7, 1e-13
+
+
+class Mfem(Converter):
+    """A mesh, with the grid functions that live on it."""
+
+    format = "MFEM mesh and grid functions (.mesh, .gf)"
+    keeps = "elements of all shapes and orders, H1 and L2 fields exactly; NURBS, H(div), H(curl) with a measured error"
+    loses = "pieces of parallel meshes are refused; hanging nodes make fields discontinuous"
+    needs = ("mfem",)
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether every file is a mesh or a grid function."""
+        return all(is_mesh(path) or is_field(path) for path in paths)
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        import mfem.ser as mfem
+
+        meshes, functions = [p for p in paths if is_mesh(p)], [p for p in paths if not is_mesh(p)]
+        if len(meshes) != 1:
+            raise FormatError(f"expected one mesh, found {len(meshes)}", file=None if meshes else paths[0])
+        mfem.out.Disable()
+        mfem.err.Disable()
+        path, text = meshes[0], load(meshes[0])
+        check_mesh(path, text)
+        self._mesh = mesh = _guarded(path, lambda: mfem.Mesh(str(path), 1, 0, False))
+        self._is_nurbs = mesh.NURBSext is not None
+        is_rational = self._is_nurbs and not _has_unit_weights(text)
+        linear = mfem.LinearFECollection()
+        straight = _guarded(path, lambda: mfem.FiniteElementSpace(mesh, linear))
+        self._kept = [linear, straight]
+        self._corners = _Table(straight)
+        self._geometry = self._map(path, text, straight)
+        self._functions = [_read(mfem, mesh, each) for each in functions]
+        self.is_conforming = straight.GetTrueVSize() == straight.GetVSize()
+        self.precision = rounding(text)
+        self._make_blocks(text, is_rational)
+        self._make_fields([field_name(path, each) for each in functions], is_rational)
+        self.boundaries = self._sides(text)
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """The library's map, at points in its own coordinates."""
+        elements = block.key[block.rows]
+        if self._geometry.is_nodal:
+            return self._geometry.values(elements, points)
+        return self._each(elements, points, self._mesh.SpaceDimension(), self._places)
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """The library's functions, at points in its own coordinates."""
+        function, component = field.key
+        own, elements = self._functions[function], block.key[block.rows]
+        if own.is_nodal:
+            return np.asarray(own.values(elements, points, component))
+        return np.asarray(self._each(elements, points, own.count, own.evaluate)[:, :, component])
+
+    def _map(self, path: Path, text: str, straight: Any) -> _Function:
+        import mfem.ser as mfem
+
+        nodes = self._mesh.GetNodes()
+        if nodes is not None:
+            if "FiniteElementCollection:" in text:
+                values_after_header(path, text, nodes.Size(), is_last=False)
+            return _Function(nodes, nodes.FESpace())
+        vertices = mfem.Vector()
+        self._mesh.GetVertices(vertices)
+        return _Function(vertices, straight, self._mesh.SpaceDimension())
+
+    def _make_blocks(self, text: str, is_rational: bool) -> None:
+        """Elements by shape, region and the orders of all functions on them."""
+        dimension = self._mesh.Dimension()
+        numbers = np.asarray(self._mesh.GetAttributeArray(), np.int64)
+        if not len(numbers):
+            raise FormatError("expected elements, found none", place="elements")
+        names = named_attributes(text, "attribute_sets")
+        regions = np.array([names.get(int(n), f"attribute{n}") for n in np.unique(numbers)])
+        if len(regions) == 1 and not names:
+            regions[:] = ""
+        of = np.unique(regions, return_inverse=True)[1][np.searchsorted(np.unique(numbers), numbers)]
+        functions = [self._geometry, *self._functions]
+        columns = [self._corners.sizes, of, *(each.orders(self._corners.sizes) for each in functions)]
+        kinds, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+        self.blocks, self._orders = [], kinds[:, 3:]
+        for number, kind in enumerate(kinds):
+            rows = np.flatnonzero(which.reshape(-1) == number)
+            shape, frame, corners = _SHAPES[dimension, int(kind[0])]
+            block = Elements(
+                shape,
+                len(rows),
+                max(int(kind[2]), 1) + (_RATIONAL if is_rational else 0),
+                vertices=self._corners.rows(rows)[:, list(corners)],
+                frame=np.array(frame, np.float64),
+                ids=rows,
+                region=str(np.unique(regions)[kind[1]]),
+                pyramid=PyramidSpace.TENSOR,
+                is_polynomial=not is_rational,
+                key=rows,
+            )
+            self.blocks.append(block)
+
+    def _make_fields(self, names: Sequence[str], is_rational: bool) -> None:
+        fields = []
+        is_bent = self._geometry.highest > 1 or any(len(b.shape.vertices) > b.shape.dimension + 1 for b in self.blocks)
+        for number, (name, own) in enumerate(zip(names, self._functions, strict=True)):
+            is_exact = own.is_nodal or (own.is_nurbs and not is_rational)
+            raised = 0 if is_exact else _RATIONAL if own.is_nurbs else _VECTOR * is_bent
+            orders = [int(order) + raised for order in self._orders[:, number]]
+            for i, component in enumerate(components(name, own.count)):
+                fields.append(SourceField(component, orders, own.is_continuous, is_exact, (number, i)))
+        self.fields = fields
+
+    def _sides(self, text: str) -> list[Boundary]:
+        """Faces on the border by the name or number of their attribute."""
+        names = named_attributes(text, "bdr_attribute_sets")
+        found: dict[str, dict[int, list[list[int]]]] = {}
+        for i in range(self._mesh.GetNBE()):
+            number, corners = self._mesh.GetBdrAttribute(i), self._mesh.GetBdrElementVertices(i)
+            name = names.get(number, f"boundary{number}")
+            found.setdefault(name, {}).setdefault(len(corners), []).append(corners)
+        return [Boundary(n, vertices=[np.array(f, np.int64) for f in of.values()]) for n, of in sorted(found.items())]
+
+    def _each(self, elements: Ints, points: Floats, count: int, evaluate: Any) -> Floats:
+        """(n, n_points, count) from a function of the map of one element and a rule."""
+        import mfem.ser as mfem
+
+        result = np.empty((len(elements), len(points), count))
+        if not len(elements):
+            return result
+        rule = _rule(points, self._mesh.GetElementBaseGeometry(int(elements[0])))
+        table = mfem.DenseMatrix()
+        for row, element in enumerate(elements.tolist()):
+            evaluate(element, self._mesh.GetElementTransformation(element), rule, table)
+            result[row] = np.asarray(table.GetDataArray()).T
+        return result
+
+    @staticmethod
+    def _places(element: int, transformation: Any, rule: Any, table: Any) -> None:
+        transformation.Transform(rule, table)
+
+
+class _Table:
+    """The degrees of freedom of every element of a space, (n, k) for elements of one kind."""
+
+    def __init__(self, space: Any) -> None:
+        table = space.GetElementToDofTable()
+        self.offsets = _ints(table.HostReadI(), table.Size() + 1)
+        self.numbers = _ints(table.HostReadJ(), table.Size_of_connections())
+        self.sizes = np.diff(self.offsets)
+
+    def rows(self, elements: Ints) -> Ints:
+        """(n, k) those of elements that have k each."""
+        count = int(self.sizes[elements[0]]) if len(elements) else 0
+        return np.asarray(self.numbers[self.offsets[elements][:, None] + np.arange(count)])
+
+
+class _Function:
+    """A function of the library with its space; ``dimension`` where the values are a mere vector."""
+
+    def __init__(self, function: Any, space: Any, dimension: int | None = None) -> None:
+        self.function, self.space = function, space
+        first, name = space.GetFE(0), space.FEColl().Name()
+        self.is_nurbs = name.startswith("NURBS")
+        self.is_vector = first.GetRangeType() == _IS_VECTOR
+        self.is_nodal = not (self.is_nurbs or self.is_vector or first.GetMapType() == _IS_INTEGRAL)
+        self.is_continuous = space.FEColl().GetContType() == _IS_CONTINUOUS and not self.is_vector
+        self.count = dimension or (space.GetMesh().SpaceDimension() if self.is_vector else space.GetVDim())
+        self.highest = max(int(first.GetOrder()), 1)
+        self._tables: dict[Any, tuple[Floats, Floats]] = {}
+        if self.is_nodal:
+            self.table, flat = _Table(space), np.array(function.GetDataArray(), np.float64)
+            by_node = flat.reshape(self.count, -1).T if dimension or space.GetOrdering() == 0 else None
+            self.data = flat.reshape(-1, self.count) if by_node is None else by_node
+
+    def orders(self, corners: Ints) -> Ints:
+        """(n,) order on every element; ``corners`` tell the shapes."""
+        if self.is_nurbs or self.space.IsVariableOrder():
+            return np.array([self.space.GetFE(i).GetOrder() for i in range(len(corners))], np.int64)
+        _, first, which = np.unique(corners, return_index=True, return_inverse=True)
+        return np.array([self.space.GetFE(int(i)).GetOrder() for i in first], np.int64)[which.reshape(-1)]
+
+    def values(self, elements: Ints, points: Floats, component: int | None = None) -> Floats:
+        """(n, n_points) of a component of a nodal function on elements of one kind; for None (n, n_points, count)."""
+        if not len(elements):
+            return np.empty((0, len(points), self.count)[: 3 if component is None else 2])
+        dofs, basis = self.table.rows(elements), self._basis(int(elements[0]), points)
+        if component is None:
+            return np.asarray(np.einsum("enc,pn->epc", self.data[dofs], basis))
+        return np.asarray(self.data[:, component][dofs] @ basis.T)
+
+    def evaluate(self, element: int, transformation: Any, rule: Any, table: Any) -> None:
+        """Fill a (count, n_points) table of the library with the values on an element."""
+        if self.is_vector:
+            self.function.GetVectorValues(transformation, rule, table)
+            return
+        import mfem.ser as mfem
+
+        values = mfem.Vector()
+        table.SetSize(self.count, rule.GetNPoints())
+        for component in range(self.count):
+            self.function.GetValues(element, rule, values, component + 1)
+            table.SetRow(component, values)
+
+    def _basis(self, element: int, points: Floats) -> Floats:
+        """(n_points, n) the functions of the space on elements of the kind of one."""
+        import mfem.ser as mfem
+
+        own = self.space.GetFE(element)
+        key = (own.GetGeomType(), own.GetOrder())
+        if key not in self._tables or self._tables[key][0] is not points:
+            rule, values, rows = _rule(points, own.GetGeomType()), mfem.Vector(own.GetDof()), []
+            for i in range(len(points)):
+                own.CalcShape(rule.IntPoint(i), values)
+                rows.append(np.array(values.GetDataArray()))
+            self._tables[key] = (points, np.array(rows))
+        return self._tables[key][1]
+
+
+def _read(mfem: Any, mesh: Any, path: Path) -> _Function:
+    """A grid function from its file."""
+    text = load(path)
+    function = _guarded(path, lambda: mfem.GridFunction(mesh, str(path)))
+    values_after_header(path, text, function.Size(), is_last=True)
+    return _Function(function, function.FESpace())
+
+
+def _guarded(path: Path, read: Any) -> Any:
+    """What ``read`` returns; FormatError with the library's reason where it fails."""
+    try:
+        return read()
+    except RuntimeError as error:
+        lines = [line.strip(" ->") for line in str(error).splitlines() if "... in " not in line]
+        reason = " ".join(" ".join(lines).replace("PyMFEM error (mfem::ErrorException):", "").split())
+        raise FormatError(f"expected data that MFEM reads, found: {reason}", file=path) from None
+
+
+def _has_unit_weights(text: str) -> bool:
+    """Whether the weights of a NURBS mesh are listed, and all 1."""
+    _, found, after = text.partition("\nweights")
+    words = after.split("FiniteElementSpace")[0].split()
+    return bool(found) and all(word.replace(".", "").strip("0") == "1" for word in words)
+
+
+def _rule(points: Floats, geometry: int) -> Any:
+    """Points (n, d) as the library takes them; the apex of pyramids as the end of the edge at the origin."""
+    import mfem.ser as mfem
+
+    if geometry == _PYRAMID:
+        points = np.where(points[:, 2:] > 1 - _NEAR_APEX, (0, 0, 1 - _NEAR_APEX), points)
+
+    rule = mfem.IntegrationRule(len(points))
+    for i, point in enumerate(points.tolist()):
+        rule.IntPoint(i).Set3(*point, *(0.0,) * (3 - len(point)))
+    return rule
+
+
+def _ints(pointer: Any, count: int) -> Ints:
+    """A copy of an array of the library."""
+    array = np.ctypeslib.as_array(ctypes.cast(int(pointer), ctypes.POINTER(ctypes.c_int)), (count,))
+    return np.array(array, np.int64)

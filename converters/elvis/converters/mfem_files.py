@@ -1,0 +1,159 @@
+"""Texts of MFEM: which file is what, and checks of what the library would take unasked.
+
+The library reads on where numbers end, and past the end of its arrays where vertices are out of range; so the counts
+and the ranges are checked before it reads.  Layout: MFEM documentation, mesh formats.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.errors import FormatError
+from elvis.plugins.conversion import DOUBLE, EIGHT_DIGITS
+
+#: number of vertices by the number of a geometry
+_CORNERS = (1, 2, 3, 4, 4, 8, 6, 5)
+
+#: what a process of its own tries, for the library does not survive all faults in kinds of files unchecked here
+_TRIAL = """
+import sys, mfem.ser as mfem
+mesh = mfem.Mesh(sys.argv[1], 1, 0, False)
+collection = mfem.LinearFECollection()
+space = mfem.FiniteElementSpace(mesh, collection)
+for i in range(mesh.GetNE()):
+    mesh.GetElementTransformation(i).Transform(mfem.Geometries.GetCenter(mesh.GetElementBaseGeometry(i)))
+del space, mesh
+"""
+
+#: numbers with as few digits as streams write where nothing else is asked for, and how many of them are looked at
+_FEW_DIGITS, _LOOKED_AT = 9, 500
+
+
+def first_line(path: Path) -> str:
+    """The first line of a file, shortened; empty where it can't be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(80).split(b"\n")[0].decode("ascii", "replace").strip()
+    except OSError:
+        return ""
+
+
+def is_mesh(path: Path) -> bool:
+    """Whether a file begins as meshes do."""
+    return re.match(r"MFEM ([\w -]+ )?mesh v1\.", first_line(path)) is not None
+
+
+def is_field(path: Path) -> bool:
+    """Whether a file begins as grid functions do."""
+    return first_line(path) in ("FiniteElementSpace", "MFEM FiniteElementSpace v1.0")
+
+
+def load(path: Path) -> str:
+    """The text of a file without comments; FormatError where it is none."""
+    try:
+        text = path.read_text("ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise FormatError(f"expected a text, found: {reason}", file=path) from None
+    return re.sub(r"(?m)^\s*#.*$", "", text)
+
+
+def check_mesh(path: Path, text: str) -> None:
+    """FormatError where elements name vertices that aren't there, or the mesh is a piece of one."""
+    if "communication_groups" in text:
+        raise FormatError("expected the mesh of one process, found a piece of a parallel one", file=path)
+    if not text.startswith("MFEM mesh"):
+        _try(path)
+    if not text.startswith(("MFEM mesh", "MFEM NURBS mesh")) or "\npatches" in text:
+        return
+    vertices = _words(text, "vertices")
+    if not vertices or not vertices[0].isdigit():
+        raise FormatError("expected a number of vertices, found none", file=path, place="vertices")
+    for section in ("elements", "boundary"):
+        _check_elements(path, text, section, int(vertices[0]))
+    if "FiniteElementCollection:" not in text and len(vertices) > 1:
+        count = int(vertices[0]) * (int(vertices[1]) if vertices[1].isdigit() else 0)
+        _numbers(path, vertices[2 : 2 + count], count, "vertices")
+
+
+def values_after_header(path: Path, text: str, count: int, is_last: bool) -> Floats:
+    """(count,) numbers that follow the last description of a space; FormatError where there are others or fewer.
+
+    is_last  whether nothing may follow
+    """
+    header = list(re.finditer(r"(?m)^(Ordering: *\d+|End: MFEM FiniteElementSpace v1\.0) *$", text))
+    if not header:
+        raise FormatError("expected the description of a space, found none that ends", file=path)
+    words = text[header[-1].end() :].split()
+    return _numbers(path, words if is_last else words[:count], count, "values")
+
+
+def named_attributes(text: str, section: str) -> dict[int, str]:
+    """Names of attributes: of the first set that holds each, as version 1.3 lists them."""
+    words = re.search(rf'(?m)^{section}\s+(\d+)((?:\s+"[^"]*"(?:\s+\d+)+)*)', text)
+    names: dict[int, str] = {}
+    for name, numbers in re.findall(r'"([^"]*)"((?:\s+\d+)+)', words[2] if words else ""):
+        for number in numbers.split()[1:]:
+            names.setdefault(int(number), name)
+    return names
+
+
+def field_name(mesh: Path, field: Path) -> str:
+    """The name of a field's file without what it has in common with the mesh's, and without its ending."""
+    name = field.name.removesuffix(".gf")
+    return name.removeprefix(mesh.name.removesuffix(".mesh")).strip("._-") or name
+
+
+def rounding(text: str) -> float:
+    """Relative precision of the numbers of a text: by the digits of the longest of the last ones."""
+    numbers = re.findall(r"\d*\.\d+", text[-30 * _LOOKED_AT :])
+    digits = max((len(number.replace(".", "").lstrip("0")) for number in numbers), default=_FEW_DIGITS + 1)
+    return EIGHT_DIGITS if 5 < digits <= _FEW_DIGITS else DOUBLE
+
+
+def _try(path: Path) -> None:
+    """FormatError where the library dies of a file; what it says of others comes from reading them."""
+    done = subprocess.run([sys.executable, "-c", _TRIAL, str(path)], capture_output=True, check=False)
+    if done.returncode < 0:
+        raise FormatError("expected data that MFEM reads, found some on which it crashes", file=path)
+
+
+def _words(text: str, section: str) -> list[str]:
+    """Words of a section and all that follow, empty where there is none."""
+    found = re.search(rf"(?m)^{section}\s*$", text)
+    return text[found.end() :].split() if found else []
+
+
+def _check_elements(path: Path, text: str, section: str, limit: int) -> None:
+    words = _words(text, section)
+    if not words or not words[0].isdigit():
+        raise FormatError(f"expected a number of {section}, found none", file=path, place=section)
+    at, named = 1, []
+    for number in range(int(words[0])):
+        kind = words[at + 1] if at + 1 < len(words) else "the end"
+        corners = _CORNERS[int(kind)] if kind.isdigit() and int(kind) < len(_CORNERS) else 0
+        own = words[at + 2 : at + 2 + corners]
+        if not corners or len(own) < corners or not all(word.isdigit() for word in own):
+            found = "unknown geometry " + kind if not corners else "no whole list of vertices"
+            raise FormatError(f"expected an element, found {found}", file=path, place=f"{section} {number}")
+        named += own
+        at += 2 + corners
+    highest = int(np.array(named, np.int64).max(initial=-1))
+    if highest >= limit:
+        raise FormatError(f"expected vertices 0 to {limit - 1}, found {highest}", file=path, place=section)
+
+
+def _numbers(path: Path, words: Sequence[str], count: int, place: str) -> Floats:
+    if len(words) != count:
+        raise FormatError(f"expected {count} numbers, found {len(words)}", file=path, place=place)
+    try:
+        return np.array(words, np.float64)
+    except ValueError:
+        raise FormatError("expected numbers, found something else", file=path, place=place) from None

@@ -1,0 +1,302 @@
+"""MFEM: the library's own values are reproduced, for files of ours and for those that it writes in the test."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.converters.mfem import Mfem
+from elvis.formats.errors import FormatError
+from elvis.plugins.converting import convert
+from elvis.plugins.testing import check, positions_at, values_at, values_found
+
+mfem = pytest.importorskip("mfem.ser")
+
+#: meshes that come with the library
+MESHES = Path(mfem.__file__).parents[1] / "mfem" / "external" / "ser" / "data"
+
+CASES = [
+    ("fichera_mixed_p2", "uvw", True),
+    ("escher_p3", "uvw", False),
+    ("fichera_q3", "uvw", True),
+    ("tinyzoo", "uvw", False),
+    ("stream_laghos", "f", None),
+]
+
+
+def where(source, elements):
+    """(2, n) block and row of each element."""
+    places = {int(i): (b, row) for b, block in enumerate(source.blocks) for row, i in enumerate(block.ids)}
+    return np.array([places[int(i)] for i in elements]).T
+
+
+def by_element(conversion, source, evaluate, elements, ref):
+    blocks, rows = where(source, elements)
+    found = None
+    for block in np.unique(blocks):
+        here = blocks == block
+        values = evaluate(int(block), rows[here], ref[here])
+        found = np.empty((len(ref), *values.shape[1:])) if found is None else found
+        found[here] = values
+    return found
+
+
+def columns(own, names):
+    for name in names:
+        count = own.data[f"f_{name}"].shape[1]
+        yield from ((name if count == 1 else f"{name}_{'xyz'[i]}", own.column(name, i)) for i in range(count))
+
+
+@pytest.mark.parametrize(("name", "fields", "has_map"), CASES)
+def test_agrees_with_the_library(solvers, truth, near, name, fields, has_map):
+    folder = solvers / "mfem"
+    files = [folder / f"{name}.mesh", *(folder / f"{name}.{field}.gf" for field in fields)]
+    conversion, source, own = check(Mfem, files), Mfem(files), truth(folder / f"{name}.truth.npz")
+    assert {measure.state for measure in (conversion.report.geometry, *conversion.report.fields)} == {"exact"}
+    assert has_map is None or conversion.report.has_map is has_map
+    near(by_element(conversion, source, lambda *at: positions_at(conversion, *at), own.elem, own.ref), own.xyz, 1e-12)
+    for field, wanted in columns(own, fields):
+        at = lambda *place, field=field: values_at(conversion, field, *place)  # noqa: E731
+        near(by_element(conversion, source, at, own.elem, own.ref), wanted)
+        near(own.found(conversion.dataset, field), wanted)
+
+
+def test_rational_geometry_has_the_error_that_is_announced(solvers, truth, near):
+    folder = solvers / "mfem"
+    files = [folder / f"pipe_nurbs.{end}" for end in ("mesh", "u.gf", "w.gf")]
+    conversion, source, own = check(Mfem, files), Mfem(files), truth(folder / "pipe_nurbs.truth.npz")
+    places = by_element(conversion, source, lambda *at: positions_at(conversion, *at), own.elem, own.ref)
+    announced = conversion.report.geometry.max
+    assert np.linalg.norm(places - own.xyz, axis=1).max() <= 1.5 * announced < 2e-3
+    for field in "uw":
+        at = lambda *place, field=field: values_at(conversion, field, *place)  # noqa: E731
+        near(by_element(conversion, source, at, own.elem, own.ref), own.column(field))
+        slope = np.linalg.norm(own.data[f"g_{field}"].reshape(-1, 3), axis=1).max()
+        assert np.abs(own.found(conversion.dataset, field) - own.column(field)).max() <= 1.5 * announced * slope
+
+
+def function(mesh, collection, components=1, by_vector=False, seed=1):
+    """A function with random coefficients, with what it needs to live."""
+    space = mfem.FiniteElementSpace(mesh, collection, components, int(by_vector))
+    made = mfem.GridFunction(space)
+    if space.GetTrueVSize() == space.GetVSize():
+        made.Assign(mfem.Vector(np.random.default_rng(seed).uniform(-1, 1, made.Size())))
+    else:
+        values = mfem.Vector(np.random.default_rng(seed).uniform(-1, 1, space.GetTrueVSize()))
+        made.SetFromTrueDofs(values)
+    return space, made
+
+
+def save(folder, mesh, **functions):
+    mesh.Save(str(folder / "case.mesh"), 17)
+    for name, made in functions.items():
+        made.Save(str(folder / f"case.{name}.gf"), 17)
+    return [folder / "case.mesh", *(folder / f"case.{name}.gf" for name in functions)]
+
+
+def agree(files, made, name, points=5, bar=1e-10):
+    """Values of the library at random points of every element, by element; returns the conversion."""
+    conversion, source = check(Mfem, files), Mfem(files)
+    mesh, rng = made.FESpace().GetMesh(), np.random.default_rng(5)
+    ref = rng.uniform(0.05, 0.3, (points, mesh.Dimension()))
+    wanted = []
+    for element in range(mesh.GetNE()):
+        for point in ref.tolist():
+            place = mfem.IntegrationPoint()
+            place.Set3(*point, *(0.0,) * (3 - len(point)))
+            wanted.append(made.GetValue(element, place))
+    elements = np.repeat(np.arange(mesh.GetNE()), points)
+    at = lambda *place: values_at(conversion, name, *place)  # noqa: E731
+    found = by_element(conversion, source, at, elements, np.tile(ref, (mesh.GetNE(), 1)))
+    assert np.abs(found - wanted).max() <= bar * np.ptp(wanted)
+    return conversion
+
+
+BASES = {"legendre": 0, "lobatto": 1, "positive": 2}
+
+
+@pytest.mark.parametrize("mesh", ["tinyzoo-3d", "star-mixed-p2", "inline-segment", "square-disc-p3", "toroid-wedge"])
+@pytest.mark.parametrize(("family", "order"), [("H1", 1), ("H1", 3), ("H1Pos", 3), ("L2", 0), ("L2", 3)])
+def test_spaces_of_every_shape(tmp_path, mesh, family, order):
+    mesh = mfem.Mesh(str(MESHES / f"{mesh}.mesh"), 1, 0, False)
+    kind = {"H1": mfem.H1_FECollection, "H1Pos": mfem.H1Pos_FECollection, "L2": mfem.L2_FECollection}[family]
+    if family == "H1Pos" and mesh.Dimension() == 3 and mesh.GetNE() == 4:
+        pytest.skip("the library has no positive functions on pyramids")
+    collection = kind(order, mesh.Dimension())
+    _, made = function(mesh, collection)
+    conversion = agree(save(tmp_path, mesh, u=made), made, "u")
+    assert conversion.report.fields[0].is_exact
+    assert conversion.report.fields[0].is_continuous is (family != "L2")
+
+
+@pytest.mark.parametrize("basis", BASES.values(), ids=BASES)
+def test_bases_of_discontinuous_fields(tmp_path, basis):
+    mesh = mfem.Mesh(str(MESHES / "escher-p2.mesh"), 1, 0, False)
+    collection = mfem.L2_FECollection(2, 3, basis)
+    _, made = function(mesh, collection)
+    assert agree(save(tmp_path, mesh, u=made), made, "u").report.fields[0].is_exact
+
+
+@pytest.mark.parametrize("by_vector", [False, True])
+def test_vectors_in_both_orders(tmp_path, by_vector):
+    mesh = mfem.Mesh(str(MESHES / "fichera-mixed-p2.mesh"), 1, 0, False)
+    collection = mfem.H1_FECollection(2, 3)
+    _, made = function(mesh, collection, 3, by_vector)
+    conversion, source = check(Mfem, save(tmp_path, mesh, v=made)), Mfem(save(tmp_path, mesh, v=made))
+    place = mfem.IntegrationPoint()
+    place.Set3(0.2, 0.1, 0.3)
+    for i, axis in enumerate("xyz"):
+        at = lambda *place, axis=axis: values_at(conversion, f"v_{axis}", *place)  # noqa: E731
+        found = by_element(conversion, source, at, np.arange(mesh.GetNE()), np.tile([0.2, 0.1, 0.3], (mesh.GetNE(), 1)))
+        wanted = [made.GetValue(element, place, i + 1) for element in range(mesh.GetNE())]
+        assert np.abs(found - wanted).max() < 1e-11
+
+
+@pytest.mark.parametrize("family", ["RT", "ND"])
+@pytest.mark.parametrize(("mesh", "is_exact"), [("escher", True), ("fichera", True), ("escher-p2", False)])
+def test_vector_spaces_by_components(tmp_path, family, mesh, is_exact):
+    mesh = mfem.Mesh(str(MESHES / f"{mesh}.mesh"), 1, 1)
+    collection = mfem.RT_FECollection(1, 3) if family == "RT" else mfem.ND_FECollection(2, 3)
+    _, made = function(mesh, collection)
+    files = save(tmp_path, mesh, b=made)
+    conversion, source = check(Mfem, files), Mfem(files)
+    assert [measure.name for measure in conversion.report.fields] == ["b_x", "b_y", "b_z"]
+    ref, count = np.array([0.2, 0.1, 0.3]), mesh.GetNE()
+    place, value, wanted = mfem.IntegrationPoint(), mfem.Vector(), []
+    place.Set3(*ref.tolist())
+    for element in range(count):
+        made.GetVectorValue(element, place, value)
+        wanted.append(np.array(value.GetDataArray()))
+    for i, measure in enumerate(conversion.report.fields):
+        assert measure.is_exact is is_exact
+        at = lambda *place, name=measure.name: values_at(conversion, name, *place)  # noqa: E731
+        found = by_element(conversion, source, at, np.arange(count), np.tile(ref, (count, 1)))
+        error = np.abs(found - np.array(wanted)[:, i]).max()
+        assert error <= (1e-10 * measure.range if is_exact else 1.5 * measure.max)
+
+
+@pytest.mark.parametrize("name", ["amr-hex", "amr-quad", "fichera-amr"])
+def test_hanging_nodes_make_fields_discontinuous(tmp_path, name):
+    mesh = mfem.Mesh(str(MESHES / f"{name}.mesh"), 1, 0, False)
+    collection = mfem.H1_FECollection(2, mesh.Dimension())
+    _, made = function(mesh, collection)
+    files = save(tmp_path, mesh, u=made)
+    assert not Mfem(files).is_conforming
+    conversion = agree(files, made, "u")
+    assert conversion.report.fields[0].is_exact
+    assert not conversion.report.fields[0].is_continuous
+    assert conversion.report.notes
+
+
+@pytest.mark.parametrize("name", ["periodic-cube", "periodic-hexagon", "cube-nurbs", "beam-hex-nurbs", "klein-bottle"])
+def test_other_meshes_of_the_library(name):
+    conversion = check(Mfem, [MESHES / f"{name}.mesh"])
+    assert conversion.report.geometry.is_exact
+
+
+@pytest.mark.parametrize("name", ["ball-nurbs", "disc-nurbs", "pipe-nurbs-2d"])
+def test_rational_meshes_are_measured(name):
+    report = check(Mfem, [MESHES / f"{name}.mesh"]).report
+    assert not report.geometry.is_exact
+    assert report.geometry.max < 2e-3 * report.geometry.range
+
+
+def test_rational_fields_are_measured(tmp_path):
+    mesh = mfem.Mesh(str(MESHES / "disc-nurbs.mesh"), 1, 0, False)
+    made = mfem.GridFunction(mesh.GetNodes().FESpace())
+    made.Assign(mfem.Vector(np.random.default_rng(2).uniform(-1, 1, made.Size())))
+    measures = check(Mfem, save(tmp_path, mesh, d=made)).report.fields
+    assert [measure.name for measure in measures] == ["d_x", "d_y"]
+    assert all(0 < measure.max < 0.05 for measure in measures)
+
+
+def test_names_of_attributes(tmp_path):
+    conversion = convert(Mfem([MESHES / "compass.mesh"]))
+    text = (MESHES / "compass.mesh").read_text()
+    assert "attribute_sets" in text
+    names = {composite.name for composite in conversion.dataset.mesh.composites}
+    assert any(f'"{name}"' in text for name in names)
+    conversion = convert(Mfem([MESHES / "beam-hex.mesh"]))
+    names = {composite.name for composite in conversion.dataset.mesh.composites}
+    assert {"attribute1", "attribute2", "boundary1", "boundary2", "boundary3"} <= names
+
+
+def test_values_by_place_on_a_cube(tmp_path):
+    mesh = mfem.Mesh(str(MESHES / "inline-hex.mesh"), 1, 0, False)
+    collection = mfem.H1_FECollection(2, 3)
+    space = mfem.FiniteElementSpace(mesh, collection)
+    made = mfem.GridFunction(space)
+    places = mfem.FiniteElementSpace(mesh, collection, 3)
+    nodes = mfem.GridFunction(places)
+    mesh.GetNodes(nodes)
+    x = nodes.GetDataArray().reshape(3, -1)
+    made.Assign(mfem.Vector(x[0] * x[1] - x[2] ** 2))
+    conversion = check(Mfem, save(tmp_path, mesh, sol=made))
+    points = np.random.default_rng(1).uniform(0, 1, (20, 3))
+    found = values_found(conversion.dataset, "sol", points)
+    assert np.abs(found - (points[:, 0] * points[:, 1] - points[:, 2] ** 2)).max() < 1e-12
+
+
+def test_streams_say_nothing(solvers, capfd):
+    Mfem([solvers / "mfem" / "escher_p3.mesh"])
+    assert capfd.readouterr().out == ""
+
+
+BAD = [
+    ("mesh", "\n42\n", "\n43\n", "expected"),
+    ("mesh", "\n1 4 ", "\n1 9 ", "expected an element, found unknown geometry 9"),
+    ("mesh", "\n1 4 ", "\n1 4 4000 ", "expected"),
+    ("mesh", "Cubic", "Cubist", "expected data that MFEM reads, found"),
+    ("mesh", "vertices", "vertebrae", "expected a number of vertices, found none"),
+    ("u.gf", "H1_3D_P5", "H7_3D_P5", "expected data that MFEM reads, found"),
+    ("u.gf", "H1_3D_P5", "H1_3D_P4", "expected .* numbers, found"),
+    ("u.gf", "-0.74224637729461129", "", "expected .* numbers, found"),
+    ("u.gf", "-0.74224637729461129", "much", "expected numbers, found something else"),
+]
+
+
+@pytest.mark.parametrize(("which", "old", "new", "message"), BAD)
+def test_bad_files_are_refused_in_a_sentence(solvers, tmp_path, which, old, new, message):
+    files = []
+    for end in ("mesh", "u.gf"):
+        text = (solvers / "mfem" / f"escher_p3.{end}").read_text()
+        if end == which:
+            assert old in text
+            text = text.replace(old, new, 1)
+        files.append(tmp_path / f"escher_p3.{end}")
+        files[-1].write_text(text)
+    with pytest.raises(FormatError, match=message) as caught:
+        Mfem(files)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.5, 0.99])
+@pytest.mark.parametrize("name", ["escher_p3", "pipe_nurbs", "tinyzoo"])
+def test_truncated_meshes_are_refused(solvers, tmp_path, name, share):
+    text = (solvers / "mfem" / f"{name}.mesh").read_text().rstrip()
+    path = tmp_path / "cut.mesh"
+    path.write_text(text[: int(share * len(text))].rsplit(maxsplit=1)[0])
+    with pytest.raises(FormatError, match="expected"):
+        Mfem([path])
+
+
+def test_a_file_of_which_the_library_dies_is_refused(tmp_path):
+    text = (MESHES / "fichera-amr.mesh").read_text()
+    path = tmp_path / "bad.mesh"
+    start = text.index("elements")
+    path.write_text(text[:start] + text[start:].replace(" 5 0 ", " 5 0 99999", 3))
+    with pytest.raises(FormatError, match="expected data that MFEM reads, found"):
+        Mfem([path])
+
+
+def test_files_that_do_not_belong_together(solvers, tmp_path):
+    folder = solvers / "mfem"
+    with pytest.raises(FormatError, match=r"expected \d+ numbers, found"):
+        Mfem([folder / "escher_p3.mesh", folder / "tinyzoo.u.gf"])
+    with pytest.raises(FormatError, match="expected one mesh, found 0"):
+        Mfem([folder / "tinyzoo.u.gf"])
+    piece = tmp_path / "case.000000"
+    piece.write_text((folder / "tinyzoo.mesh").read_text() + "\ncommunication_groups\nnumber_of_groups 1\n")
+    with pytest.raises(FormatError, match="found a piece of a parallel one"):
+        Mfem([piece])
