@@ -1,0 +1,220 @@
+"""Runtime plugins that are broken in one way each: the fault is found, and has the plugin's name."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from elvis.formats.errors import ElvisError
+from elvis.plugins import opening
+from elvis.plugins.opening import Opened, open_files
+from elvis.plugins.registry import PluginError
+from elvis.plugins.source import VolumeSource
+from elvis.plugins.testing import check_volume
+from elvis.plugins.volume import Shown, basis_part, boxes_between
+from elvis.renderer import DeviceError, Plane, render
+
+MODULE = """module cubes;
+import differentiated;
+public StructuredBuffer<double> corners;
+public struct Cube : IBasis
+{
+    uint element;
+    public __init(uint element) { this.element = element; }
+    [ForwardDifferentiable]
+    public double3 world(double3 r) { return r + double3(corners[element], 0.0lf, 0.0lf); }
+    public double value(double3 r) { return r.x; }
+    public static double margin(double3 r) { return min(min3(r), min3(1.0lf - r)); }
+    public static double3 center() { return 0.5lf; }
+    public static double3 nearest(double3 r) { return clamp(r, 0.0lf, 1.0lf); }
+    static double min3(double3 r) { return min(r.x, min(r.y, r.z)); }
+}
+"""
+LYING = """
+import differentiated; import volume;
+struct Lying : IVolume
+{
+    static const bool affine = false;
+    Differentiated<Cube> honest;
+    __init(uint element) { honest = Differentiated<Cube>(element); }
+    Frame frame(double3 r) { Frame f = honest.frame(r); f.dx = 1.01lf * f.dx; return f; }
+    double value(double3 r) { return honest.value(r); }
+    static double margin(double3 r) { return Cube.margin(r); }
+    static double3 center() { return Cube.center(); }
+    static uint hull_count() { return 8; }
+    static double3 hull(uint element, uint k) { return Differentiated<Cube>.hull(element, k); }
+}
+"""
+PLANE = Plane((0.5, 0.5, 0.5), (0, 0, 1))
+
+
+class Cubes(VolumeSource):
+    """Three unit cubes in a row, with a field that counts from 0 to 1 in each."""
+
+    folder = Path()
+    changes: ClassVar[dict] = {}
+    fields = ("u",)
+
+    @classmethod
+    def opens(cls, paths):
+        return paths[0].suffix == ".cubes"
+
+    def __init__(self, paths):
+        pass
+
+    def volume(self, field):
+        low = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+        boxes = boxes_between(low, low + 1)
+        part = basis_part("cubes", "Cube", boxes, {"corners": low[:, 0]}, evaluate=lambda e, r: (low[e] + r, r[:, 0]))
+        return Shown([replace(part, **self.changes)], self.folder)
+
+
+@pytest.fixture
+def cubes(tmp_path):
+    """A plugin with changes to its part, and replacements in its module."""
+
+    def make(changes=None, old="", new=""):
+        assert old in MODULE
+        (tmp_path / "cubes.slang").write_text(MODULE.replace(old, new) if old else MODULE)
+        source = type("Cubes", (Cubes,), {"folder": tmp_path, "changes": changes or {}})([])
+        return Opened("cubes", source)
+
+    return make
+
+
+def test_a_sound_plugin_is_drawn_without_remarks(cubes, renderer):
+    frame = render(cubes(), field="u", plane=PLANE, device="cpu", size=(90, 30))
+    assert frame.counts()["certain"] > 2000
+    assert frame.stats["remarks"] == []
+    check_volume(cubes().volume("u"), renderer("cpu"))
+
+
+BOXES = boxes_between(np.zeros((3, 3)), np.ones((3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "old", "new", "sentence"),
+    [
+        ({"boxes": BOXES}, "", "", "plugin cubes: .*Cube.*: expected points within the box of their element"),
+        ({}, "return r + ", "return sqrt(-1.0lf - r) + ", "plugin cubes: .*: expected a finite position, found NaN"),
+        ({"boxes": BOXES[:2]}, "", "", r"plugin cubes: part 0 .*: expected float32 boxes \(3, 6\)"),
+        ({"boxes": -BOXES}, "", "", "plugin cubes: part 0 .*: expected a box with its low corner first"),
+        ({"module": "spheres"}, "", "", r"plugin cubes: part 0 .*: expected spheres\.slang in"),
+        ({"buffers": {"corners": np.array(["a"])}}, "", "", "plugin cubes: .* buffer corners: expected float64"),
+    ],
+)
+def test_what_a_plugin_gets_wrong_is_said_with_its_name(cubes, changes, old, new, sentence):
+    with pytest.raises(PluginError, match=sentence):
+        render(cubes(changes, old, new), field="u", plane=PLANE, device="cpu")
+
+
+def test_values_that_are_not_numbers_are_remarked_on(cubes):
+    opened = cubes({}, "return r.x;", "return sqrt(r.x - 0.5lf);")
+    frame = render(opened, field="u", plane=PLANE, device="cpu", size=(90, 30))
+    where = f"plugin cubes: {opened.volume('u').parts[0].type}"
+    assert frame.stats["remarks"] == [f"{where}: the field is NaN in element 0 and 2 others of those sampled"]
+
+
+@pytest.mark.parametrize("device", ["vulkan", "cpu"])
+def test_a_compile_error_is_in_the_words_of_the_compiler(cubes, renderer, device):
+    opened = cubes({}, "return r.x;", "return r.foo;")
+    renderer(device)
+    with pytest.raises(DeviceError) as failure:
+        render(opened, field="u", plane=PLANE, device=device)
+    lines = str(failure.value).splitlines()
+    line = MODULE[: MODULE.index("return r.x")].count("\n") + 1
+    assert lines[0].startswith("error[")
+    assert f"{opened.source.folder / 'cubes.slang'}:{line}:" in lines[1]
+    assert "'foo' is not a member" in lines[-1]
+    assert len(lines) == 5
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"evaluate": lambda e, r: (0 * r, r[:, 0])}, "expected the positions that NumPy gives"),
+        ({"evaluate": lambda e, r: (r + e[:, None] * [1, 0, 0], r[:, 1])}, "expected the values that NumPy gives"),
+        ({"type": "Lying", "source": LYING}, r"expected d\(position\)/d\(r\.x\) to be that of the positions"),
+    ],
+)
+def test_the_kit_finds_lies(cubes, renderer, changes, sentence):
+    with pytest.raises(AssertionError, match=sentence):
+        check_volume(cubes(changes).volume("u"), renderer("cpu"))
+
+
+# plugins side by side
+
+
+class Throwing(Cubes):
+    """Raises wherever it is asked."""
+
+    @classmethod
+    def opens(cls, paths):
+        raise KeyError("magic")
+
+
+class Failing(Cubes):
+    """Opens, then raises."""
+
+    def __init__(self, paths):
+        raise ZeroDivisionError("no elements")
+
+
+def test_a_plugin_that_throws_when_asked_is_left_out_with_a_word(monkeypatch):
+    monkeypatch.setattr(opening, "installed", lambda: {"throwing": Throwing, "cubes": Cubes})
+    said = []
+    assert open_files([Path("a.cubes")], report=said.append).name == "cubes"
+    assert said == ["plugin throwing is left out: asked for a.cubes it raises KeyError: 'magic'"]
+    assert open_files([Path("a.txt")]) is None
+
+
+def test_a_plugin_that_throws_when_it_opens_is_named(monkeypatch):
+    monkeypatch.setattr(opening, "installed", lambda: {"failing": Failing})
+    with pytest.raises(PluginError, match=r"plugin failing: opening a\.cubes: ZeroDivisionError: no elements"):
+        open_files([Path("a.cubes")])
+
+
+def test_of_several_plugins_the_user_chooses(monkeypatch):
+    monkeypatch.setattr(opening, "installed", lambda: {"cubes": Cubes, "dice": Cubes})
+    with pytest.raises(ElvisError, match=r"a\.cubes: cubes and dice open them all; choose one with --plugin"):
+        open_files([Path("a.cubes")])
+
+
+def test_plugins_that_do_not_load_leave_the_others_alone(miniature):
+    assert {"fourier", "nurbs"} <= set(opening.installed())
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("import nothing_at_all", "does not load: ModuleNotFoundError"),
+        ("x = 1", "expected one subclass of elvis.plugins.source.VolumeSource, found 0"),
+    ],
+)
+def test_a_file_without_a_plugin_is_refused(tmp_path, text, sentence):
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    with pytest.raises(PluginError, match=sentence):
+        open_files([Path("a.cubes")], str(path))
+
+
+def test_the_command_shows_file_and_line_of_a_compile_error(tmp_path):
+    (tmp_path / "cubes.slang").write_text(MODULE.replace("return r.x;", "return r.foo;"))
+    own = Path(__file__).read_text(encoding="utf-8")
+    source = own[own.index("class Cubes") : own.index("@pytest.fixture")]
+    imports = [line for line in own.splitlines() if line.startswith(("import numpy", "from"))]
+    (tmp_path / "mine.py").write_text("\n".join(imports) + "\n" + source.replace("Path()", "Path(__file__).parent"))
+    command = "from elvis.plugins.command import main; main()"
+    arguments = ["render", "mine.py", "--plugin", "mine.py", "--plane", "0,0,0.5:0,0,1", "-o", "p.png"]
+    process = subprocess.run(
+        [sys.executable, "-c", command, *arguments, "--device", "cpu"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert process.returncode == 1
+    (line,) = process.stderr.splitlines()
+    assert line.startswith("elvis: error: error[")
+    assert "cubes.slang:10:" in line
+    assert not (tmp_path / "p.png").exists()
