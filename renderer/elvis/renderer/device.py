@@ -197,10 +197,13 @@ class Kernel:
         # the cpu target wraps all globals in a constant buffer
         layout = program.layout.globals_type_layout
         self._globals = {item.name: item.type_layout for item in (layout.element_type_layout or layout).fields}
+        self._dtypes: dict[str, np.dtype[Any]] = {}
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """The NumPy dtype of one element of a structured buffer, as Slang lays it out."""
-        return _dtype(self._globals[name].element_type_layout)
+        if name not in self._dtypes:
+            self._dtypes[name] = _dtype(self._globals[name].element_type_layout)
+        return self._dtypes[name]
 
     def __call__(self, count: int, buffers: dict[str, slangpy.Buffer], *, groups: bool = False) -> None:
         """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers it knows of."""

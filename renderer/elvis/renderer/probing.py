@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.boxes import BoxTree
-from elvis.plugins.volume import Part, Volume
+from elvis.plugins.volume import Volume
 from elvis.renderer.cut import BORDER, INSIDE, NOBODY, UNKNOWN
 from elvis.renderer.device import Device, Kernel
 from elvis.renderer.errors import SceneError
@@ -40,14 +41,15 @@ class Places:
 class Finder:
     """A volume on a device, with a bounding volume hierarchy for each part."""
 
-    def __init__(self, device: Device, volume: Volume) -> None:
+    def __init__(self, device: Device, volume: Volume, buffers: Sequence[Mapping[str, slangpy.Buffer]]) -> None:
+        """``buffers`` hold the data of the volume's parts on the device."""
         if not sum(map(len, volume.parts)):
             raise SceneError("there is no element to look in: none carries the field")
         device.include(volume.shader_folder)
         self._device, self._parts = device, volume.parts
         self._kernels = [device.kernel("locate", part) for part in self._parts]
         self._trees = [BoxTree.build(part.boxes) for part in self._parts]
-        self._buffers = [self._upload(part, tree) for part, tree in zip(self._parts, self._trees, strict=True)]
+        self._buffers = [{**held, **self._upload(tree)} for held, tree in zip(buffers, self._trees, strict=True)]
         self._first = np.cumsum([0, *map(len, self._parts)])
 
     def find(self, points: Floats) -> Places:
@@ -85,9 +87,8 @@ class Finder:
         undecided: Ints = point[solution.verdict == UNKNOWN]
         return undecided
 
-    def _upload(self, part: Part, tree: BoxTree) -> dict[str, slangpy.Buffer]:
-        arrays = {**part.buffers, "nodes": tree.nodes, "order": tree.order}
-        return {name: self._device.buffer(array) for name, array in arrays.items()}
+    def _upload(self, tree: BoxTree) -> dict[str, slangpy.Buffer]:
+        return {"nodes": self._device.buffer(tree.nodes), "order": self._device.buffer(tree.order)}
 
     def _query(self, number: int, kernel: Kernel, points: int) -> slangpy.Buffer:
         tree, record = self._trees[number], np.zeros(1, kernel.dtype("query"))

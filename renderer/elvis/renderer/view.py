@@ -6,6 +6,7 @@ Pixel (i, j) is column i from the left and row j from the top; integer coordinat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,6 +51,11 @@ class View:
         numbers = _orthographic if camera.fov is None else _perspective
         plane_point = numbers(eye, forward, corner, column, row, plane)
         return View(camera, plane, width, height, plane_point, _to_pixel(camera, eye, step, (width, height)))
+
+    @cached_property
+    def across(self) -> Floats:
+        """(3,) the plane's unit normal."""
+        return self.plane.basis()[2]
 
     def points(self) -> Floats:
         """(height, width, 3) the plane point of every pixel; NaN where the ray misses the plane or it lies behind."""
