@@ -5,16 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats import Dataset
+from elvis.formats import Dataset, read
+from elvis.formats.bases import Basis
+from elvis.formats.dataset import Homogeneous
 from elvis.formats.errors import ElvisError
+from elvis.formats.factors import fourier
 from elvis.formats.testing import curved, mixed_volume, ripple
 from elvis.plugins.analytic import AnalyticVolume, Expression
 from elvis.plugins.analytic.expression import FUNCTIONS
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.fourier.plugin import BASES
+from elvis.plugins.native.planes import PlanesVolume, waves
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.nurbs.knots import KnotVector
-from elvis.plugins.testing import check_volume
+from elvis.plugins.testing import check_volume, values_found
 from elvis.renderer import Plane, Scene, render
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
@@ -257,3 +261,34 @@ def test_expressions_mean_what_mathematics_says(text, value):
 def test_what_is_no_expression_is_refused(text):
     with pytest.raises(ElvisError, match="expected"):
         Expression.parse(text)
+
+
+# quasi-3D data
+
+NEKTAR = MFEM.parents[1] / "nektar"
+CHANNEL = (NEKTAR / "chan3dh1d" / "chan3DH1D.xml", NEKTAR / "chan3dh1d" / "chan3DH1D_zVariation.fld")
+SQUARE = (NEKTAR / "triquad_h1d" / "square_mix.xml", NEKTAR / "triquad_h1d" / "zero-homo-plane_pre.fld")
+
+
+@pytest.mark.parametrize(("files", "field"), [(CHANNEL, "u"), (SQUARE, "u")])
+def test_quasi_3d_data_are_cut_like_solid_ones(renderer, files, field):
+    if not NEKTAR.is_dir():
+        pytest.skip(f"there is no {NEKTAR}")
+    dataset = read(*files)
+    volume = PlanesVolume.of(dataset, field)
+    check_volume(volume, renderer("vulkan"))
+    frame = render(dataset, field=field, plane=Plane((0.4, 0.4, 0.3), (1, 2, 3)), size=(60, 60), device="vulkan")
+    points, values = pixels_of(frame)
+    truth = values_found(dataset, field, points)
+    inner = ~np.isnan(truth)
+    assert inner.mean() > 0.99
+    assert np.abs(values - truth)[inner].max() < FIELD * 3
+
+
+@pytest.mark.parametrize("basis", [b for b in Basis if "FOURIER" in b.name])
+def test_waves_are_the_fourier_functions_of_the_format(basis):
+    zeta = np.linspace(-1, 1, 11)
+    turns, cosines, sines, shift = waves(Homogeneous((basis,), (1.0,), tuple(range(6)))).T
+    angle = np.pi * turns * (zeta[:, None] + shift)
+    found = cosines * np.cos(angle) + sines * np.sin(angle)
+    assert np.abs(found - fourier(basis, range(6), zeta)[0]).max() < 1e-14

@@ -75,7 +75,8 @@ def completed(dataset: Dataset, scene: Scene) -> Scene:
 
     A field that the data don't hold is one in closed form, an expression of x, y and z.
     """
-    return _with_plane(_with_field(scene, _names(dataset), is_mesh=True), dataset.mesh.dimension)
+    scene = _with_field(scene, _names(dataset), is_mesh=True)
+    return _with_plane(scene, 3 if _server(dataset, scene.field) == "planes" else dataset.mesh.dimension)
 
 
 def _names(data: Dataset | Opened) -> tuple[str, ...]:
@@ -213,6 +214,12 @@ class Renderer:
 
 
 def _volume(dataset: Dataset, field: str) -> Volume:
-    """One field of a dataset, from the runtime plugin that serves datasets, or that for fields in closed form."""
-    name = "native" if field in _names(dataset) else "analytic"
-    return cast(Volume, cast(Any, load("elvis.volumes", name)).of(dataset, field))
+    """One field of a dataset, from the runtime plugin that serves it."""
+    return cast(Volume, cast(Any, load("elvis.volumes", _server(dataset, field))).of(dataset, field))
+
+
+def _server(dataset: Dataset, field: str) -> str:
+    """The plugin for a field of a dataset: native, or those for quasi-3D data and for fields in closed form."""
+    if field not in _names(dataset):
+        return "analytic"
+    return "planes" if cast(Any, load("elvis.volumes", "planes")).serves(dataset, field) else "native"
