@@ -72,7 +72,8 @@ def basis_part(
     """
     ids = np.arange(len(boxes)) if element_ids is None else element_ids
     every = {**buffers, "element_boxes": np.ascontiguousarray(boxes, np.float32)}
-    return Part(module, f"Differentiated<{type}>", ids, boxes, every, None, "import differentiated;", evaluate)
+    adapted, source = f"Differentiated<{type}>", "import differentiated;"
+    return Part(module, adapted, ids, boxes, every, source=source, evaluate=evaluate)
 
 
 def boxes_between(low: Floats, high: Floats, margin: float = 1e-9) -> NDArray[np.float32]:
