@@ -31,7 +31,7 @@ _SHAPES = {
 }
 
 #: the library's vertex at each of ours
-_CORNERS = {Shape.PRISM: (0, 2, 5, 3, 1, 4)}
+CORNERS = {Shape.PRISM: (0, 2, 5, 3, 1, 4)}
 
 #: functions that differ by more from a polynomial aren't one
 _ROUNDING, _HIGHEST = 1e-8, 15
@@ -132,7 +132,7 @@ def _from_native(shape: Shape, frame: Floats, points: Floats) -> Floats:
 
 def read_mesh(contents: Contents) -> Mesh:
     """The mesh of a file; FormatError with the library's first complaint."""
-    with TemporaryDirectory() as folder, _session() as gmsh:
+    with TemporaryDirectory() as folder, session() as gmsh:
         path = contents.path
         if not contents.is_plain:  # the library reads a copy without data
             path = Path(folder) / "mesh.msh"
@@ -145,7 +145,7 @@ def read_mesh(contents: Contents) -> Mesh:
 
 
 @contextmanager
-def _session() -> Iterator[Any]:
+def session() -> Iterator[Any]:
     """The library, begun and ended here, or a model of its own in one that is at work."""
     import gmsh
 
@@ -239,7 +239,7 @@ def _kind(gmsh: Any, number: int, path: Path) -> Kind:
     if shape is None or len(shape.vertices) != corners:
         expected = ", ".join(key.lower() for key in _SHAPES)
         raise FormatError(f"expected elements of the kinds {expected}, found {name}", file=path)
-    own = np.array(_CORNERS.get(shape, range(corners)))
+    own = np.array(CORNERS.get(shape, range(corners)))
 
     def evaluate(points: Floats) -> Floats:
         table = gmsh.model.mesh.getBasisFunctions(number, points.reshape(-1), "Lagrange")[1]

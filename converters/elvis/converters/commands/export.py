@@ -1,0 +1,115 @@
+"""``elvis export``: native data into files that other programs open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from elvis.converters.exporting import Export, Loss
+    from elvis.formats.dataset import Dataset
+
+EPILOG = """\b
+Examples:
+  elvis export wing.xml wing.fld -o wing.vtu              Lagrange cells, for ParaView
+  elvis export wing.xml wing.fld -o wing.msh --fields p   for Gmsh
+"""
+
+FILE = click.Path(path_type=Path)
+
+#: relative errors up to here are rounding
+_ROUNDING = 1e-11
+
+
+@click.command("export", epilog=EPILOG, short_help="Write native data as VTK or Gmsh files, for other programs.")
+@click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
+@click.option("--output", "-o", type=FILE, required=True, help="The file to write: .vtu for VTK, .msh for Gmsh.")
+@click.option("--fields", metavar="NAMES", help="Names of the fields to write, commas between them.  [default: all]")
+@click.option("--order", type=click.IntRange(1, 10), help="Order of all cells.  [default: that of map and fields]")
+@click.option("--max-error", type=float, help="Fail, and write nothing, where a relative error is greater.")
+@click.option("--json", "as_json", is_flag=True, help="Print the losses as JSON, numbers with all their digits.")
+def export(
+    data: tuple[Path, ...],
+    output: Path,
+    fields: str | None,
+    order: int | None,
+    max_error: float | None,
+    as_json: bool,
+) -> None:
+    """Write DATA, native files, as cells with values at nodes, and tell what that cost.
+
+    An element becomes one cell, of the lowest order that holds its map and its fields, up to order 10 in VTK and 9 in
+    Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.
+    """
+    from elvis.formats.commands.arguments import field_names, read_data
+
+    if output.suffix not in (".vtu", ".msh"):
+        raise click.BadParameter(f"expected a name ending in .vtu or .msh, found {output}", param_hint="'-o'")
+    dataset = read_data(data)
+    names = None if fields is None else field_names(dataset, fields)
+    write = _write_vtu if output.suffix == ".vtu" else _write_msh
+    write(dataset, names, order, output, max_error, as_json)
+
+
+def _write_vtu(
+    dataset: Dataset, names: tuple[str, ...] | None, order: int | None, path: Path, bound: float | None, as_json: bool
+) -> None:
+    _require("vtkmodules", "vtk")
+    from elvis.converters.exporting import exported
+    from elvis.converters.vtk_export import VtkTarget, write_vtu
+
+    found = exported(dataset, names, order, VtkTarget())
+    _report(found, path, bound, as_json)
+    write_vtu(path, found, dataset.time)
+
+
+def _write_msh(
+    dataset: Dataset, names: tuple[str, ...] | None, order: int | None, path: Path, bound: float | None, as_json: bool
+) -> None:
+    _require("gmsh", "gmsh")
+    from elvis.converters.exporting import exported
+    from elvis.converters.gmsh_export import GmshTarget, write_msh
+
+    with GmshTarget() as target:
+        found = exported(dataset, names, order, target)
+        _report(found, path, bound, as_json)
+        write_msh(path, found, dataset.mesh, target, dataset.time)
+
+
+def _require(module: str, package: str) -> None:
+    """ElvisError, naming what brings it, where a package is missing."""
+    from importlib.util import find_spec
+
+    from elvis.formats.errors import ElvisError
+    from elvis.plugins.discovery import EXTRA
+
+    if find_spec(module) is None:
+        raise ElvisError(
+            f"the export needs {package}, which is not installed; pip install 'elvis-viz[{EXTRA}]' brings it"
+        )
+
+
+def _report(found: Export, path: Path, bound: float | None, as_json: bool) -> None:
+    """Print what was lost; ElvisError where that is more than allowed."""
+    from elvis.formats.errors import ElvisError
+    from elvis.formats.terminal import print_json, print_table
+
+    if as_json:
+        facts = [
+            {"name": each.name, "order": each.order, "error": each.error, "relative": each.relative,
+             "element": each.element} for each in found.losses
+        ]  # fmt: skip
+        print_json({"losses": facts})
+    else:
+        rows = [_row(each) for each in found.losses]
+        print_table(("quantity", "order", "state", "largest error", "of the range", "in element"), rows)
+    worst = max(each.relative for each in found.losses)
+    if bound is not None and not worst <= bound:
+        raise ElvisError(f"{path}: not written: expected errors up to {bound:g}, found {worst:.3g}")
+
+
+def _row(loss: Loss) -> tuple[object, ...]:
+    state = "exact" if loss.relative <= _ROUNDING else "interpolated"
+    return loss.name, loss.order, state, f"{loss.error:.3g}", f"{loss.relative:.3g}", loss.element

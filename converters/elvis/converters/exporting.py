@@ -1,0 +1,184 @@
+"""Native data at the nodes of other programs' cells: what exports have in common.
+
+Every element becomes one cell of the lowest order that holds its map and its fields.  Pyramids that a program's own
+don't hold become hexahedra whose upper face is the apex: there every function of a pyramid is a polynomial.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.bases import Basis
+from elvis.formats.collapse import uncollapse
+from elvis.formats.dataset import Dataset, Expansion
+from elvis.formats.errors import ElvisError
+from elvis.formats.evaluation import evaluate
+from elvis.formats.geometry import MAP_FIELDS
+from elvis.formats.patch import Patch, patches
+from elvis.formats.shapes import Shape
+from elvis.plugins.projection.frames import affine_between
+
+#: points of each element at which an export is compared with the data
+_CHECKS = 24
+_AT_ONCE = 1 << 12
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A kind of cells of another program.
+
+    number  of the kind in its files
+    nodes   (k, d) reference coordinates of the nodes, in those of ``shape``
+    """
+
+    shape: Shape
+    order: int
+    number: int
+    nodes: Floats
+
+
+class Target(ABC):
+    """The cells of a program: of which kinds and orders, and which functions go with their nodes."""
+
+    #: the highest order of its cells, and of pyramids that are the native ones of that order
+    highest: int
+    highest_pyramid: int
+
+    @abstractmethod
+    def cell(self, shape: Shape, order: int) -> Cell:
+        """The cells of a shape and order."""
+
+    @abstractmethod
+    def table(self, cell: Cell, points: Floats) -> Floats:
+        """(n, k) values of the functions of a cell's nodes at points (n, d), in the coordinates of its shape."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Elements of one patch as cells: places (n, k, 3) and, for each field, values (n, k) of the nodes."""
+
+    patch: Patch
+    cell: Cell
+    places: Floats
+    values: tuple[Floats | None, ...]
+
+    @property
+    def is_collapsed(self) -> bool:
+        """Whether hexahedra stand for pyramids."""
+        return self.cell.shape is not self.patch.shape
+
+
+@dataclass(eq=False)
+class Loss:
+    """The largest difference between data and export, and the range of the data."""
+
+    name: str
+    order: int = 0
+    error: float = 0.0
+    element: int = -1
+    low: float = np.inf
+    high: float = -np.inf
+
+    @property
+    def relative(self) -> float:
+        """The error as a share of the range."""
+        spread = self.high - self.low
+        return self.error / spread if np.isfinite(spread) and spread > 0 else self.error
+
+
+@dataclass(eq=False)
+class Export:
+    """All pieces of a dataset, the names of the fields, and what was lost: of the coordinates, then of each field."""
+
+    names: tuple[str, ...]
+    pieces: list[Piece] = field(default_factory=list)
+    losses: list[Loss] = field(default_factory=list)
+
+
+def exported(dataset: Dataset, names: Sequence[str] | None, order: int | None, target: Target) -> Export:
+    """The dataset as cells of a program, compared with itself at points between the nodes.
+
+    order  of all cells; None for the lowest that holds map and fields, as far as the program goes
+    ElvisError for unknown fields and for data with Fourier directions.
+    """
+    if any(block.expansion.homogeneous for each in dataset.fields for block in each.blocks):
+        raise ElvisError("expected fields without Fourier directions, found some with")
+    maps = dataset.metadata.get("GeometryMap", "").replace(" ", "").split(",")
+    is_mapped = "GeometryMap" in dataset.metadata
+    own = [f.name for f in dataset.fields if not is_mapped or f.name not in (*maps, *MAP_FIELDS)]
+    chosen = tuple(own if names is None else names)
+    result = Export(chosen, losses=[Loss("coordinates"), *(Loss(name) for name in chosen)])
+    for patch in patches(dataset, chosen):
+        piece = _piece(patch, order, target)
+        result.pieces.append(piece)
+        _compare(piece, target, result.losses)
+    return result
+
+
+def _piece(patch: Patch, order: int | None, target: Target) -> Piece:
+    spaces = [patch.geometry, *(own for own in patch.fields if own is not None)]
+    wanted = max(max(own.modes) - 1 for own in spaces)
+    shape = patch.shape
+    if shape is Shape.PYRAMID and (wanted > target.highest_pyramid or any(_is_ortho(own) for own in spaces)):
+        shape = Shape.HEXAHEDRON
+        wanted = max(_vertical(own) for own in spaces)
+    cell = target.cell(shape, min(order or max(1, wanted), target.highest))
+    nodes = uncollapse(Shape.PYRAMID, cell.nodes) if shape is not patch.shape else cell.nodes
+    places = evaluate(patch.geometry, patch.geometry_coefficients, nodes).transpose(0, 2, 1)
+    values = tuple(
+        None if own is None or coefficients is None else evaluate(own, coefficients, nodes)
+        for own, coefficients in zip(patch.fields, patch.coefficients, strict=True)
+    )
+    return Piece(patch, cell, places, values)
+
+
+def _is_ortho(expansion: Expansion) -> bool:
+    return expansion.bases[-1] is Basis.ORTHO_PYR_C and max(expansion.modes) > 1
+
+
+def _vertical(expansion: Expansion) -> int:
+    """The highest power of a collapsed coordinate in a pyramid's functions (format notes 8)."""
+    order = max(expansion.modes) - 1
+    return 2 * order if _is_ortho(expansion) else max(order, 2 * order - 2)
+
+
+def _compare(piece: Piece, target: Target, losses: Sequence[Loss]) -> None:
+    """Take in the differences at random points of every element."""
+    patch, cell = piece.patch, piece.cell
+    eta = np.random.default_rng(0).uniform(-1, 1, (_CHECKS, cell.shape.dimension))
+    points = eta if piece.is_collapsed else uncollapse(cell.shape, eta)
+    native = uncollapse(Shape.PYRAMID, points) if piece.is_collapsed else points
+    table = target.table(cell, points)
+    for part in _parts(len(patch)):
+        exact = evaluate(patch.geometry, patch.geometry_coefficients[part], native)
+        _add(losses[0], cell, patch, part, exact.reshape(len(exact), -1),
+             (table @ piece.places[part]).transpose(0, 2, 1).reshape(len(exact), -1))  # fmt: skip
+        for loss, own, coefficients, values in zip(
+            losses[1:], patch.fields, patch.coefficients, piece.values, strict=True
+        ):
+            if own is not None and coefficients is not None and values is not None:
+                _add(loss, cell, patch, part, evaluate(own, coefficients[part], native), values[part] @ table.T)
+
+
+def _add(loss: Loss, cell: Cell, patch: Patch, part: slice, exact: Floats, found: Floats) -> None:
+    errors = np.abs(exact - found).max(axis=1)
+    first = int(np.nanargmax(errors)) if np.isfinite(errors).any() else 0
+    if errors[first] > loss.error or loss.element < 0:
+        loss.error, loss.element = float(errors[first]), int(patch.element_ids[part][first])
+    loss.order = max(loss.order, cell.order)
+    loss.low, loss.high = min(loss.low, float(exact.min())), max(loss.high, float(exact.max()))
+
+
+def _parts(count: int) -> Iterator[slice]:
+    return (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
+
+
+def moved(points: Floats, source: Floats, target: Floats) -> Floats:
+    """Points (n, d) moved as the affine map does that takes the vertices ``source`` to ``target``, both (v, d)."""
+    matrix, offset = affine_between(np.asarray(source, np.float64), np.asarray(target, np.float64))
+    return np.asarray(points @ matrix.T + offset)

@@ -1,0 +1,97 @@
+"""Export to VTK: one Lagrange cell an element, each with points of its own, so that jumps stay."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.converters.exporting import Cell, Export, Piece, Target, moved
+from elvis.converters.vtk_cells import LAGRANGE, Kind
+from elvis.converters.vtk_cells import Cell as VtkCell
+from elvis.formats.arrays import Floats
+from elvis.formats.output import replacing
+from elvis.formats.shapes import Shape
+from elvis.plugins.nodal import space_size
+
+_TYPES = {shape: number for number, shape in LAGRANGE.items()}
+
+
+class VtkTarget(Target):
+    """Lagrange cells with evenly spaced nodes; its pyramids of any order are nobody's, so hexahedra stand for them."""
+
+    highest, highest_pyramid = 10, 0
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[Shape, int], VtkCell] = {}
+
+    def cell(self, shape: Shape, order: int) -> Cell:
+        """The library's own nodes."""
+        own = self._own(shape, order)
+        assert own.frame is not None
+        nodes = moved(own.nodes[:, : shape.dimension], own.frame, shape.vertices)
+        return Cell(shape, order, own.kind.type, nodes)
+
+    def table(self, cell: Cell, points: Floats) -> Floats:
+        """As the library evaluates them."""
+        own = self._own(cell.shape, cell.order)
+        assert own.frame is not None
+        return own.table(moved(points, cell.shape.vertices, own.frame))
+
+    def _own(self, shape: Shape, order: int) -> VtkCell:
+        if (shape, order) not in self._known:
+            self._known[shape, order] = VtkCell(Kind(_TYPES[shape], space_size(shape, order)), "export")
+        return self._known[shape, order]
+
+
+def write_vtu(path: Path, export: Export, time: float | None) -> None:
+    """A .vtu file, binary and compressed; elements without a field have no number there."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    grid = _grid(export)
+    for number, name in enumerate(export.names):
+        array = numpy_to_vtk(np.concatenate([_values(piece, number) for piece in export.pieces]), deep=True)
+        array.SetName(name)
+        grid.GetPointData().AddArray(array)
+    ids = numpy_to_vtk(np.concatenate([piece.patch.element_ids for piece in export.pieces]), deep=True)
+    ids.SetName("element")
+    grid.GetCellData().AddArray(ids)
+    if time is not None:
+        stamp = numpy_to_vtk(np.array([time]), deep=True)
+        stamp.SetName("TimeValue")
+        grid.GetFieldData().AddArray(stamp)
+    with replacing(path) as beside:
+        writer = vtkXMLUnstructuredGridWriter()
+        writer.SetFileName(str(beside))
+        writer.SetInputData(grid)
+        writer.SetHeaderTypeToUInt64()
+        if not writer.Write():
+            raise OSError(0, "the library could not write", str(path))
+
+
+def _grid(export: Export) -> Any:
+    """Points, cells and their types."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
+
+    points = vtkPoints()
+    points.SetData(numpy_to_vtk(np.concatenate([piece.places.reshape(-1, 3) for piece in export.pieces]), deep=True))
+    counts = np.concatenate([np.full(len(piece.patch), len(piece.cell.nodes)) for piece in export.pieces])
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    cells = vtkCellArray()
+    connectivity = np.arange(offsets[-1], dtype=np.int64)
+    cells.SetData(numpy_to_vtkIdTypeArray(offsets, deep=True), numpy_to_vtkIdTypeArray(connectivity, deep=True))
+    types = np.concatenate([np.full(len(piece.patch), piece.cell.number, np.uint8) for piece in export.pieces])
+    grid = vtkUnstructuredGrid()
+    grid.SetPoints(points)
+    grid.SetCells(numpy_to_vtk(types, deep=True), cells)
+    return grid
+
+
+def _values(piece: Piece, number: int) -> Floats:
+    """(n,) values of a field at the points of a piece."""
+    values = piece.values[number]
+    return np.full(piece.places.shape[:2], np.nan).reshape(-1) if values is None else values.reshape(-1)

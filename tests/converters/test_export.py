@@ -1,0 +1,167 @@
+"""Exports: what VTK and Gmsh themselves find in the files is what was written."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from elvis.converters.exporting import exported
+from elvis.converters.gmsh import Gmsh
+from elvis.converters.gmsh_export import GmshTarget
+from elvis.converters.vtk import Vtk
+from elvis.converters.vtk_export import VtkTarget
+from elvis.formats import ElvisError, read, write
+from elvis.formats.dataset import Dataset
+from elvis.formats.evaluation import evaluate
+from elvis.formats.patch import patches
+from elvis.formats.sampling import sample
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
+from elvis.plugins.converting import convert
+
+FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 2], "jump": lambda x: np.sin(3 * x[:, 0] - x[:, 1])}
+
+
+def with_fields(mesh, modes):
+    dataset = Dataset(mesh, time=0.25)
+    return replace(dataset, fields=tuple(approximated(dataset, n, f, modes) for n, f in FUNCTIONS.items()))
+
+
+MESHES = {
+    "volume": lambda: curved(shuffled(mixed_volume(3), 1), ripple(0.05), 3),
+    "plane": lambda: curved(mixed_plane(1), lambda x: x + 0.05 * np.sin(x[:, [1, 0, 2]]), 3),
+    "line": lambda: grid(Shape.SEGMENT, 3),
+}
+
+
+@pytest.fixture(params=[(mesh, modes) for mesh in MESHES for modes in (2, 4)], ids=lambda p: f"{p[0]}-{p[1]}")
+def files(request, tmp_path):
+    mesh, modes = request.param
+    return write(with_fields(MESHES[mesh](), modes), tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize("suffix", ["vtu", "msh"])
+def test_there_and_back(elvis, elvis_json, files, tmp_path, suffix):
+    out = tmp_path / f"out.{suffix}"
+    losses = elvis_json("export", *files, "-o", out)["losses"]
+    assert [loss["name"] for loss in losses] == ["coordinates", "u", "jump"]
+    assert max(loss["relative"] for loss in losses) < 1e-12
+    before = read(*files)
+    again = convert({"vtu": Vtk, "msh": Gmsh}[suffix]([out])).dataset
+    assert again.time == 0.25
+    points = inside(before)
+    old, new = (sample(each, list(FUNCTIONS), points).values for each in (before, again))
+    assert np.isfinite(old).all()
+    assert np.nanmax(np.abs(old - new)) < 1e-11
+    assert np.isfinite(new).all()
+
+
+def inside(dataset, count=12):
+    """Places of random points inside every element."""
+    found = []
+    for patch in patches(dataset):
+        points = 0.6 * scattered(patch.shape, count) + 0.4 * patch.shape.vertices.mean(axis=0)
+        found.append(evaluate(patch.geometry, patch.geometry_coefficients, points).transpose(0, 2, 1).reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def test_vtk_itself_finds_the_values(elvis, tmp_path):
+    """Each cell of the file, as the library locates and evaluates parametric points in it."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    paths = write(with_fields(MESHES["volume"](), 4), tmp_path / "a.xml")
+    elvis("export", *paths, "-o", tmp_path / "a.vtu")
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "a.vtu"))
+    reader.Update()
+    output, cell = reader.GetOutput(), vtkGenericCell()
+    ids = vtk_to_numpy(output.GetCellData().GetArray("element"))
+    u = vtk_to_numpy(output.GetPointData().GetArray("u"))
+    places, values = [], []
+    rng = np.random.default_rng(3)
+    for number in range(output.GetNumberOfCells()):
+        output.GetCell(number, cell)
+        a, b, c = sorted(rng.uniform(0.05, 0.95, 3))
+        weights = [0.0] * cell.GetNumberOfPoints()
+        cell.InterpolateFunctions([a, b - a, c - b], weights)
+        own = [cell.GetPointId(i) for i in range(cell.GetNumberOfPoints())]
+        corners = np.array([output.GetPoint(i) for i in own])
+        places.append(np.array(weights) @ corners)
+        values.append(np.array(weights) @ u[own])
+    found = sample(read(*paths), ["u"], np.array(places)).values.reshape(-1)
+    assert len(ids) == len(places)
+    assert np.abs(found - values).max() < 1e-11
+
+
+def test_gmsh_itself_finds_the_values(elvis, tmp_path):
+    """The library reads the mesh, and the data through its own views."""
+    import gmsh
+
+    paths = write(with_fields(MESHES["volume"](), 3), tmp_path / "a.xml")
+    elvis("export", *paths, "-o", tmp_path / "a.msh")
+    gmsh.initialize(["test"], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "a.msh"))
+        places, values = [], []
+        view = gmsh.view.getTags()[0]
+        _, tags, data, time, components = gmsh.view.getModelData(view, 0)
+        held = dict(zip(tags.tolist(), data, strict=True))
+        for kind in gmsh.model.mesh.getElementTypes(3):
+            table = gmsh.model.mesh.getBasisFunctions(kind, [0.1, 0.2, 0.15], "Lagrange")[1]
+            tags, nodes = gmsh.model.mesh.getElementsByType(kind)
+            for tag, own in zip(tags, nodes.reshape(len(tags), -1), strict=True):
+                places.append(table @ [gmsh.model.mesh.getNode(node)[0] for node in own])
+                values.append(table @ held[int(tag)])
+    finally:
+        gmsh.finalize()
+    assert (time, components, len(values)) == (0.25, 1, 12)
+    found = sample(read(*paths), ["u"], np.array(places)).values.reshape(-1)
+    assert np.abs(found - values).max() < 1e-11
+
+
+@pytest.mark.parametrize("target", [VtkTarget, GmshTarget])
+def test_every_shape_and_order_is_exact(target):
+    context = target()
+    for shape in Shape:
+        for modes in (2, 3, 4, 5):
+            mesh = curved(grid(shape, 1), ripple(0.03) if shape.dimension == 3 else lambda x: x, min(modes, 4))
+            losses = found(context, with_fields(mesh, modes), None)
+            assert max(loss.relative for loss in losses) < 1e-11, (shape, modes)
+
+
+def found(target, dataset, order):
+    if isinstance(target, GmshTarget):
+        with target:
+            return exported(dataset, None, order, target).losses
+    return exported(dataset, None, order, target).losses
+
+
+@pytest.mark.parametrize("target", [VtkTarget, GmshTarget])
+def test_lower_orders_are_measured(target):
+    dataset = with_fields(grid(Shape.TETRAHEDRON, 2), 6)
+    errors = [found(target(), dataset, order)[2].relative for order in (1, 2, 3, 4, 5)]
+    assert errors[-1] < 1e-12
+    assert all(late < 0.6 * early for early, late in pairwise(errors))
+
+
+def test_maps_that_fields_give_are_the_places(elvis_json, solvers, tmp_path):
+    from elvis.converters.hopr import Hopr
+
+    source = convert(Hopr([solvers / "hopr_flexi" / "convcurved_N4_State.h5"])).dataset
+    paths = write(source, tmp_path / "a.xml")
+    losses = elvis_json("export", *paths, "-o", tmp_path / "a.vtu", "--fields", "Density")["losses"]
+    assert [loss["name"] for loss in losses] == ["coordinates", "Density"]
+    assert max(loss["relative"] for loss in losses) < 1e-12
+
+
+def test_nothing_is_written_on_errors(elvis, tmp_path):
+    paths = write(with_fields(grid(Shape.TETRAHEDRON, 1), 6), tmp_path / "a.xml")
+    with pytest.raises(ElvisError, match="not written"):
+        elvis("export", *paths, "-o", tmp_path / "a.vtu", "--order", 2, "--max-error", 1e-6)
+    with pytest.raises(ElvisError, match="there is no field 'w'"):
+        elvis("export", *paths, "-o", tmp_path / "a.msh", "--fields", "w")
+    assert not list(tmp_path.glob("a.[vm]*"))
