@@ -44,11 +44,12 @@ class AnalyticVolume:
         """
         function = Expression.parse(expression)
         native = NativeVolume.of(AnalyticVolume.carrier(dataset), "x")
-        parts = [_expressed(part, function) for part in native.parts]
+        parts = [expressed(part, function) for part in native.parts]
         return AnalyticVolume(native.dimension, parts, native.shader_folder)
 
 
-def _expressed(part: Part, function: Expression) -> Part:
+def expressed(part: Part, function: Expression) -> Part:
+    """The elements of a part with a field in closed form."""
     source = _SOURCE.format(function.slang())
     return replace(part, type=f"Expressed<{part.type}, Given>", source=source, solve=_solver(part, function))
 
