@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,7 +38,9 @@ class Gmsh(Converter):
     )
     loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
     needs = ("gmsh",)
-    options = (Option("step", "Which step of a series, counted from 0; the last by default."),)
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("step", "Which step of a series, counted from 0; the last by default."),
+    )
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -53,7 +56,7 @@ class Gmsh(Converter):
         contents = [scan(path) for path in paths]
         self._mesh = read_mesh(_with_mesh(contents))
         self._groups = self._mesh.groups
-        self.blocks = [_block(i, group, self._mesh) for i, group in enumerate(self._groups)]
+        self.blocks = [block_of(i, group, self._mesh) for i, group in enumerate(self._groups)]
         self.boundaries = [Boundary(name, vertices=sides) for name, sides in self._mesh.sides.items()]
         self.notes = list(self._mesh.notes)
         self._values: dict[tuple[str, int], _Values] = {}
@@ -179,7 +182,8 @@ def _with_mesh(contents: Sequence[Contents]) -> Contents:
     return found[0]
 
 
-def _block(number: int, group: Group, mesh: Mesh) -> Elements:
+def block_of(number: int, group: Group, mesh: Mesh) -> Elements:
+    """The elements of a group, known by its number."""
     kind = group.kind
     return Elements(
         kind.shape,

@@ -130,8 +130,11 @@ def _from_native(shape: Shape, frame: Floats, points: Floats) -> Floats:
     return points @ matrix.T + offset
 
 
-def read_mesh(contents: Contents) -> Mesh:
-    """The mesh of a file; FormatError with the library's first complaint."""
+def read_mesh(contents: Contents, with_entities: bool = False) -> Mesh:
+    """The mesh of a file; FormatError with the library's first complaint.
+
+    with_entities  whether entities that are in no physical group are parts by their own names
+    """
     with TemporaryDirectory() as folder, session() as gmsh:
         path = contents.path
         if not contents.is_plain:  # the library reads a copy without data
@@ -141,7 +144,7 @@ def read_mesh(contents: Contents) -> Mesh:
                     whole.seek(start)
                     part.write(whole.read(end - start))
         _load(gmsh, path, contents.path)
-        return _mesh(gmsh, contents.path)
+        return _mesh(gmsh, contents.path, with_entities)
 
 
 @contextmanager
@@ -180,7 +183,7 @@ def _load(gmsh: Any, path: Path, named: Path) -> None:
         raise FormatError(f"expected a whole mesh, found: {reason}", file=named)
 
 
-def _mesh(gmsh: Any, path: Path) -> Mesh:
+def _mesh(gmsh: Any, path: Path, with_entities: bool) -> Mesh:
     """Nodes, and elements by type and physical group."""
     tags, places, _ = gmsh.model.mesh.getNodes()
     order = np.argsort(tags)
@@ -195,6 +198,8 @@ def _mesh(gmsh: Any, path: Path) -> Mesh:
     for d, entity in entities:
         types, numbers, nodes = gmsh.model.mesh.getElements(d, entity)
         names = _groups(gmsh, d, entity)
+        if with_entities and not names and gmsh.model.getEntityName(d, entity):
+            names = [gmsh.model.getEntityName(d, entity)]
         for kind, own, flat in zip(types, numbers, nodes, strict=True):
             own, table = np.asarray(own, np.int64), np.asarray(flat, np.int64).reshape(len(own), -1)
             if d == dimension:

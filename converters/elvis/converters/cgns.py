@@ -1,0 +1,71 @@
+"""CGNS files: meshes of elements up to order 4, which Gmsh's library reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from elvis.converters.gmsh import Gmsh, block_of
+from elvis.converters.gmsh_data import Contents
+from elvis.converters.gmsh_mesh import read_mesh
+from elvis.converters.hdf5 import holds, opened
+from elvis.formats.errors import FormatError
+from elvis.plugins.conversion import Boundary
+
+#: how files of the older container begin
+_ADF = b"@(#)ADF Database"
+
+
+class Cgns(Gmsh):
+    """A mesh."""
+
+    format = "CGNS meshes (.cgns)"
+    keeps = "all shapes up to order 4, families by name"
+    loses = "solutions, which the library passes over, zones and their order"
+    options = ()
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether this is one CGNS file, in either container."""
+        return len(paths) == 1 and (_is_adf(paths[0]) or holds(paths[0], "CGNSLibraryVersion"))
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        if len(paths) != 1:
+            raise FormatError(f"expected one file, found {len(paths)}", file=paths[0])
+        path = Path(paths[0])
+        with TemporaryDirectory() as folder:
+            named = Path(folder) / f"{path.stem}.cgns"  # the library tells formats by suffixes
+            named.symlink_to(path.resolve())
+            try:
+                self._mesh = read_mesh(Contents(named, True, True, (), ()), with_entities=True)
+            except FormatError as error:
+                raise FormatError(error.message, file=path) from error
+        self._groups = self._mesh.groups
+        self.blocks = [block_of(i, group, self._mesh) for i, group in enumerate(self._groups)]
+        self.boundaries = [Boundary(name, vertices=sides) for name, sides in self._mesh.sides.items()]
+        self.notes = [*self._mesh.notes, *_left_out(path)]
+        self.fields = []
+
+
+def _is_adf(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return _ADF in file.read(64)
+    except OSError:
+        return False
+
+
+def _left_out(path: Path) -> list[str]:
+    """A note where the file has solutions."""
+    if _is_adf(path):
+        return []
+    found: list[str] = []
+    with opened(path) as file:
+        file.visititems(lambda name, node: found.append(name) if _label(node) == "FlowSolution_t" else None)
+    return [f"the solutions {', '.join(found)} were left out"] if found else []
+
+
+def _label(node: object) -> str:
+    value = getattr(node, "attrs", {}).get("label", b"")
+    return value.decode("ascii", "replace").rstrip("\0 ") if isinstance(value, bytes) else str(value)

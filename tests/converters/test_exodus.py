@@ -1,0 +1,165 @@
+"""Exodus files against VTK's own reader and cells, and against fields that are known."""
+
+import numpy as np
+import pytest
+from scipy.io import netcdf_file
+
+from elvis.converters.exodus import Exodus
+from elvis.converters.exodus_files import SIDES, nodes_of
+from elvis.formats import ElvisError, FormatError, write
+from elvis.formats.shapes import Shape
+from elvis.formats.strict import findings
+from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.converting import convert
+from elvis.plugins.testing import check, positions_at, values_found
+
+CASES = {
+    "cylinder-hex-q2.gen": {"hexahedron": 252},
+    "simple-cube-hex27.e": {"hexahedron": 27},
+    "simple-cube-tet10.e": {"tetrahedron": 295},
+    "simple-cube-multi-element-order2.e": {"tetrahedron": 295, "hexahedron": 27},
+}
+
+TYPES = {
+    "TRI3": (Shape.TRIANGLE, 3),
+    "TRI6": (Shape.TRIANGLE, 6),
+    "QUAD4": (Shape.QUADRILATERAL, 4),
+    "QUAD8": (Shape.QUADRILATERAL, 8),
+    "QUAD9": (Shape.QUADRILATERAL, 9),
+    "TET4": (Shape.TETRAHEDRON, 4),
+    "TETRA10": (Shape.TETRAHEDRON, 10),
+    "PYRAMID5": (Shape.PYRAMID, 5),
+    "PYRAMID14": (Shape.PYRAMID, 14),
+    "WEDGE6": (Shape.PRISM, 6),
+    "WEDGE15": (Shape.PRISM, 15),
+    "WEDGE18": (Shape.PRISM, 18),
+    "HEX8": (Shape.HEXAHEDRON, 8),
+    "HEX20": (Shape.HEXAHEDRON, 20),
+    "HEX27": (Shape.HEXAHEDRON, 27),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_meshes_are_exact_and_keep_all_rules(solvers, tmp_path, name):
+    conversion = check(Exodus, [solvers / "exodus" / name])
+    assert conversion.report.geometry.state == "exact"
+    assert conversion.report.elements == CASES[name]
+    assert not any(conversion.report.listed.values())
+    assert findings(*write(conversion.dataset, tmp_path / "a.xml")) == ()
+    written = []
+    for _ in range(2):
+        write(convert(Exodus([solvers / "exodus" / name])).dataset, tmp_path / "a.xml")
+        written.append((tmp_path / "a.xml").read_bytes())
+    assert written[0] == written[1]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_places_are_those_of_another_reader(solvers, name):
+    """VTK reads the file, in single precision, and evaluates its own cells."""
+    from vtkmodules.vtkIOExodus import vtkExodusIIReader
+
+    reader = vtkExodusIIReader()
+    reader.SetFileName(str(solvers / "exodus" / name))
+    reader.Update()
+    blocks = reader.GetOutput().GetBlock(0)
+    source, conversion = Exodus([solvers / "exodus" / name]), convert(Exodus([solvers / "exodus" / name]))
+    rng, checked = np.random.default_rng(0), 0
+    for number, block in enumerate(source.blocks):
+        grid = blocks.GetBlock(number)
+        assert grid.GetNumberOfCells() == len(block)
+        for row in range(0, len(block), 7):
+            cell = grid.GetCell(row)
+            a = np.sort(rng.uniform(0.1, 0.9, 3))
+            point, weights = [a[0], a[1] - a[0], a[2] - a[1]], [0.0] * cell.GetNumberOfPoints()
+            cell.InterpolateFunctions(point, weights)
+            wanted = weights @ np.array([cell.GetPoints().GetPoint(i) for i in range(cell.GetNumberOfPoints())])
+            found = positions_at(conversion, number, np.array([row]), 2 * np.array([point]) - 1)[0]
+            assert np.abs(found - wanted).max() < 1e-7
+            checked += 1
+    assert checked > 3
+
+
+def test_side_sets_lie_on_the_boundary(solvers):
+    dataset = convert(Exodus([solvers / "exodus" / "simple-cube-multi-element-order2.e"])).dataset
+    counts = sorted(sum(len(ids) for _, ids in c.parts) for c in dataset.mesh.composites if c.parts[0][0] in "FTQ")
+    assert counts[:2] == [35, 35]
+
+
+def field(x):
+    """In the space of every element of order 2, serendipity ones included."""
+    return 1 + x[:, 0] ** 2 - 2 * x[:, 1] * x[:, 0] + x[:, -1] ** 2
+
+
+def one_element(path, name, values=field):
+    """A file with one element whose corners are those of our reference shape."""
+    shape, count = TYPES[name]
+    nodes = nodes_of(shape, count)
+    file = netcdf_file(str(path), "w", version=2)
+    file.createDimension("time_step", None)
+    sizes = {"num_nodes": count, "num_el_blk": 1, "one": 1, "num_nod": count, "len_name": 33, "sides": 1}
+    for key, size in sizes.items():
+        file.createDimension(key, size)
+    for axis, column in zip("xyz", nodes.T, strict=False):
+        file.createVariable(f"coord{axis}", "d", ("num_nodes",))[:] = column
+    connect = file.createVariable("connect1", "i", ("one", "num_nod"))
+    connect[:] = 1 + np.arange(count)[None]
+    connect.elem_type = name.encode()
+    names = file.createVariable("name_nod_var", "c", ("one", "len_name"))
+    names[:] = np.array([list("temperature".ljust(33, "\0"))], "S1")
+    own = file.createVariable("name_elem_var", "c", ("one", "len_name"))
+    own[:] = np.array([list("flag".ljust(33, "\0"))], "S1")
+    times = file.createVariable("time_whole", "d", ("time_step",))
+    nodal = file.createVariable("vals_nod_var1", "d", ("time_step", "num_nodes"))
+    flags = file.createVariable("vals_elem_var1eb1", "d", ("time_step", "one"))
+    for step, time in enumerate((0.5, 1.5)):
+        times[step], nodal[step], flags[step] = time, (1 + step) * values(nodes), 7.0 + step
+    file.createVariable("elem_ss1", "i", ("sides",))[:] = 1
+    file.createVariable("side_ss1", "i", ("sides",))[:] = 1
+    file.close()
+    return path
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_every_type_holds_its_fields(tmp_path, name):
+    shape, count = TYPES[name]
+    is_linear = count == len(shape.vertices)
+    wanted = (lambda x: 1 - x[:, 0] + 2 * x[:, 1]) if is_linear else field
+    conversion = check(Exodus, [one_element(tmp_path / "one.e", name, wanted)])
+    assert {measure.state for measure in conversion.report.fields} == {"exact"}
+    assert conversion.dataset.time == 1.5
+    inside = 0.3 * shape.vertices + 0.7 * shape.vertices.mean(axis=0)
+    places = np.zeros((len(inside), 3))
+    places[:, : shape.dimension] = inside
+    assert np.abs(values_found(conversion.dataset, "temperature", places) - 2 * wanted(inside)).max() < 1e-12
+    assert np.abs(values_found(conversion.dataset, "flag", places) - 8).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["TET4", "WEDGE6", "HEX8", "PYRAMID5"])
+def test_sides_are_the_faces_of_the_shape(name):
+    shape, count = TYPES[name]
+    nodes = nodes_of(shape, count)
+    sides = {frozenset(map(tuple, nodes[list(side)].tolist())) for side in SIDES[shape]}
+    assert sides == {frozenset(map(tuple, shape.vertices[list(face)].tolist())) for face in shape.faces}
+
+
+def test_earlier_steps(tmp_path):
+    path = one_element(tmp_path / "one.e", "HEX20")
+    source = Exodus([path], step="0")
+    assert source.time == 0.5
+    assert source.blocks[0].pyramid is PyramidSpace.RATIONAL
+    with pytest.raises(FormatError, match="step below 2"):
+        Exodus([path], step="5")
+    with pytest.raises(ElvisError, match="a number"):
+        Exodus([path], step="last")
+
+
+def test_bad_files(tmp_path, solvers):
+    whole = (solvers / "exodus" / "simple-cube-tet10.e").read_bytes()
+    (tmp_path / "half.e").write_bytes(whole[: len(whole) // 2])
+    assert Exodus.opens([tmp_path / "half.e"])
+    with pytest.raises(FormatError):
+        Exodus([tmp_path / "half.e"])
+    (tmp_path / "kind.e").write_bytes(whole.replace(b"TETRA10", b"TETQA10").replace(b"TETQA10", b"NSIDED1"))
+    with pytest.raises(FormatError, match="found NSIDED1"):
+        Exodus([tmp_path / "kind.e"])
+    assert not Exodus.opens([solvers / "gmsh" / "mixed_o3.msh"])
