@@ -93,6 +93,33 @@ def test_a_sound_plugin_is_drawn_without_remarks(cubes, renderer):
     check_volume(cubes().volume("u"), renderer("cpu"))
 
 
+def test_plane_elements_are_drawn_without_a_plane(cubes, renderer):
+    opened = cubes({}, "clamp(r, 0.0lf, 1.0lf)", "double3(clamp(r.xy, 0.0lf, 1.0lf), r.z)")
+    source = (opened.source.folder / "cubes.slang").read_text()
+    source = source.replace("center() { return 0.5lf; }", "center() { return double3(0.5lf, 0.5lf, 0.0lf); }")
+    source = source.replace("return min(r.x, min(r.y, r.z));", "return min(r.x, r.y);")
+    (opened.source.folder / "cubes.slang").write_text(source)
+    volume = replace(opened.source.volume("u"), dimension=2)
+    low = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    part = replace(volume.parts[0], boxes=boxes_between(low, low + np.array([1, 1, 0])))
+    flat = replace(volume, parts=[replace(part, buffers={**part.buffers, "element_boxes": part.boxes})])
+    check_volume(flat, renderer("cpu"))
+    type(opened.source).volume = lambda self, field: flat
+    frame = render(opened, field="u", device="cpu", size=(90, 30))
+    assert frame.counts()["certain"] > 2000
+
+
+def test_modules_of_one_name_in_two_folders_are_two(cubes, renderer, tmp_path):
+    drawing, values = renderer("cpu"), []
+    for scale in (1, 3):
+        folder = tmp_path / str(scale)
+        folder.mkdir()
+        (folder / "cubes.slang").write_text(MODULE.replace("return r.x;", f"return {scale}.0lf * r.x;"))
+        drawing.show(replace(cubes().volume("u"), shader_folder=folder))
+        values.append(drawing.probe(np.array([[0.5, 0.5, 0.5]])).field[0])
+    assert values == pytest.approx([0.5, 1.5])
+
+
 BOXES = boxes_between(np.zeros((3, 3)), np.ones((3, 3)))
 
 

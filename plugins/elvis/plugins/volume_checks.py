@@ -62,12 +62,13 @@ def _check_part(place: str, part: Part) -> None:
             raise PluginError(f"{place}: buffer {key}: expected {', '.join(KINDS)}, found {kind}")
 
 
-def probes(part: Part) -> tuple[Ints, Floats]:
-    """Elements (n,) of a part and offsets (n, 3) from their centre at which samples tell most faults."""
+def probes(part: Part, dimension: int) -> tuple[Ints, Floats]:
+    """Elements (n,) of a part and offsets (n, 3) from their centre, in 2D within the plane, for samples."""
     rng = np.random.default_rng(1)
     some = np.unique(np.linspace(0, len(part) - 1, min(len(part), ELEMENTS)).round().astype(np.int64))
     offsets = rng.uniform(-1, 1, (len(some) * POINTS, 3)) * rng.choice([1.0, 0.5, 0.25], (len(some) * POINTS, 1))
     offsets[::POINTS] = 0.0
+    offsets[:, dimension:] = 0.0
     return np.repeat(some, POINTS), offsets
 
 

@@ -30,7 +30,7 @@ def check_on_device(device: Device, name: str, volume: Volume) -> list[str]:
     """Remarks on a volume; PluginError with the plugin's name where its maps are broken or leave their boxes."""
     remarks = []
     for number, part in enumerate(volume.parts):
-        elements, offsets = probes(part)
+        elements, offsets = probes(part, volume.dimension)
         samples = examine(device, volume, number, elements, offsets)
         check_samples(name, part, elements, samples)
         remarks += notes(name, part, elements, samples)

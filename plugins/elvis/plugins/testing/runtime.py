@@ -58,7 +58,7 @@ def check_volume(volume: Volume, examiner: Examiner, name: str = "under test") -
     volume_checks.check_volume(name, volume)
     examiner.show(volume)
     for number, part in enumerate(volume.parts):
-        elements, offsets = probes(part)
+        elements, offsets = probes(part, volume.dimension)
         samples = examiner.examine(number, elements, offsets)
         volume_checks.check_samples(name, part, elements, samples)
         _check_derivatives(examiner, number, part, elements, offsets, samples)
