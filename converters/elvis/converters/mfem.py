@@ -24,27 +24,14 @@ from elvis.converters.mfem_files import (
     values_after_header,
 )
 from elvis.converters.names import components
+from elvis.converters.unit import UNIT
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
 
-_BASE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))
-
-#: by dimension and number of vertices: our shape, and the library's reference coordinates and vertices in our order
-_SHAPES: dict[tuple[int, int], tuple[Shape, tuple[tuple[int, ...], ...], tuple[int, ...]]] = {
-    (1, 2): (Shape.SEGMENT, ((0,), (1,)), (0, 1)),
-    (2, 3): (Shape.TRIANGLE, ((0, 0), (1, 0), (0, 1)), (0, 1, 2)),
-    (2, 4): (Shape.QUADRILATERAL, ((0, 0), (1, 0), (1, 1), (0, 1)), (0, 1, 2, 3)),
-    (3, 4): (Shape.TETRAHEDRON, ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 1, 2, 3)),
-    (3, 5): (Shape.PYRAMID, (*_BASE, (0, 0, 1)), (0, 1, 2, 3, 4)),
-    (3, 6): (
-        Shape.PRISM,
-        ((0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0), (1, 0, 1)),
-        (0, 2, 5, 3, 1, 4),
-    ),
-    (3, 8): (Shape.HEXAHEDRON, (*_BASE, *((x, y, 1) for x, y, _ in _BASE)), tuple(range(8))),
-}
+#: by dimension and number of vertices
+_SHAPES = {(shape.dimension, len(shape.vertices)): shape for shape in Shape}
 
 #: orders that functions which are no polynomials get above their own
 _RATIONAL, _VECTOR = 4, 2
@@ -138,13 +125,13 @@ class Mfem(Converter):
         self.blocks, self._orders = [], kinds[:, 3:]
         for number, kind in enumerate(kinds):
             rows = np.flatnonzero(which.reshape(-1) == number)
-            shape, frame, corners = _SHAPES[dimension, int(kind[0])]
+            shape = _SHAPES[dimension, int(kind[0])]
             block = Elements(
                 shape,
                 len(rows),
                 max(int(kind[2]), 1) + (_RATIONAL if is_rational else 0),
-                vertices=self._corners.rows(rows)[:, list(corners)],
-                frame=np.array(frame, np.float64),
+                vertices=self._corners.rows(rows)[:, UNIT[shape].corners],
+                frame=UNIT[shape].frame,
                 ids=rows,
                 region=str(np.unique(regions)[kind[1]]),
                 pyramid=PyramidSpace.TENSOR,

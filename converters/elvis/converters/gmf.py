@@ -1,0 +1,298 @@
+"""GMF meshes and solutions (.mesh, .meshb, .sol, .solb) of any order, as libMeshb writes them and Vizir reads them.
+
+Tables in the files say which node is where, in the lattice of an element and in that of a solution; a flag says whether
+nodes are control points instead.  Layout: libMeshb, documentation of version 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from elvis.converters.gmf_files import ELEMENTS, GmfFile, Section, is_gmf, section_name, solution_name, type_sizes
+from elvis.converters.gmf_nodes import Bernstein, guessed, is_lattice, unit_points
+from elvis.converters.gmf_nodes import lattice as all_nodes
+from elvis.converters.unit import UNIT
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.nodal import NodalBasis, native_points
+
+_SHAPES = {
+    "Triangles": Shape.TRIANGLE,
+    "Quadrilaterals": Shape.QUADRILATERAL,
+    "Tetrahedra": Shape.TETRAHEDRON,
+    "Pyramids": Shape.PYRAMID,
+    "Prisms": Shape.PRISM,
+    "Hexahedra": Shape.HEXAHEDRON,
+}
+
+_ORDERS = (1, 2, 3, 4)
+
+_TYPES = {1: "scalar", 2: "vector", 3: "tensor", 4: "matrix"}
+
+#: components of symmetric matrices, row by row of the lower half
+_SYMMETRIC = {2: ("xx", "xy", "yy"), 3: ("xx", "xy", "yy", "xz", "yz", "zz")}
+
+#: of positions of control points times the degree; the highest degree that makes sense
+_POSITION_ROUNDING, _HIGHEST_DEGREE = 1e-5, 30
+
+
+class _Functions(Protocol):
+    def at(self, points: Floats) -> Floats:
+        """(n, m) values at reference points."""
+
+
+class Gmf(Converter):
+    """A mesh, with the solution that goes with it."""
+
+    format = "GMF mesh and solution (.mesh, .meshb, .sol, .solb)"
+    keeps = "elements of all shapes to order 4, nodes or Bezier points, solutions of any degree, references, time"
+    loses = "corners, ridges, normals, edges in 3D; solutions on faces"
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether every file begins as files of this family do."""
+        return all(is_gmf(path) for path in paths)
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        mesh, solution = _roles(paths)
+        self._mesh, self.notes, self.blocks = mesh, [], []
+        vertices = mesh.sections["Vertices"]
+        self._places = vertices.reals
+        self._functions: dict[str, _Functions] = {}
+        self._nodes: dict[str, Ints] = {}
+        self.precision = SINGLE if mesh.real_size == 4 else DOUBLE
+        dimension = 3 if _sections(mesh, 3) else 2
+        parts = _sections(mesh, dimension)
+        self._has_regions = len({r for *_, name in parts for r in mesh.sections[name].integers[:, -1].tolist()}) > 1
+        for kind, order, name in parts:
+            self._read_elements(kind, order, name)
+        if not self.blocks:
+            raise FormatError("expected elements, found none", file=mesh.path)
+        self.boundaries = self._borders(dimension - 1)
+        self.fields = []
+        self._values: dict[tuple[str, str], tuple[Floats, _Functions]] = {}
+        if solution is not None:
+            self._read_solution(solution)
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """The sum of the places of nodes with their functions."""
+        name, rows = block.key
+        places = self._places[self._nodes[name][rows[block.rows]]]
+        return np.asarray(np.einsum("enc,pn->epc", places, self._functions[name].at(points)))
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """The sum of the values at nodes with their functions."""
+        name, rows = block.key
+        section, component = field.key
+        values, functions = self._values[section, name]
+        own = values[self._nodes[name][rows[block.rows]]] if section == "SolAtVertices" else values[rows[block.rows]]
+        return np.asarray(own[:, :, component] @ functions.at(points).T)
+
+    def _read_elements(self, kind: str, order: int, name: str) -> None:
+        """One block for every reference that elements of a kind and order have."""
+        shape, path = _SHAPES[kind], self._mesh.path
+        table = self._mesh.sections[name].integers
+        nodes, references = table[:, :-1] - 1, table[:, -1]
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self._places):
+            found, last = f"{nodes.min() + 1} to {nodes.max() + 1}", len(self._places)
+            raise FormatError(f"expected vertices 1 to {last}, found {found}", file=path, place=name)
+        entries = self._entries(kind, order, name, nodes)
+        is_bezier = bool(self._mesh.value("BezierBasis"))
+        self._functions[name] = _functions(shape, order, entries, is_bezier, path, name)
+        points, self._nodes[name] = unit_points(shape, entries), nodes
+        corners = [int(np.abs(points - order * own).max(axis=1).argmin()) for own in UNIT[shape].frame]
+        start, blocks = sum(map(len, self.blocks)), list(self.blocks)
+        for reference in np.unique(references).tolist():
+            rows = np.flatnonzero(references == reference)
+            block = Elements(
+                shape,
+                len(rows),
+                order,
+                nodes[rows][:, corners],
+                ids=start + rows,
+                region=f"ref{reference}" if self._has_regions else "",
+                pyramid=PyramidSpace.RATIONAL,
+                key=(name, rows),
+            )
+            blocks.append(block)
+        self.blocks = blocks
+
+    def _entries(self, kind: str, order: int, name: str, nodes: Ints) -> Ints:
+        """(n, k) the place in the lattice of each node: as the table says, or as the nodes of most elements lie."""
+        shape, letter = _SHAPES[kind], ELEMENTS[kind][2]
+        table = self._mesh.sections.get(f"{kind}{letter}{order}Ordering")
+        if table is not None:
+            if not is_lattice(shape, order, table.integers):
+                expected = f"every node of a {shape.label.lower()} of order {order} once"
+                raise FormatError(f"expected {expected}, found others", file=self._mesh.path, place=f"{name}Ordering")
+            return table.integers
+        if order == 1:
+            return all_nodes(shape, 1)
+        found = guessed(shape, order, self._places[nodes])
+        if found is None:
+            raise FormatError(f"expected a table {name}Ordering, found none", file=self._mesh.path, place=name)
+        self.notes = [*self.notes, f"no table orders the nodes of {name}: they are taken for those near which they lie"]
+        return found
+
+    def _borders(self, dimension: int) -> list[Boundary]:
+        """Elements of one dimension less, by reference."""
+        found: dict[int, list[Ints]] = {}
+        for kind, (corners, own, _, _) in ELEMENTS.items():
+            for order in _ORDERS:
+                section = self._mesh.sections.get(section_name(kind, order))
+                if own == dimension and section is not None:
+                    for reference in np.unique(section.integers[:, -1]).tolist():
+                        rows = section.integers[section.integers[:, -1] == reference]
+                        found.setdefault(reference, []).append(rows[:, :corners] - 1)
+        return [Boundary(f"boundary{reference}", vertices=faces) for reference, faces in sorted(found.items())]
+
+    def _read_solution(self, file: GmfFile) -> None:
+        if file.dimension != self._mesh.dimension:
+            found = f"dimension {file.dimension}"
+            raise FormatError(f"expected a solution of dimension {self._mesh.dimension}, found {found}", file=file.path)
+        if file.real_size == 4:
+            self.precision = SINGLE
+        self.time = file.value("Time")
+        groups = {"SolAtVertices": self._at_vertices, "SolAt": self._constant, "HOSolAt": self._high_order}
+        counts: dict[str, int] = {}
+        for group, read in groups.items():
+            types, orders = read(file)
+            if types:
+                self._name_fields(group, types, orders, counts)
+        if not self.fields:
+            raise FormatError("expected a solution on the elements of the mesh, found none", file=file.path)
+
+    def _name_fields(self, group: str, types: Sequence[int], orders: list[int | None], counts: dict[str, int]) -> None:
+        """Fields by their type, numbered where there are several; the format has no names for them."""
+        dimension, at, fields = self._mesh.dimension, 0, list(self.fields)
+        for kind in types:
+            counts[_TYPES[kind]] = number = counts.get(_TYPES[kind], 0) + 1
+            name = _TYPES[kind] + (str(number) if number > 1 else "")
+            for suffix in _suffixes(kind, dimension):
+                is_continuous = group == "SolAtVertices"
+                fields.append(SourceField(f"{name}{suffix}", orders, is_continuous, key=(group, at)))
+                at += 1
+        self.fields = fields
+
+    def _at_vertices(self, file: GmfFile) -> tuple[tuple[int, ...], list[int | None]]:
+        section = file.sections.get("SolAtVertices")
+        if section is None:
+            return (), []
+        if self._mesh.value("BezierBasis"):
+            raise FormatError("expected values at nodes, found a mesh with control points", file=file.path)
+        self._check_count(file, "SolAtVertices", section, len(self._places), "vertices")
+        width = file.width(section.types, "SolAtVertices")
+        for name in self._nodes:
+            self._values["SolAtVertices", name] = section.reals.reshape(-1, width), self._functions[name]
+        return section.types, [block.order for block in self.blocks]
+
+    def _constant(self, file: GmfFile) -> tuple[tuple[int, ...], list[int | None]]:
+        return self._by_element(file, "SolAt", lambda kind, order: f"SolAt{kind}" if order == 1 else "")
+
+    def _high_order(self, file: GmfFile) -> tuple[tuple[int, ...], list[int | None]]:
+        return self._by_element(file, "HOSolAt", solution_name)
+
+    def _by_element(self, file: GmfFile, group: str, named: object) -> tuple[tuple[int, ...], list[int | None]]:
+        """Types of the fields of a group, the same on all elements, and their degree on every block."""
+        assert callable(named)
+        types: tuple[int, ...] = ()
+        degrees: dict[str, int] = {}
+        for kind, order, name in _sections(self._mesh, 3) + _sections(self._mesh, 2):
+            section = file.sections.get(named(kind, order)) if name in self._nodes else None
+            if section is None:
+                continue
+            place = named(kind, order)
+            self._check_count(file, place, section, len(self._nodes[name]), "elements")
+            if types not in ((), section.types):
+                raise FormatError(f"expected the types {types}, found {section.types}", file=file.path, place=place)
+            types, degrees[name] = section.types, section.degree
+            values = section.reals.reshape(len(section.reals), section.nodes, file.width(types, place))
+            self._values[group, name] = values, _solution_functions(file, place, _SHAPES[kind], section)
+        return types, [degrees.get(block.key[0]) for block in self.blocks]
+
+    @staticmethod
+    def _check_count(file: GmfFile, place: str, section: Section, count: int, what: str) -> None:
+        if len(section.reals) != count:
+            found = f"on {len(section.reals)}"
+            raise FormatError(f"expected values on {count} {what}, found {found}", file=file.path, place=place)
+
+
+def _roles(paths: Sequence[Path]) -> tuple[GmfFile, GmfFile | None]:
+    """The mesh, and the solution where there is one; a mesh of the same name is sought beside a solution."""
+    files = [GmfFile(path) for path in paths]
+    meshes = [file for file in files if "Vertices" in file.sections]
+    solutions = [file for file in files if file not in meshes]
+    if not meshes and len(solutions) == 1:
+        path = solutions[0].path
+        beside = [path.with_suffix(end) for end in (".meshb", ".mesh")]
+        meshes = [GmfFile(each) for each in beside if is_gmf(each)][:1]
+        if not meshes or "Vertices" not in meshes[0].sections:
+            names = " or ".join(each.name for each in beside)
+            raise FormatError(f"expected its mesh {names} beside it, found none; give the mesh file too", file=path)
+    if len(meshes) != 1 or len(solutions) > 1:
+        raise FormatError(f"expected one mesh and at most one solution, found {len(meshes)} and {len(solutions)}")
+    return meshes[0], solutions[0] if solutions else None
+
+
+def _sections(mesh: GmfFile, dimension: int) -> list[tuple[str, int, str]]:
+    """Kind, order and keyword of the elements of a dimension that a mesh has."""
+    found = [(kind, order, section_name(kind, order)) for kind in _SHAPES for order in _ORDERS]
+    present = [entry for entry in found if ELEMENTS[entry[0]][1] == dimension and entry[2] in mesh.sections]
+    return [entry for entry in present if len(mesh.sections[entry[2]].integers)]
+
+
+def _suffixes(kind: int, dimension: int) -> tuple[str, ...]:
+    """What tells the components of a field of a type apart."""
+    axes = "xyz"[:dimension]
+    named = {1: ("",), 2: tuple(f"_{a}" for a in axes), 3: tuple(f"_{ab}" for ab in _SYMMETRIC[dimension])}
+    suffixes = named.get(kind, tuple(f"_{a}{b}" for a in axes for b in axes))
+    assert len(suffixes) == type_sizes(dimension)[kind]
+    return suffixes
+
+
+def _functions(shape: Shape, order: int, entries: Ints, is_bezier: bool, path: Path, place: str) -> _Functions:
+    if is_bezier and shape is Shape.PYRAMID and order > 1:
+        raise FormatError(
+            "expected nodes, found control points of pyramids, which aren't known", file=path, place=place
+        )
+    if is_bezier and shape is not Shape.PYRAMID:
+        return Bernstein(shape, order, entries)
+    points = native_points(shape, UNIT[shape].frame, unit_points(shape, entries) / order)
+    return NodalBasis(shape, order, points, PyramidSpace.RATIONAL)
+
+
+def _solution_functions(file: GmfFile, place: str, shape: Shape, section: Section) -> _Functions:
+    """The functions of the nodes of a solution, which a table of positions or the degree tells."""
+    if not 0 <= section.degree <= _HIGHEST_DEGREE:
+        expected = f"a degree from 0 to {_HIGHEST_DEGREE}"
+        raise FormatError(f"expected {expected}, found {section.degree}", file=file.path, place=place)
+    positions = file.sections.get(f"{place}NodesPositions")
+    own = UNIT[shape].own
+    if positions is not None:
+        points = unit_points(shape, positions.reals)
+    elif section.nodes == 1 and section.degree == 0:
+        points = own.mean(axis=0, keepdims=True)
+    elif section.nodes == len(own) and section.degree == 1:
+        points = own
+    else:
+        raise FormatError(f"expected a table {place}NodesPositions, found none", file=file.path, place=place)
+    if len(points) != section.nodes:
+        expected = f"the positions of {section.nodes} nodes"
+        raise FormatError(f"expected {expected}, found {len(points)}", file=file.path, place=f"{place}NodesPositions")
+    if file.value("BezierBasis") and positions is not None and section.degree:
+        entries = np.rint(positions.reals * section.degree).astype(np.int64)
+        near = np.abs(positions.reals * section.degree - entries).max() < _POSITION_ROUNDING
+        if near and is_lattice(shape, section.degree, entries) and shape is not Shape.PYRAMID:
+            return Bernstein(shape, section.degree, entries)
+        raise FormatError("expected control points on a lattice, found others", file=file.path, place=place)
+    try:
+        nodes = native_points(shape, UNIT[shape].frame, points)
+        return NodalBasis(shape, section.degree, nodes, PyramidSpace.RATIONAL)
+    except ElvisError as error:
+        raise FormatError(str(error), file=file.path, place=f"{place}NodesPositions") from None
