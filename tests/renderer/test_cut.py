@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elvis.renderer import Status
-from elvis.renderer.cut import BORDER, INSIDE, NOBODY, TILE, UNKNOWN, Pixels, settle, tiles_of
+from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, settle
+from elvis.renderer.tiles import TILE, tiles_of
 
 SECTION = np.dtype([("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
 TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])

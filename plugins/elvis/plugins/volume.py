@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.formats.arrays import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,8 @@ class Part:
     buffers      the module's global buffers by name: arrays of float64, float32 or uint32
     solve        optional last resort on the host: elements (n,) and world points (n, 3) to a Solution, for the few
                  points that the kernels could not decide
+    bends        optional: whether elements (n,) bend so strongly that straight-line steps of Newton's method may end at
+                 a root outside although there is one inside; then `solve` also decides the pixels beside them
     source       Slang text that stands before the type is used: imports, or declarations made for this part alone
     evaluate     optional twin of the type in NumPy, to compare it with: elements (n,) of this part and reference points
                  (n, 3) to world positions (n, 3) and values (n,)
@@ -53,6 +55,7 @@ class Part:
     solve: Callable[[Ints, Floats], Solution] | None = None
     source: str = ""
     evaluate: Callable[[Ints, Floats], tuple[Floats, Floats]] | None = None
+    bends: Callable[[Ints], Bools] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -66,8 +66,24 @@ class Finder:
             buffers = {**self._buffers[number], **shared}
             doubts.append(self._device.listed("doubts", kernel, partial(_run, kernel, len(points), buffers)))
         found = self._device.read(shared["places"], start.dtype)[: len(points)]
+        doubts = [
+            np.concatenate([some, self._missed(number, points, found, some.dtype)])
+            for number, some in enumerate(doubts)
+        ]
         failed = [self._decide(number, some, points, found) for number, some in enumerate(doubts)]
         return _places(found, np.concatenate([part.element_ids for part in self._parts]), np.concatenate(failed))
+
+    def _missed(self, number: int, points: Floats, found: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Doubts about points that nothing was found for, in elements of a part that bend strongly (see gaps)."""
+        part, lost = self._parts[number], np.flatnonzero(found["element"] == NOBODY)
+        if part.bends is None or part.solve is None or not len(lost):
+            return np.empty(0, dtype)
+        point, element = self._trees[number].candidates(points[lost])
+        near, place = np.unique(element, return_inverse=True)
+        bent = part.bends(near)[place]
+        doubts = np.zeros(int(bent.sum()), dtype)
+        doubts["point"], doubts["element"] = lost[point[bent]], element[bent]
+        return doubts
 
     def _decide(self, number: int, doubts: NDArray[Any], points: Floats, found: NDArray[Any]) -> Ints:
         """Let the plugin answer what the kernel left open, and improve ``found``; returns the points still open."""

@@ -149,9 +149,9 @@ class Renderer:
 
     def probe(self, points: Floats) -> Places:
         """Elements and field at world points (n, 3), found on the device."""
-        if self._volume is None:
+        if self._cutter is None or self._volume is None:
             raise ElvisError("load a dataset before probing")
-        self._finder = self._finder or Finder(self.device, self._volume)
+        self._finder = self._finder or Finder(self.device, self._volume, self._cutter.buffers)
         return self._finder.find(points)
 
     def examine(self, part: int, elements: Ints, offsets: Floats) -> Samples:
@@ -192,8 +192,7 @@ class Renderer:
 
     def _frame(self, cutter: Cutter, scene: Scene, view: View, pixels: Pixels) -> Frame:
         """Running element numbers become global ids; pixels become rows."""
-        ids = np.concatenate([part.element_ids for part in cutter.parts])
-        element = np.where(pixels.owner == NOBODY, -1, ids[np.minimum(pixels.owner, len(ids) - 1)])
+        element = cutter.ids.take(pixels.owner, mode="clip")
         shape = (view.height, view.width)
         frame = Frame(
             scene,
@@ -205,7 +204,7 @@ class Renderer:
         )
         frame.stats.update(
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
-            elements=len(ids),
+            elements=len(cutter.ids) - 1,
             tiles=cutter.tiles,
             bytes={"volume": cutter.bytes, "image": 12 * pixels.owner.size},
             pixels=frame.counts(),

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.evaluation import evaluate_at
 from elvis.formats.inverse import Status, invert
 from elvis.formats.patch import Patch
+from elvis.plugins.native.bending import bends
 from elvis.plugins.volume import Solution
 
 UNDECIDED = 2
@@ -32,6 +33,16 @@ class Solver:
             chosen = np.flatnonzero(owner == number)
             self._solve(self.patches[number], chosen, elements[chosen] - bounds[number], points[chosen], answer)
         return answer
+
+    def bends(self, elements: Ints) -> Bools:
+        """(n,) whether elements bend so strongly that Newton's method may miss a root."""
+        bounds = np.cumsum([0, *map(len, self.patches)])
+        owner = np.searchsorted(bounds, elements, side="right") - 1
+        strong = np.zeros(len(elements), bool)
+        for number in np.unique(owner):
+            chosen = np.flatnonzero(owner == number)
+            strong[chosen] = bends(self.patches[number], elements[chosen] - bounds[number])
+        return strong
 
     def _solve(self, patch: Patch, chosen: Ints, rows: Ints, points: Floats, answer: Solution) -> None:
         """Write the answers of one patch to the rows ``chosen``."""

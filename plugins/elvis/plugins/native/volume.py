@@ -98,6 +98,7 @@ def _part(geometry: BernsteinSpace, field: BernsteinSpace, found: list[Patch]) -
     points, indices = _shared(controls * weights(geometry)[:, None], geometry)
     del controls
     coefficients = [_coefficients(p, field) for p in found]
+    solver, affine = Solver(found), shape in (Shape.TRIANGLE, Shape.TETRAHEDRON) and max(geometry.degrees) == 1
     return Part(
         module=f"native_{shape.name.lower()}",
         type=f"{shape.label}<{', '.join(map(str, _arguments(geometry) + _arguments(field)))}>",
@@ -108,7 +109,8 @@ def _part(geometry: BernsteinSpace, field: BernsteinSpace, found: list[Patch]) -
             "control_indices": indices,
             "coefficients": frozen_floats(coefficients[0] if len(coefficients) == 1 else np.concatenate(coefficients)),
         },
-        solve=Solver(found),
+        solve=solver,
+        bends=None if affine else solver.bends,
     )
 
 

@@ -1,0 +1,124 @@
+"""Gaps: pixels that Newton's method may have missed in elements that bend strongly.
+
+In such an element the method can end at a root outside while there is one inside.  What it finds inside is right, so
+only pixels that no element owns are in question, and most of these lie beside the domain.  Those next to an owned pixel
+are settled by proof, and so are the neighbours of all that are found; where an element owns nothing at all, every pixel
+of its section is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Bools, Ints
+from elvis.plugins.volume import Part
+from elvis.renderer.pixels import NOBODY, Pixels, settle
+from elvis.renderer.proof import proved
+from elvis.renderer.tiles import TILE, tiles_of
+from elvis.renderer.view import View
+
+TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
+CLAIM = np.dtype(
+    [
+        ("pixel", np.uint32),
+        ("element", np.uint32),
+        ("verdict", np.int32),
+        ("field", np.float64),
+        ("margin", np.float64),
+        ("reference", np.float64, 3),
+    ]
+)
+_UNKNOWN = -1
+
+
+class Gaps:
+    """The parts of a volume, with what is known of their elements' bends."""
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        self._parts = parts
+        self._first = np.cumsum([0, *map(len, parts)])
+        self._bent = [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
+
+    def close(self, view: View, pixels: Pixels, sections: Sequence[NDArray[Any]]) -> None:
+        """Find the missed pixels of a picture; ``sections`` are those of each part, as cut_cull lists them."""
+        free: Bools = np.asarray(pixels.owner == NOBODY).reshape(view.height, view.width)
+        bent = [self._bent_ones(number, some) for number, some in enumerate(sections)]
+        if not sum(map(len, bent)) or not free.any():
+            return
+
+        # wherever an element that owns nothing may be, and beside what is owned
+        owning = np.zeros(self._first[-1], bool)
+        owning[pixels.owner[~free.reshape(-1)]] = True
+        idle = [some[~owning[some["element"] + first]] for some, first in zip(bent, self._first, strict=False)]
+        self._settle(view, pixels, idle, free)
+        due = free & _beside(~free)
+        while due.any():
+            self._settle(view, pixels, bent, due)
+            found = free & (pixels.owner != NOBODY).reshape(free.shape)
+            free = free & ~found & ~due
+            due = free & _beside(found)
+
+    def _settle(self, view: View, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
+        """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w)."""
+        claims = [_pairs(some, first, mask) for some, first in zip(sections, self._first, strict=False)]
+        settle(pixels, [proved(self._parts, view, some) for some in claims if len(some)])
+
+    def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
+        """The sections of a part's strongly bent elements."""
+        if self._parts[number].bends is None or self._parts[number].solve is None or not len(sections):
+            return sections[:0]
+        return sections[self._bends(number, sections["element"].astype(np.int64))]
+
+    def _bends(self, number: int, elements: Ints) -> Bools:
+        """(n,) whether elements of a part bend strongly; asked once for each."""
+        known, bends = self._bent[number], self._parts[number].bends
+        assert bends is not None
+        new = elements[known[elements] == _UNKNOWN]
+        if len(new):
+            known[new] = bends(new)
+        return np.asarray(known[elements] == 1)
+
+
+def _pairs(sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
+    """Claims without an answer, one for each pixel of the mask (h, w) within the bounds of each section of a part."""
+    tiles = tiles_of(sections, TILES)
+    tiles = tiles[_any_near(mask, tiles["x"], tiles["y"])]
+
+    # all pixels of these tiles, then those that the bounds and the mask allow
+    x = (tiles["x"][:, None] + np.arange(TILE * TILE) % TILE).reshape(-1)
+    y = (tiles["y"][:, None] + np.arange(TILE * TILE) // TILE).reshape(-1)
+    held = np.flatnonzero((x < mask.shape[1]) & (y < mask.shape[0]))
+    held = held[mask[y[held], x[held]]]
+    x, y, section = x[held], y[held], sections[tiles["section"][held // (TILE * TILE)]]
+    place = np.stack([x, y, x + y, x - y], axis=1)
+    within = ((section["least"] <= place) & (place <= section["most"])).all(axis=1)
+
+    claims = np.zeros(int(within.sum()), CLAIM)
+    claims["pixel"] = y[within] * mask.shape[1] + x[within]
+    claims["element"] = first + section["element"][within]
+    return claims
+
+
+def _beside(mask: Bools) -> Bools:
+    """(h, w) pixels of the mask (h, w) and those that touch them, corners included."""
+    wide = mask.copy()
+    wide[1:] |= mask[:-1]
+    wide[:-1] |= mask[1:]
+    result = wide.copy()
+    result[:, 1:] |= wide[:, :-1]
+    result[:, :-1] |= wide[:, 1:]
+    return result
+
+
+def _any_near(mask: Bools, x: Ints, y: Ints) -> Bools:
+    """(n,) whether there may be a pixel of the mask (h, w) in tiles that begin at columns x and rows y (n,)."""
+    rows, columns = (side // TILE + 2 for side in mask.shape)
+    padded = np.zeros((rows * TILE, columns * TILE), bool)
+    padded[: mask.shape[0], : mask.shape[1]] = mask
+    cells: Bools = np.asarray(padded.reshape(rows, TILE, columns, TILE).any(axis=(1, 3)))
+    i, j = y // TILE, x // TILE
+    return np.asarray(cells[i, j] | cells[i + 1, j] | cells[i, j + 1] | cells[i + 1, j + 1])

@@ -1,0 +1,72 @@
+"""Strongly bent elements, whose maps have roots beside the element: no pixel is missed."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.locate import locate
+from elvis.formats.patch import patches
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import curved, grid, ripple
+from elvis.plugins.native.bending import bends
+from elvis.renderer import Plane
+from elvis.renderer.gaps import Gaps
+
+#: shape, nodes along an edge, amplitude, seed and plane of pictures in which Newton's method alone leaves holes
+BENT = (
+    (Shape.PYRAMID, 3, 0.26, 845311774, (0.62146, 0.72065, 0.26432), (0.40555, 0.39494, 2.39794)),
+    (Shape.PYRAMID, 4, 0.43, 639644865, (0.78953, 0.44905, 0.79625), (0.45481, -1.21926, -2.06943)),
+    (Shape.PRISM, 4, 0.43, 789739130, (0.22131, 0.60116, 0.39508), (0.44306, -0.08201, 0.08475)),
+    (Shape.PRISM, 5, 0.37, 1011604407, (0.54156, 0.24546, 0.75025), (-0.29271, 1.43181, 0.59563)),
+)
+
+
+def picture(linear, shape, nodes, amplitude, seed, point, normal):
+    dataset = linear(curved(grid(shape, 1), ripple(amplitude, seed=seed), nodes))
+    return dataset, {"plane": Plane(point, normal), "size": (220, 180)}
+
+
+@pytest.mark.parametrize("case_number", range(len(BENT)))
+def test_nothing_is_missed(same_on, linear, case_number):
+    dataset, scene = picture(linear, *BENT[case_number])
+    frame, _ = same_on(dataset, **scene)
+    expected = frame.position[frame.seen] @ [1.0, 2.0, -3.0]
+    assert frame.seen.sum() > 3000
+    assert np.abs(frame.field[frame.seen] - expected).max() < 1e-11
+
+
+@pytest.mark.parametrize("case_number", range(len(BENT)))
+def test_probes_miss_nothing_either(renderer, linear, case_number):
+    dataset, _ = picture(linear, *BENT[case_number])
+    device = renderer("vulkan")
+    device.load(dataset, "u")
+    low, high = dataset.mesh.vertices.min(axis=0), dataset.mesh.vertices.max(axis=0)
+    points = np.random.default_rng(0).uniform(low, high, (5000, 3))
+    places, truth = device.probe(points), locate(dataset, points)
+    assert np.array_equal(places.element, truth.element_id)
+    seen = places.element >= 0
+    assert np.abs(places.field - points @ [1.0, 2.0, -3.0])[seen].max() < 1e-11
+
+
+def test_these_are_hard_cases(draw, linear, monkeypatch):
+    """Without the second look some of them have holes; else they would prove nothing."""
+    whole = [draw(dataset, **scene) for dataset, scene in (picture(linear, *bent) for bent in BENT)]
+    monkeypatch.setattr(Gaps, "close", lambda *_: None)
+    part = [draw(dataset, **scene) for dataset, scene in (picture(linear, *bent) for bent in BENT)]
+    assert sum(frame.seen.sum() for frame in whole) > sum(frame.seen.sum() for frame in part) + 100
+
+
+@pytest.mark.parametrize("shape", [*Shape.of_dimension(2), *Shape.of_dimension(3)], ids=lambda shape: shape.label)
+def test_what_bends(shape):
+    """Straight and slightly curved elements don't, strongly curved ones do, however many are asked for."""
+    answers = []
+    for amplitude in (0.0, 0.01, 0.6):
+        mesh = curved(grid(shape, 3), ripple(amplitude, seed=1), 4)
+        (patch,) = patches(Dataset(mesh))
+        strong = bends(patch, np.arange(len(patch)))
+        assert np.array_equal(bends(patch, np.array([2, 0, 2])), strong[[2, 0, 2]])
+        answers.append(strong)
+    assert not answers[0].any()
+    assert not answers[1].any()
+    assert answers[2].any()
+    assert len(bends(patch, np.empty(0, int))) == 0
