@@ -1,6 +1,6 @@
 """All benchmarks in one command: tables on the terminal, on request as JSON and as a file of results.
 
-make bench        or    python benchmarks/run.py [--quick] [--only cut,orders,million,start] [--json FILE] [--save]
+make bench        or    python benchmarks/run.py [--quick] [--only PART,…] [--json FILE] [--save]
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import cases
+import conversion
 import machine
 import measuring
 import million
@@ -53,13 +54,19 @@ def many(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [million.table(numbers)]
 
 
+def convert(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Files of other programs."""
+    numbers = conversion.measure((2,) if options.quick else (10, 20, 33))
+    return numbers, [conversion.table(numbers)]
+
+
 def start(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """Whole processes."""
     numbers = starting.measure(options.device, 1 if options.quick else options.rounds)
     return numbers, [starting.table(numbers)]
 
 
-PARTS: dict[str, Part] = {"cut": cut, "orders": order, "million": many, "start": start}
+PARTS: dict[str, Part] = {"cut": cut, "orders": order, "million": many, "convert": convert, "start": start}
 
 
 def main() -> None:
