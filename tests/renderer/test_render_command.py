@@ -190,7 +190,15 @@ def test_a_mesh_alone_and_a_field_alone(elvis, shared_files, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("case_name", ["line_1d", "sphere_manifold", "chan3dh1d"])
+def test_quasi_3d_data_are_cut_on_a_device_only(render):
+    plane = ("--plane", "0.5,0.5,0.5:1,0.2,0.1")
+    status, err, files = render("chan3dh1d", *plane, "--device", "reference")
+    assert (status, files) == (1, [])
+    assert "homogeneous" in err
+    assert render("chan3dh1d", *plane)[0] == 0
+
+
+@pytest.mark.parametrize("case_name", ["line_1d", "sphere_manifold"])
 @pytest.mark.parametrize("device_name", ["vulkan", "reference"])
 def test_data_without_a_plane_picture(render, case_name, device_name):
     options = ("--plane", "0,0,0:0,0,1") if case_name == "line_1d" else ()
