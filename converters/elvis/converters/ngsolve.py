@@ -1,0 +1,176 @@
+"""Samples of NGSolve's elements (.elems.npz), as `elvis.converters.ngsolve_export` writes them from a session.
+
+For each shape S (tet, pyramid, prism, hex, trig, quad): S_elem (n,) numbers, S_verts (n, k) vertices as NGSolve has
+them, S_ref (m, d) reference points, S_xyz (n, m, D), S_f_NAME (n, m, components), S_region (n,) names if there are any;
+order: the degree of the map and the highest of the fields; order_NAME, continuous, time, boundary_S_verts and
+boundary_S_region may be there too.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.converters.names import components
+from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES
+from elvis.converters.unit import UNIT
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.nodal import NodalBasis, native_points, space_size
+
+_HIGHEST = 30
+
+
+class NGSolve(Converter):
+    """Elements with values at points that determine their polynomials."""
+
+    format = "samples of NGSolve's elements (.elems.npz)"
+    keeps = "curved elements of all shapes and orders, H1 and L2 functions exactly, materials, boundaries, time"
+    loses = "pickled sessions and .gfu files, which don't say what their numbers mean: export them from Python instead"
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """Whether it is one archive with the elements and places of a shape."""
+        if len(paths) != 1 or not zipfile.is_zipfile(paths[0]):
+            return False
+        try:
+            with zipfile.ZipFile(paths[0]) as archive:
+                names = set(archive.namelist())
+        except (OSError, zipfile.BadZipFile):
+            return False
+        return any({f"{shape}_ref.npy", f"{shape}_xyz.npy", f"{shape}_verts.npy"} <= names for shape in SHAPES)
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._path, self._data = paths[0], _load(paths[0])
+        self._bases: dict[str, NodalBasis] = {}
+        self.blocks = []
+        self._orders: list[int] = []
+        geometry = int(self._orders_of("order")[0])
+        names = self._fields()
+        for shape in SHAPES:
+            if f"{shape}_xyz" in self._data:
+                self._read(shape, geometry, names)
+        if not self.blocks:
+            raise FormatError("expected elements, found none", file=self._path)
+        self.fields = self._source_fields(names)
+        self.boundaries = self._borders()
+        self.time = float(self._data["time"]) if "time" in self._data else None
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """Interpolation through the points of the samples."""
+        shape, rows = block.key
+        return np.asarray(np.matmul(self._bases[shape].at(points), self._data[f"{shape}_xyz"][rows[block.rows]]))
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """Interpolation through the points of the samples."""
+        (shape, rows), (name, component) = block.key, field.key
+        values = self._data[f"{shape}_f_{name}"][rows[block.rows], :, component]
+        return np.asarray(values @ self._bases[shape].at(points).T)
+
+    def _orders_of(self, name: str) -> Ints:
+        orders = np.asarray(self._array(name), np.int64).reshape(-1)
+        if not len(orders) or not 0 <= orders.min() <= orders.max() <= _HIGHEST:
+            raise FormatError(f"expected orders from 0 to {_HIGHEST}, found {orders}", file=self._path, place=name)
+        return orders
+
+    def _array(self, name: str) -> Any:
+        if name not in self._data:
+            raise FormatError(f"expected an array {name}, found none", file=self._path)
+        return self._data[name]
+
+    def _fields(self) -> dict[str, int]:
+        """Numbers of components by name."""
+        found: dict[str, int] = {}
+        for key, array in self._data.items():
+            shape, _, name = key.partition("_f_")
+            if name and shape in SHAPES and array.ndim == 3:
+                found.setdefault(name, array.shape[2])
+        return found
+
+    def _read(self, shape: str, geometry: int, names: dict[str, int]) -> None:
+        """One block for every region that elements of a shape have."""
+        own, vertices, reference = SHAPES[shape], self._array(f"{shape}_verts"), self._array(f"{shape}_ref")
+        count, width = len(vertices), len(reference)
+        xyz = self._array(f"{shape}_xyz")
+        wanted: dict[str, tuple[int, ...]] = {
+            f"{shape}_verts": (count, len(own.vertices)),
+            f"{shape}_ref": (width, own.dimension),
+        }
+        wanted |= {f"{shape}_elem": (count,), f"{shape}_xyz": (count, width, xyz.shape[-1])}
+        wanted |= {f"{shape}_f_{name}": (count, width, parts) for name, parts in names.items()}
+        for key, expected in wanted.items():
+            if self._array(key).shape != expected:
+                raise FormatError(
+                    f"expected {expected} numbers, found {self._array(key).shape}", file=self._path, place=key
+                )
+        order = self._determined(shape, width)
+        if geometry > order:
+            found = f"those of order {order}"
+            raise FormatError(f"expected samples of order {geometry}, found {found}", file=self._path, place=shape)
+        self._make_basis(shape, order, reference)
+        regions = np.asarray(self._data.get(f"{shape}_region", np.full(count, "")))
+        corners = np.array(UNIT_VERTICES[shape])[UNIT[own].corners]
+        for region in np.unique(regions).tolist():
+            rows = np.flatnonzero(regions == region)
+            block = Elements(
+                own,
+                len(rows),
+                max(geometry, 1),
+                np.asarray(vertices, np.int64)[rows][:, corners],
+                ids=np.asarray(self._data[f"{shape}_elem"], np.int64)[rows],
+                region=str(region),
+                pyramid=PyramidSpace.RATIONAL,
+                key=(shape, rows),
+            )
+            self.blocks = [*self.blocks, block]
+            self._orders.append(order)
+
+    def _determined(self, shape: str, count: int) -> int:
+        """The order of the functions that so many points determine."""
+        for order in range(_HIGHEST + 1):
+            if space_size(SHAPES[shape], order, PyramidSpace.RATIONAL) == count:
+                return order
+        raise FormatError(f"expected the points of some order, found {count}", file=self._path, place=f"{shape}_ref")
+
+    def _make_basis(self, shape: str, order: int, reference: Floats) -> None:
+        own = SHAPES[shape]
+        nodes = native_points(own, UNIT[own].frame, np.asarray(reference, np.float64))
+        try:
+            self._bases[shape] = NodalBasis(own, order, nodes, PyramidSpace.RATIONAL)
+        except ElvisError as error:
+            raise FormatError(str(error), file=self._path, place=f"{shape}_ref") from None
+
+    def _source_fields(self, names: dict[str, int]) -> list[SourceField]:
+        """Fields by component; where the file doesn't say which are continuous, all are tried."""
+        stated, fields = self._data.get("continuous"), []
+        for name, count in names.items():
+            is_continuous = stated is None or name in stated.tolist()
+            own = int(self._orders_of(f"order_{name}")[0]) if f"order_{name}" in self._data else _HIGHEST
+            orders = [min(own, order) for order in self._orders]
+            for i, component in enumerate(components(name, count)):
+                fields.append(SourceField(component, orders, is_continuous, key=(name, i)))
+        return fields
+
+    def _borders(self) -> list[Boundary]:
+        found: dict[str, list[Ints]] = {}
+        for shape in SHAPES:
+            vertices, regions = (self._data.get(f"boundary_{shape}_{what}") for what in ("verts", "region"))
+            if vertices is not None and regions is not None:
+                for name in np.unique(regions).tolist():
+                    found.setdefault(str(name) or "boundary", []).append(np.asarray(vertices)[regions == name])
+        return [Boundary(name, vertices=faces) for name, faces in sorted(found.items())]
+
+
+def _load(path: Path) -> dict[str, Any]:
+    """The arrays of an archive; nothing in it is executed."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        reason = " ".join(str(error).split())
+        raise FormatError(f"expected an archive of arrays, found: {reason}", file=path) from None

@@ -1,0 +1,183 @@
+"""NGSolve: the library's own values are reproduced, from stored samples and from those exported in the test."""
+
+import numpy as np
+import pytest
+
+from elvis.converters.ngsolve import NGSolve
+from elvis.converters.ngsolve_export import _rule, export
+from elvis.converters.unit import UNIT
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.shapes import Shape
+from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.nodal import NodalBasis, native_points
+from elvis.plugins.projection.checking import check_points
+from elvis.plugins.testing import check, values_found
+
+ngsolve = pytest.importorskip("ngsolve")
+
+CASES = [
+    ("ballbox_p4", "tet", Shape.TETRAHEDRON, {"u": True, "v": True, "w": False}),
+    ("hexprism_p3_hex", "hex", Shape.HEXAHEDRON, {"u": True, "w": False}),
+    ("hexprism_p3_prism", "prism", Shape.PRISM, {"u": True, "w": False}),
+]
+
+
+@pytest.mark.parametrize(("name", "label", "shape", "fields"), CASES)
+def test_agrees_with_the_library(solvers, truth, near, name, label, shape, fields):
+    folder = solvers / "ngsolve"
+    conversion = check(NGSolve, [folder / f"{name}.elems.npz"])
+    report = conversion.report
+    assert all(measure.is_exact for measure in (report.geometry, *report.fields))
+    assert {measure.name[0]: measure.is_continuous for measure in report.fields} == fields
+    own = truth(folder / f"{name}.truth.npz")
+    places = lambda block, ref: native_points(shape, UNIT[shape].frame, ref)  # noqa: E731
+    near(own.positions_at(conversion, {label: 0}, places), own.xyz, 1e-11)
+    for measure in report.fields:
+        wanted = own.column(measure.name[0], "xyz".index(measure.name[2]) if len(measure.name) > 1 else 0)
+        near(own.at(conversion, measure.name, {label: 0}, places), wanted)
+        near(own.found(conversion.dataset, measure.name), wanted)
+
+
+def cube(curve=1):
+    csg = pytest.importorskip("netgen.csg")
+    mesh = ngsolve.Mesh(csg.unit_cube.GenerateMesh(maxh=0.5))
+    mesh.Curve(curve)
+    return mesh
+
+
+def ball():
+    csg = pytest.importorskip("netgen.csg")
+    geometry = csg.CSGeometry()
+    geometry.Add(csg.Sphere(csg.Pnt(0, 0, 0), 1).bc("skin").mat("core"))
+    mesh = ngsolve.Mesh(geometry.GenerateMesh(maxh=0.7))
+    mesh.Curve(3)
+    return mesh
+
+
+def structured(**kinds):
+    meshes = pytest.importorskip("ngsolve.meshes")
+    return meshes.MakeStructured3DMesh(nx=2, ny=2, nz=2, **kinds)
+
+
+def flat():
+    geom2d = pytest.importorskip("netgen.geom2d")
+    mesh = ngsolve.Mesh(geom2d.unit_square.GenerateMesh(maxh=0.4, quad_dominated=True))
+    mesh.Curve(2)
+    return mesh
+
+
+MESHES = {
+    "cube": cube,
+    "ball": ball,
+    "hexahedra": lambda: structured(hexes=True),
+    "prisms": lambda: structured(hexes=False, prism=True),
+    "flat": flat,
+}
+
+
+def agree(conversion, mesh, name, field, component=0, bar=1e-10):
+    """The library's values at points of every element, searched for by place."""
+    at = 0.1 if mesh.dim == 2 else 0.15
+    rule = ngsolve.IntegrationRule([(at, 0.2, 0.3)[: mesh.dim]], [1.0])
+    axes = (ngsolve.x, ngsolve.y, ngsolve.z)[: mesh.dim]
+    places, wanted = [], []
+    for element in mesh.Elements(ngsolve.VOL):
+        mapped = mesh.GetTrafo(element)(rule)
+        places.append(np.pad(ngsolve.CoefficientFunction(axes)(mapped)[0], (0, 3 - mesh.dim)))
+        wanted.append(np.asarray(field(mapped)).reshape(-1)[component])
+    found = values_found(conversion.dataset, name, np.array(places))
+    assert np.abs(found - wanted).max() < bar * max(np.ptp(wanted), 1e-3)
+
+
+def random(space, seed=4):
+    field = ngsolve.GridFunction(space)
+    field.vec.FV().NumPy()[:] = np.random.default_rng(seed).uniform(-1, 1, len(field.vec))
+    return field
+
+
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("name", MESHES)
+def test_what_a_session_exports_arrives(tmp_path, name, bent):
+    mesh = MESHES[name]()
+    if bent:
+        shift = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=3))
+        axes = (ngsolve.x, ngsolve.y, ngsolve.z)[: mesh.dim]
+        shift.Set(ngsolve.CoefficientFunction(tuple(0.1 * ngsolve.sin(2 * axis) for axis in axes[1:] + axes[:1])))
+        mesh.SetDeformation(shift)
+    fields = {"u": random(ngsolve.H1(mesh, order=4)), "w": random(ngsolve.L2(mesh, order=2))}
+    fields["v"] = random(ngsolve.VectorH1(mesh, order=3))
+    path = tmp_path / "case.elems.npz"
+    export(path, mesh, fields, time=0.5)
+    conversion = check(NGSolve, [path])
+    report = conversion.report
+    assert all(measure.is_exact for measure in (report.geometry, *report.fields))
+    orders = {measure.name: (measure.order, measure.is_continuous) for measure in report.fields}
+    wanted = {"u": (4, True), "w": (2, False)} | {f"v_{axis}": (3, True) for axis in "xyz"[: mesh.dim]}
+    assert orders == wanted
+    assert conversion.dataset.time == 0.5
+    agree(conversion, mesh, "u", fields["u"])
+    agree(conversion, mesh, "w", fields["w"])
+    agree(conversion, mesh, "v_y", fields["v"], 1)
+
+
+def test_regions_have_names(tmp_path):
+    mesh = ball()
+    export(tmp_path / "ball.elems.npz", mesh, {})
+    conversion = check(NGSolve, [tmp_path / "ball.elems.npz"])
+    assert {composite.name for composite in conversion.dataset.mesh.composites} >= {"core", "skin"}
+    assert conversion.report.geometry.order == 3
+
+
+def test_functions_without_a_space_need_an_order(tmp_path):
+    mesh = cube()
+    with pytest.raises(ElvisError, match="expected an order for f, which is no grid function, found none"):
+        export(tmp_path / "a.elems.npz", mesh, {"f": ngsolve.x * ngsolve.y})
+    assert not list(tmp_path.iterdir())
+    export(tmp_path / "a.elems.npz", mesh, {"f": ngsolve.x * ngsolve.y}, order=2)
+    conversion = check(NGSolve, [tmp_path / "a.elems.npz"])
+    points = np.random.default_rng(1).uniform(0, 1, (20, 3))
+    assert np.abs(values_found(conversion.dataset, "f", points) - points[:, 0] * points[:, 1]).max() < 1e-12
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape is not Shape.SEGMENT])
+def test_interpolation_through_the_points_of_samples_is_stable(shape):
+    """Lebesgue constants: how much an error of the samples may grow between them."""
+    for order in range(1, 9):
+        points = native_points(shape, UNIT[shape].frame, _rule(shape, order))
+        basis = NodalBasis(shape, order, points, PyramidSpace.RATIONAL)
+        inside = check_points(shape, 200)[:200]
+        assert np.abs(basis.at(inside)).sum(axis=1).max() < 100
+
+
+def replaced(name, change):
+    return lambda data: {key: change(value) if key == name else value for key, value in data.items()}
+
+
+BAD = [
+    (lambda data: {k: v for k, v in data.items() if k != "order"}, "expected an array order, found none"),
+    (lambda data: {k: v for k, v in data.items() if k != "tet_elem"}, "expected an array tet_elem, found none"),
+    (replaced("order", lambda v: v * 100), "expected orders from 0 to 30"),
+    (replaced("order", lambda v: v + 3), "expected samples of order 7, found those of order 5"),
+    (replaced("tet_f_u", lambda v: v[:-1]), r"tet_f_u: expected \(701, 56, 1\) numbers, found \(700, 56, 1\)"),
+    (replaced("tet_ref", lambda v: np.zeros_like(v)), "expected nodes that determine a tetrahedron of order 5"),
+    (replaced("tet_verts", lambda v: v[:, :3]), r"expected \(701, 4\) numbers"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD)
+def test_bad_files_are_refused_in_a_sentence(solvers, tmp_path, change, message):
+    with np.load(solvers / "ngsolve" / "ballbox_p4.elems.npz") as file:
+        data = dict(file)
+    path = tmp_path / "bad.elems.npz"
+    np.savez(path, **change(data))
+    with pytest.raises(FormatError, match=message) as caught:
+        NGSolve([path])
+    assert str(path) in str(caught.value)
+
+
+def test_other_archives_are_for_others(solvers, tmp_path):
+    whole = (solvers / "ngsolve" / "hexprism_p3_hex.elems.npz").read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    assert not NGSolve.opens([tmp_path / "cut.npz"])
+    assert not NGSolve.opens([solvers / "ngsolve" / "ballbox_p4.truth.npz"])
+    assert not NGSolve.opens([solvers / "ngsolve" / "ballbox_p4.pickle"])
