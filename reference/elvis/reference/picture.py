@@ -32,8 +32,9 @@ from elvis.renderer.view import View, seen
 
 
 def render(dataset: Dataset, scene: Scene) -> Frame:
-    """A picture of 2D data in the plane or of a plane cut through 3D data; the scene has a plane.
+    """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene has a plane.
 
+    Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
     A point within 1e-10 of the border of elements (`elvis.formats.margins`) is ambiguous and goes to the one of lowest
     global id.  Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
     """
@@ -41,12 +42,12 @@ def render(dataset: Dataset, scene: Scene) -> Frame:
     boxes = [element_boxes(patch) for patch in chosen]
     locator = Locator(chosen)
     view = seen(automatic(scene, boxes, partial(glance, locator)))
-    points = view.points().reshape(-1, 3)
-    pixels = np.flatnonzero(np.isfinite(points).all(axis=1))
-    found = owners(locator, points[pixels])
-    polish(chosen, found, points[pixels])
+    pixels, points = asked(chosen, view)
+    found = owners(locator, points)
+    polish(chosen, found, points)
     located = perf_counter()
-    frame = _frame(scene, view, pixels, found, field_of(chosen, found))
+    margin = _margins(found, dataset.mesh.dimension)
+    frame = _frame(scene, view, pixels, replace(found, margin=margin), field_of(chosen, found))
     if not frame.seen.any():
         raise SceneError(missed(view.plane, surrounding(boxes)))
     frame.stats.update(
@@ -61,8 +62,23 @@ def render(dataset: Dataset, scene: Scene) -> Frame:
 def glance(locator: Locator, scene: Scene) -> Bools:
     """(h, w) where an element is seen."""
     view = seen(scene)
-    found = locator.locate(view.points().reshape(-1, 3))
-    return np.asarray((found.status == Verdict.INSIDE).reshape(view.height, view.width))
+    pixels, points = asked(locator.patches, view)
+    mask = np.zeros(view.width * view.height, bool)
+    mask[pixels] = locator.locate(points).status == Verdict.INSIDE
+    return mask.reshape(view.height, view.width)
+
+
+def asked(patches: Sequence[Patch], view: View) -> tuple[Ints, Floats]:
+    """Numbers (n,) and plane points (n, 3) of the pixels that may show something."""
+    points = view.points().reshape(-1, 3)
+    possible = np.isfinite(points).all(axis=1)
+
+    # one period of Fourier directions, borders included
+    for axis, length in {period for patch in patches for period in patch.periods}:
+        possible &= np.abs(points[:, axis] - length / 2) <= length * (0.5 + TOLERANCE)
+        points[:, axis] = np.clip(points[:, axis], 0, length)
+    pixels = np.flatnonzero(possible)
+    return pixels, points[pixels]
 
 
 def owners(locator: Locator, points: Floats) -> Location:
@@ -94,8 +110,7 @@ def field_of(patches: Sequence[Patch], found: Location) -> Floats:
     result = np.full(len(found), np.nan)
     for number, patch in enumerate(patches):
         here = found.patch == number
-        reference = found.reference[here][:, : patch.shape.dimension]
-        result[here] = values(patch, 0, found.row[here], reference)
+        result[here] = values(patch, 0, found.row[here], found.reference[here])
     return result
 
 
@@ -107,9 +122,15 @@ def _patches(dataset: Dataset, field: str) -> list[Patch]:
             f"pictures are made of 2D data in the plane and of 3D data, found DIM={mesh.dimension} SPACE={mesh.space}"
         )
     found = [patch for patch in patches(dataset, [field]) if patch.fields[0] is not None]
-    if any(patch.homogeneous for patch in found):
-        raise ElvisError(f"pictures of homogeneous (Fourier) data can't be made, as of field {field!r}")
+    if any(patch.dimension > 3 for patch in found):
+        raise ElvisError(f"pictures of data of more than three dimensions can't be made, as of field {field!r}")
     return found
+
+
+def _margins(found: Location, dimension: int) -> Floats:
+    """(n,) margins in elements with this many dimensions of their own, ends of Fourier directions counted in."""
+    ends = 0.5 - 0.5 * np.abs(found.reference[:, dimension:])
+    return np.asarray(np.minimum(found.margin, ends.min(axis=1, initial=np.inf)))
 
 
 def _frame(scene: Scene, view: View, pixels: Ints, found: Location, field: Floats) -> Frame:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from elvis.formats.arrays import Floats
 from elvis.formats.bases import Basis
+from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Block, Dataset, Field, Homogeneous
 from elvis.formats.errors import ElvisError
+from elvis.formats.patch import Patch
+from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.volume import NativeVolume
-from elvis.plugins.volume import Part, boxes_between
+from elvis.plugins.volume import Part
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,17 +69,20 @@ def _part(found: Homogeneous, modes: Sequence[Part]) -> Part:
     """The like parts of all modes as one."""
     first, length = modes[0], found.lengths[0]
     fields = np.stack([part.buffers["coefficients"].reshape(len(part), -1) for part in modes], axis=1)
-    low, high = first.boxes[:, :3].astype(np.float64), first.boxes[:, 3:].astype(np.float64)
-    low[:, 2], high[:, 2] = 0.0, length
     buffers = {"coefficients": np.ascontiguousarray(fields), "waves": waves(found), "period": np.array([length])}
     return replace(
         first,
         type=f"Planes<{first.type}, {len(modes)}>",
         source=f"{first.source} import native_planes;",
-        boxes=boxes_between(low, high),
+        boxes=np.concatenate([element_boxes(_extended(patch, found)) for patch in cast(Solver, first.solve).patches]),
         buffers={**first.buffers, **buffers},
         solve=None,
     )
+
+
+def _extended(patch: Patch, found: Homogeneous) -> Patch:
+    """A patch of the plane with the Fourier directions."""
+    return replace(patch, fields=tuple(own and replace(own, homogeneous=found) for own in patch.fields))
 
 
 def waves(found: Homogeneous) -> Floats:
