@@ -120,6 +120,26 @@ def test_what_a_session_exports_arrives(tmp_path, name, bent):
     agree(conversion, mesh, "v_y", fields["v"], 1)
 
 
+@pytest.mark.parametrize("space", ["H1", "L2"])
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_pyramids_are_met_as_nearly_as_the_library_defines_them(tmp_path, space, order):
+    netgen = pytest.importorskip("netgen.meshing")
+    own = netgen.Mesh(dim=3)
+    places = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1), (2, 0.5, 0.7)]
+    points = [own.Add(netgen.MeshPoint(netgen.Pnt(*place))) for place in places]
+    side = own.Add(netgen.FaceDescriptor(surfnr=1, domin=1, domout=0, bc=1))
+    for corners in ((0, 1, 2, 3, 4), (1, 5, 2, 4)):
+        own.Add(netgen.Element3D(1, [points[i] for i in corners]))
+    for corners in ((0, 1, 2, 3), (0, 1, 4), (2, 3, 4), (3, 0, 4), (1, 5, 2), (5, 2, 4), (1, 5, 4)):
+        own.Add(netgen.Element2D(side, [points[i] for i in corners]))
+    mesh = ngsolve.Mesh(own)
+    field = random(getattr(ngsolve, space)(mesh, order=order))
+    export(tmp_path / "two.elems.npz", mesh, {"u": field})
+    conversion = check(NGSolve, [tmp_path / "two.elems.npz"])
+    agree(conversion, mesh, "u", field, bar=1e-7)
+    assert any("1e-7" in note for note in conversion.report.notes)
+
+
 def test_regions_have_names(tmp_path):
     mesh = ball()
     export(tmp_path / "ball.elems.npz", mesh, {})

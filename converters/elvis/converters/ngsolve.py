@@ -59,6 +59,10 @@ class NGSolve(Converter):
             raise FormatError("expected elements, found none", file=self._path)
         self.fields = self._source_fields(names)
         self.boundaries = self._borders()
+        if "pyramid_xyz" in self._data:
+            self.notes = [
+                "NGSolve's own functions on pyramids, with an apex a little off, are met to 1e-7, not to rounding"
+            ]
         self.time = float(self._data["time"]) if "time" in self._data else None
 
     def positions(self, block: Elements, points: Floats) -> Floats:
