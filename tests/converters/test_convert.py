@@ -29,7 +29,7 @@ def pyfr(solvers):
 def plugin(tmp_path):
     """The converter of the page, as a file."""
     (source,) = [
-        text for text in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S) if "class" in text
+        text for text in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S) if "(Converter)" in text
     ]
     assert source.count("\n") < 60
     path = tmp_path / "my_solver.py"
