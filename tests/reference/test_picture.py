@@ -112,7 +112,7 @@ def test_rays_beside_the_plane_show_nothing():
     [
         ("line_1d", "pictures are made of 2D data in the plane and of 3D data, found DIM=1 SPACE=2"),
         ("sphere_manifold", "pictures are made of 2D data in the plane and of 3D data, found DIM=2 SPACE=3"),
-        ("chan3dh1d", r"pictures of homogeneous \(Fourier\) data can't be made, as of field 'u'"),
+        ("naca_h1d_line", "pictures are made of 2D data in the plane and of 3D data, found DIM=1 SPACE=2"),
     ],
 )
 def test_what_has_no_plane_picture_is_refused(nektar, case, sentence):

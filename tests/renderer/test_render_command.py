@@ -190,18 +190,19 @@ def test_a_mesh_alone_and_a_field_alone(elvis, shared_files, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_quasi_3d_data_are_cut_on_a_device_only(render):
-    plane = ("--plane", "0.5,0.5,0.5:1,0.2,0.1")
-    status, err, files = render("chan3dh1d", *plane, "--device", "reference")
-    assert (status, files) == (1, [])
-    assert "homogeneous" in err
-    assert render("chan3dh1d", *plane)[0] == 0
+@pytest.mark.parametrize("device_name", ["vulkan", "reference"])
+def test_quasi_3d_data_are_cut(render, device_name):
+    plane = ("--plane", "0.5,0.5,0.5:1,0.2,0.1", "--size", "60x50")
+    assert render("chan3dh1d", *plane, "--device", device_name)[:2] == (0, "")
+    status, err, _ = render("chan3dh1d", "--device", device_name)
+    assert status == 1
+    assert err.startswith("elvis: error: 3D data need a cut plane")
 
 
 @pytest.mark.parametrize("case_name", ["line_1d", "sphere_manifold"])
 @pytest.mark.parametrize("device_name", ["vulkan", "reference"])
 def test_data_without_a_plane_picture(render, case_name, device_name):
-    options = ("--plane", "0,0,0:0,0,1") if case_name == "line_1d" else ()
+    options = () if case_name == "sphere_manifold" else ("--plane", "0,0,0:0,0,1")
     status, err, files = render(case_name, *options, "--device", device_name)
     assert (status, files) == (1, [])
     assert err.startswith("elvis: error: pictures ")
