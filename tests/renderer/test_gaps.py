@@ -23,7 +23,7 @@ BENT = (
 
 def picture(linear, shape, nodes, amplitude, seed, point, normal):
     dataset = linear(curved(grid(shape, 1), ripple(amplitude, seed=seed), nodes))
-    return dataset, {"plane": Plane(point, normal), "size": (220, 180)}
+    return dataset, {"plane": Plane(point, normal), "size": (150, 125)}
 
 
 @pytest.mark.parametrize("case_number", range(len(BENT)))
@@ -31,7 +31,7 @@ def test_nothing_is_missed(same_on, linear, case_number):
     dataset, scene = picture(linear, *BENT[case_number])
     frame, _ = same_on(dataset, **scene)
     expected = frame.position[frame.seen] @ [1.0, 2.0, -3.0]
-    assert frame.seen.sum() > 3000
+    assert frame.seen.sum() > 1500
     assert np.abs(frame.field[frame.seen] - expected).max() < 1e-11
 
 
@@ -49,11 +49,11 @@ def test_probes_miss_nothing_either(renderer, linear, case_number):
 
 
 def test_these_are_hard_cases(draw, linear, monkeypatch):
-    """Without the second look some of them have holes; else they would prove nothing."""
-    whole = [draw(dataset, **scene) for dataset, scene in (picture(linear, *bent) for bent in BENT)]
+    """Without the second look there are holes; else they would prove nothing."""
+    dataset, scene = picture(linear, *BENT[2])
+    whole = draw(dataset, **scene)
     monkeypatch.setattr(Gaps, "close", lambda *_: None)
-    part = [draw(dataset, **scene) for dataset, scene in (picture(linear, *bent) for bent in BENT)]
-    assert sum(frame.seen.sum() for frame in whole) > sum(frame.seen.sum() for frame in part) + 100
+    assert whole.seen.sum() > draw(dataset, **scene, camera=whole.view.camera).seen.sum() + 100
 
 
 @pytest.mark.parametrize("shape", [*Shape.of_dimension(2), *Shape.of_dimension(3)], ids=lambda shape: shape.label)
