@@ -114,6 +114,12 @@ def tolerance_of(field):
     return max(1e-11 * (whole.upper - whole.lower), 8 * np.finfo(float).eps * largest)
 
 
+@pytest.fixture(scope="session")
+def tolerance():
+    """How far values of a field may differ."""
+    return tolerance_of
+
+
 def check_pixels(drawn, truth, mesh, tolerance):
     assert drawn.counts()["failed"] == truth.counts()["failed"] == 0
     inner = margin_of(truth, mesh) > BORDER
