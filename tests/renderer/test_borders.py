@@ -80,6 +80,25 @@ def test_a_part_of_a_picture_is_that_part_of_the_whole(draw, linear):
     assert np.allclose(part.field, whole.field[window], rtol=0, atol=1e-13)
 
 
+def test_more_tiles_than_a_row_of_groups_holds(draw, linear):
+    dataset = linear(curved(grid(Shape.HEXAHEDRON, 1), ripple(0.1, seed=1), 3))
+    camera = Camera((0.5, 0.5, 2.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=0.2)
+    frame = draw(dataset, plane=Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0)), camera=camera, size=(1700, 1300))
+    assert frame.stats["tiles"] > 32768
+    assert frame.seen.all()
+    assert np.abs(frame.field - frame.position @ [1.0, 2.0, -3.0]).max() < 1e-12
+
+
+def test_more_disputed_pixels_than_the_first_list_holds(same_on, linear):
+    """Eight elements meet in the plane: every pixel is claimed twice, by equal right."""
+    camera = Camera((0.5, 0.5, 2.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=0.9)
+    plane = Plane((0.0, 0.0, 0.5), (0.0, 0.0, 1.0))
+    frame, truth = same_on(linear(grid(Shape.HEXAHEDRON, 2)), plane=plane, camera=camera, size=(260, 260))
+    assert (frame.status == Status.AMBIGUOUS).all()
+    assert np.array_equal(frame.element, truth.element)
+    assert set(np.unique(frame.element)) == {0, 1, 2, 3}
+
+
 @pytest.mark.parametrize("device", ["vulkan", "reference"])
 def test_the_same_picture_twice(draw, linear, device):
     dataset = linear(curved(grid(Shape.PRISM, 2), ripple(0.05, seed=1), 3))

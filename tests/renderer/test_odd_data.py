@@ -11,7 +11,7 @@ from elvis.formats.dataset import Block, Dataset, Field
 from elvis.formats.geometry import geometry
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, mixed_volume, ripple
-from elvis.renderer import Plane, SceneError, Status
+from elvis.renderer import Plane, Scene, SceneError, Status
 from elvis.renderer.palette import NOT_A_NUMBER
 
 PLANE = Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0))
@@ -145,3 +145,33 @@ def test_elements_without_the_field_are_left_out(draw, linear, device):
 def test_a_field_of_no_element_is_refused(draw, linear, device):
     with pytest.raises(SceneError, match="no element to draw"):
         draw(replace(linear(grid(Shape.HEXAHEDRON, 1)), fields=(Field("u", ()),)), device, plane=PLANE)
+
+
+def test_a_map_that_is_given_as_fields_is_drawn(draw, linear):
+    """The same element maps from curves and from fields show the same picture."""
+    bent = linear(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.06, seed=3), 4))
+    maps = tuple(
+        Field(f"map_{axis}", tuple(Block(b.expansion, b.element_ids, b.coefficients[:, i]) for b in geometry(bent)))
+        for i, axis in enumerate("xyz")
+    )
+    straight = Dataset(grid(Shape.HEXAHEDRON, 2), (*bent.fields, *maps), metadata={"GeometryMap": "map_x,map_y,map_z"})
+    frames = [draw(dataset, device, plane=PLANE, size=(60, 50)) for dataset in (bent, straight) for device in DEVICES]
+    for frame in frames[1:]:
+        assert np.array_equal(frame.element, frames[0].element)
+        assert np.allclose(frame.field, frames[0].field, rtol=0, atol=1e-12, equal_nan=True)
+
+
+def test_a_glance_has_no_record(renderer, linear, tmp_path):
+    """Without reference coordinates pictures are the same, but exact records are refused."""
+    device, dataset = renderer("vulkan"), linear(grid(Shape.PRISM, 2))
+    device.load(dataset, "u")
+    scene = Scene("u", PLANE, size=(60, 50))
+    exact, quick = device.render(scene), device.render(scene, references=False)
+    assert quick.reference is None
+    assert quick.field.tobytes() == exact.field.tobytes()
+    assert quick.element.tobytes() == exact.element.tobytes()
+    quick.save(tmp_path / "a.png")
+    for name in ("a.npz", "a.exr"):
+        with pytest.raises(SceneError, match="an exact record needs reference coordinates"):
+            quick.save(tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
