@@ -1,15 +1,18 @@
 """Strongly bent elements, whose maps have roots beside the element: no pixel is missed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from elvis.formats.arrays import frozen_floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.locate import locate
 from elvis.formats.patch import patches
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, ripple
 from elvis.plugins.native.bending import bends
-from elvis.renderer import Plane
+from elvis.renderer import Camera, Plane
 from elvis.renderer.gaps import Gaps
 
 #: shape, nodes along an edge, amplitude, seed and plane of pictures in which Newton's method alone leaves holes
@@ -46,6 +49,23 @@ def test_probes_miss_nothing_either(renderer, linear, case_number):
     assert np.array_equal(places.element, truth.element_id)
     seen = places.element >= 0
     assert np.abs(places.field - points @ [1.0, 2.0, -3.0])[seen].max() < 1e-11
+
+
+def moved(shape, cells, amplitude, seed):
+    """A grid of straight elements whose vertices stand anywhere near their places."""
+    mesh = grid(shape, cells)
+    shifts = np.random.default_rng(seed).uniform(-amplitude, amplitude, mesh.vertices.shape)
+    return replace(mesh, vertices=frozen_floats(mesh.vertices + shifts))
+
+
+@pytest.mark.parametrize("shape", [Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_missed_along_a_plane(same_on, linear, shape, seed):
+    """Seen at grazing angles from within the mesh, sections are long and their bounds wide."""
+    dataset = linear(moved(shape, 2, 0.07, seed))
+    eye, at = (-0.3, 0.45 + 0.1 * seed, 0.6), (0.3, 0.5, 0.5)
+    camera = Camera(eye, at, (0.9, -1.7, 0.3), fov=40.0 + 20 * seed)
+    same_on(dataset, plane=Plane((0.5, 0.4, 0.45), (0.0, 0.1, 1.0)), camera=camera, size=(140, 120))
 
 
 def test_these_are_hard_cases(draw, linear, monkeypatch):

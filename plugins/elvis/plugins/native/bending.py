@@ -4,7 +4,8 @@ Let J be the Jacobian in parts of the one at the centre, b the greatest change o
 change by unit of length (maximum norms).  A step of Newton's method misses the root, d away, by at most k d with
 k = m d / (2 (1 - b)), so from a step of length l < 1/4 the root is at most k l / (1 - k) away from where it ends.  The
 kernels call a point outside for good once it is outside by 2 l (judge, shaders/invert.slang); facets of simplices are
-three times as steep as coordinates.  Both hold together for k <= 0.4, that is for b + m / 2 <= 1, nearly.
+three times as steep as coordinates.  Both hold together for k <= 0.4, that is for b + m / 2 <= 1, nearly.  The Jacobian
+of a pyramid depends on the direction at the apex, however little it changes, unless the map is affine.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from elvis.formats.patch import Patch
 from elvis.formats.shapes import Shape
 from elvis.formats.tangents import duals
 
+#: greatest b of a map that counts as affine
+_AFFINE = 1e-9
 #: the element is looked at a little beyond its border
 _BEYOND = 1.25
 #: elements at once
@@ -34,7 +37,7 @@ def bends(patch: Patch, rows: Ints) -> Bools:
     result = np.empty(len(rows), bool)
     for part in chunks(len(rows), _CHUNK):
         change, slope = _changes(patch, rows[part])
-        result[part] = ~(change + slope / 2 <= 1)
+        result[part] = ~(change <= _AFFINE if patch.shape is Shape.PYRAMID else change + slope / 2 <= 1)
     return result
 
 
