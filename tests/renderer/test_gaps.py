@@ -17,7 +17,7 @@ from elvis.renderer.gaps import Gaps
 
 #: shape, nodes along an edge, amplitude, seed and plane of pictures in which Newton's method alone leaves holes
 BENT = (
-    (Shape.PYRAMID, 3, 0.26, 845311774, (0.62146, 0.72065, 0.26432), (0.40555, 0.39494, 2.39794)),
+    (Shape.PYRAMID, 5, 0.41, 291956588, (0.30819, 0.69289, 0.40214), (0.68941, -0.34046, 0.95693)),
     (Shape.PYRAMID, 4, 0.43, 639644865, (0.78953, 0.44905, 0.79625), (0.45481, -1.21926, -2.06943)),
     (Shape.PRISM, 4, 0.43, 789739130, (0.22131, 0.60116, 0.39508), (0.44306, -0.08201, 0.08475)),
     (Shape.PRISM, 5, 0.37, 1011604407, (0.54156, 0.24546, 0.75025), (-0.29271, 1.43181, 0.59563)),
@@ -26,7 +26,7 @@ BENT = (
 
 def picture(linear, shape, nodes, amplitude, seed, point, normal):
     dataset = linear(curved(grid(shape, 1), ripple(amplitude, seed=seed), nodes))
-    return dataset, {"plane": Plane(point, normal), "size": (150, 125)}
+    return dataset, {"plane": Plane(point, normal), "size": (100, 85)}
 
 
 @pytest.mark.parametrize("case_number", range(len(BENT)))
@@ -34,7 +34,7 @@ def test_nothing_is_missed(same_on, linear, case_number):
     dataset, scene = picture(linear, *BENT[case_number])
     frame, _ = same_on(dataset, **scene)
     expected = frame.position[frame.seen] @ [1.0, 2.0, -3.0]
-    assert frame.seen.sum() > 1500
+    assert frame.seen.sum() > 1000
     assert np.abs(frame.field[frame.seen] - expected).max() < 1e-11
 
 
@@ -70,15 +70,15 @@ def test_nothing_is_missed_along_a_plane(same_on, linear, shape, seed):
 
 def test_these_are_hard_cases(draw, linear, monkeypatch):
     """Without the second look there are holes; else they would prove nothing."""
-    dataset, scene = picture(linear, *BENT[2])
+    dataset, scene = picture(linear, *BENT[0])
     whole = draw(dataset, **scene)
     monkeypatch.setattr(Gaps, "close", lambda *_: None)
-    assert whole.seen.sum() > draw(dataset, **scene, camera=whole.view.camera).seen.sum() + 100
+    assert whole.seen.sum() > draw(dataset, **scene, camera=whole.view.camera).seen.sum() + 50
 
 
 @pytest.mark.parametrize("shape", [*Shape.of_dimension(2), *Shape.of_dimension(3)], ids=lambda shape: shape.label)
 def test_what_bends(shape):
-    """Straight and slightly curved elements don't, strongly curved ones do, however many are asked for."""
+    """Straight and slightly curved elements don't, strongly curved ones and all curved pyramids do."""
     answers = []
     for amplitude in (0.0, 0.01, 0.6):
         mesh = curved(grid(shape, 3), ripple(amplitude, seed=1), 4)
@@ -87,6 +87,6 @@ def test_what_bends(shape):
         assert np.array_equal(bends(patch, np.array([2, 0, 2])), strong[[2, 0, 2]])
         answers.append(strong)
     assert not answers[0].any()
-    assert not answers[1].any()
+    assert answers[1].all() if shape is Shape.PYRAMID else not answers[1].any()
     assert answers[2].any()
     assert len(bends(patch, np.empty(0, int))) == 0
