@@ -5,7 +5,7 @@ import pytest
 
 from elvis.renderer import Camera, Plane, Scene, SceneError
 from elvis.renderer.scene import NAMED_VIEWS
-from elvis.renderer.view import View, face_on, fitted, named
+from elvis.renderer.view import PlaneView, face_on, fitted, named
 
 PLANES = (Plane((0.2, -0.3, 0.5), (0.1, 0.2, 1.0)), Plane((1e3, 0.0, 0.0), (1.0, -1.0, 0.3)))
 SIZES = ((1, 1), (9, 17), (64, 48))
@@ -28,7 +28,7 @@ def pixels_of(view, points):
 @pytest.mark.parametrize("kind", [0, 1], ids=["orthographic", "perspective"])
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_pixel_to_plane_and_back(plane, kind, size):
-    view = View.of(cameras(plane)[kind], plane, size)
+    view = PlaneView.of(cameras(plane)[kind], plane, size)
     points = view.points()
     assert points.shape == (size[1], size[0], 3)
     flat, scale = points.reshape(-1, 3), np.abs(plane.point).max() + 1
@@ -44,7 +44,7 @@ def test_pixel_to_plane_and_back(plane, kind, size):
 def test_points_lie_on_the_rays_of_the_camera(kind):
     plane = PLANES[0]
     camera = cameras(plane)[kind]
-    view = View.of(camera, plane, (31, 21))
+    view = PlaneView.of(camera, plane, (31, 21))
     right, up, forward = camera.basis()
     offsets = view.points() - camera.eye
     depth = offsets @ forward
@@ -56,7 +56,7 @@ def test_points_lie_on_the_rays_of_the_camera(kind):
 
 
 def test_rows_run_downwards_and_columns_to_the_right():
-    view = View.of(Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), height=2.0), Plane((0, 0, 0), (0, 0, 1)), (4, 2))
+    view = PlaneView.of(Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), height=2.0), Plane((0, 0, 0), (0, 0, 1)), (4, 2))
     assert np.allclose(view.points()[0, 0], [-1.5, 0.5, 0])
     assert np.allclose(view.points()[1, 3], [1.5, -0.5, 0])
 
@@ -64,17 +64,21 @@ def test_rows_run_downwards_and_columns_to_the_right():
 def test_rays_that_miss_have_no_point():
     """Looking along a floor: above the horizon there is nothing, nor in a plane seen edge on."""
     floor = Plane((0, 0, 0), (0, 0, 1))
-    points = View.of(Camera((0, 0, 1), (1, 0, 1), (0, 0, 1), fov=90.0), floor, (8, 8)).points()
+    points = PlaneView.of(Camera((0, 0, 1), (1, 0, 1), (0, 0, 1), fov=90.0), floor, (8, 8)).points()
     assert np.isnan(points[:4]).all()
     assert np.isfinite(points[4:]).all()
-    assert not np.isfinite(View.of(Camera((0, 0, 1), (1, 0, 1), height=1.0), floor, (8, 8)).points()).all(axis=-1).any()
+    assert (
+        not np.isfinite(PlaneView.of(Camera((0, 0, 1), (1, 0, 1), height=1.0), floor, (8, 8)).points())
+        .all(axis=-1)
+        .any()
+    )
 
 
 @pytest.mark.parametrize("turn", [1, -1])
 def test_the_normal_looks_at_the_viewer(turn):
     plane = Plane((0, 0, 0), (0, 0, 3.0 * turn))
     for camera in (Camera((0, 1, 2), (0, 0, 0), height=1.0), Camera((0, 1, 2), (0, 0, 0), fov=30.0)):
-        assert np.allclose(View.of(camera, plane, (2, 2)).normal(), [0, 0, 1])
+        assert np.allclose(PlaneView.of(camera, plane, (2, 2)).normal(), [0, 0, 1])
 
 
 @pytest.mark.parametrize("name", ["fit", *NAMED_VIEWS])
@@ -86,7 +90,7 @@ def test_a_fitted_camera_shows_all_of_an_extent(name):
     shown = fitted(camera, size, extent, box)
     assert np.allclose(np.array(shown.basis()), np.array([right, up, forward]))
     points = np.array([x * right + y * up for x in extent[:, 0] for y in extent[:, 1]])
-    columns, rows = pixels_of(View.of(shown, plane, size), points)
+    columns, rows = pixels_of(PlaneView.of(shown, plane, size), points)
     assert -0.5 <= columns.min() < columns.max() <= 59.5
     assert -0.5 <= rows.min() < rows.max() <= 39.5
     assert np.ptp(columns) > 0.9 * 60

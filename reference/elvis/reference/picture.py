@@ -28,7 +28,7 @@ from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame, Status
 from elvis.renderer.scene import Scene
-from elvis.renderer.view import View, seen
+from elvis.renderer.view import PlaneView, seen
 
 
 def render(dataset: Dataset, scene: Scene) -> Frame:
@@ -68,7 +68,7 @@ def glance(locator: Locator, scene: Scene) -> Bools:
     return mask.reshape(view.height, view.width)
 
 
-def asked(patches: Sequence[Patch], view: View) -> tuple[Ints, Floats]:
+def asked(patches: Sequence[Patch], view: PlaneView) -> tuple[Ints, Floats]:
     """Numbers (n,) and plane points (n, 3) of the pixels that may show something."""
     points = view.points().reshape(-1, 3)
     possible = np.isfinite(points).all(axis=1)
@@ -133,7 +133,7 @@ def _margins(found: Location, dimension: int) -> Floats:
     return np.asarray(np.minimum(found.margin, ends.min(axis=1, initial=np.inf)))
 
 
-def _frame(scene: Scene, view: View, pixels: Ints, found: Location, field: Floats) -> Frame:
+def _frame(scene: Scene, view: PlaneView, pixels: Ints, found: Location, field: Floats) -> Frame:
     """The answers for some pixels as a picture; all others are misses."""
     count, shape = view.width * view.height, (view.height, view.width)
     values, element, status = np.full(count, np.nan), np.full(count, -1), np.zeros(count, np.uint8)

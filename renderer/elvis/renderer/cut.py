@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.plugins.volume import Part, Volume
-from elvis.renderer.device import Device, Kernel
+from elvis.plugins.volume import Part
+from elvis.renderer.device import Kernel
 from elvis.renderer.gaps import Gaps
+from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import BORDER as BORDER
 from elvis.renderer.pixels import INSIDE as INSIDE
 from elvis.renderer.pixels import NOBODY as NOBODY
@@ -22,7 +23,7 @@ from elvis.renderer.pixels import Pixels as Pixels
 from elvis.renderer.pixels import settle
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import tiles_of
-from elvis.renderer.view import View
+from elvis.renderer.view import PlaneView
 
 if TYPE_CHECKING:
     import slangpy
@@ -43,23 +44,17 @@ class Clock:
 
 
 class Cutter:
-    """A volume on a device, ready to be cut by any plane from any view."""
+    """A loaded volume, ready to be cut by any plane from any view."""
 
-    def __init__(self, device: Device, volume: Volume) -> None:
-        device.include(volume.shader_folder)
-        self.device, self.parts = device, volume.parts
-        self.buffers = [{name: device.buffer(data) for name, data in part.buffers.items()} for part in self.parts]
-        self.first = np.cumsum([0, *map(len, self.parts)])
-        #: global ids by running number; NOBODY, which is beyond the end, takes the last one
-        self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
-        self.reach = max(map(_reach, self.parts), default=0.0)
-        self.bytes = sum(data.nbytes for part in self.parts for data in part.buffers.values())
+    def __init__(self, loaded: Loaded) -> None:
+        self.device, self.parts, self.buffers = loaded.device, loaded.parts, loaded.buffers
+        self.first, self.reach = loaded.first, loaded.reach
         self.gaps = Gaps(self.parts)
         self.clock = Clock()
         self.tiles = 0
         self.references = True
 
-    def draw(self, view: View, *, references: bool = True) -> Pixels:
+    def draw(self, view: PlaneView, *, references: bool = True) -> Pixels:
         """The pixels of one view; without reference coordinates they are there a little sooner."""
         self.references = references
         self.clock, self.tiles = Clock(), 0
@@ -87,7 +82,7 @@ class Cutter:
         return pixels
 
     def _draw_part(
-        self, number: int, view: View, sections: NDArray[Any], image: dict[str, slangpy.Buffer]
+        self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, slangpy.Buffer]
     ) -> NDArray[Any]:
         """All stages for one part; returns what draw put off, searched again, with running element numbers."""
         part, buffers = self.parts[number], {**self.buffers[number], **image}
@@ -112,7 +107,7 @@ class Cutter:
         with self.clock.stage("retry"):
             return self._retry(number, view, claims)
 
-    def _sections(self, number: int, view: View) -> NDArray[Any]:
+    def _sections(self, number: int, view: PlaneView) -> NDArray[Any]:
         """Sections of one part, in order of elements."""
         part = self.parts[number]
         cull = self._kernel("cut_cull", part)
@@ -120,7 +115,7 @@ class Cutter:
         sections = self.device.listed("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
         return sections[np.argsort(sections["element"])]
 
-    def _retry(self, number: int, view: View, claims: NDArray[Any]) -> NDArray[Any]:
+    def _retry(self, number: int, view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:
         """Claims without doubt where the thorough search can settle them; element numbers made running."""
         if not len(claims):
             return claims
@@ -135,7 +130,7 @@ class Cutter:
     def _kernel(self, stage: str, part: Part) -> Kernel:
         return self.device.kernel(stage, part)
 
-    def _view(self, kernel: Kernel, view: View, number: int, count: int) -> slangpy.Buffer:
+    def _view(self, kernel: Kernel, view: PlaneView, number: int, count: int) -> slangpy.Buffer:
         """The View record of the stages (shaders/cut.slang)."""
         record = np.zeros(1, kernel.dtype("view"))
         record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
@@ -157,8 +152,3 @@ class Cutter:
         reference = self.device.read(image["reference"], np.float64).reshape(count, 3)
         reference[nowhere] = np.nan
         return Pixels(values, owner, reference, status)
-
-
-def _reach(part: Part) -> float:
-    """The greatest finite coordinate of the part's boxes, in magnitude."""
-    return float(np.abs(part.boxes).max(initial=0.0, where=np.isfinite(part.boxes)))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Floats, Ints
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.scene import Scene
-from elvis.renderer.view import View
+from elvis.renderer.view import PlaneView
 
 
 class Status(IntEnum):
@@ -40,7 +40,7 @@ class Frame:
     """
 
     scene: Scene
-    view: View
+    view: PlaneView
     field: Floats
     element: Ints
     reference: Floats | None

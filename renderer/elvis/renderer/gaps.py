@@ -19,7 +19,7 @@ from elvis.plugins.volume import Part
 from elvis.renderer.pixels import NOBODY, Pixels, settle
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import TILE, tiles_of
-from elvis.renderer.view import View
+from elvis.renderer.view import PlaneView
 
 TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
 CLAIM = np.dtype(
@@ -43,7 +43,7 @@ class Gaps:
         self._first = np.cumsum([0, *map(len, parts)])
         self._bent = [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
 
-    def close(self, view: View, pixels: Pixels, sections: Sequence[NDArray[Any]]) -> None:
+    def close(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]]) -> None:
         """Find the missed pixels of a picture; ``sections`` are those of each part, as cut_cull lists them."""
         free: Bools = np.asarray(pixels.owner == NOBODY).reshape(view.height, view.width)
         bent = [self._bent_ones(number, some) for number, some in enumerate(sections)]
@@ -62,7 +62,7 @@ class Gaps:
             free = free & ~found & ~due
             due = free & _beside(found)
 
-    def _settle(self, view: View, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
+    def _settle(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
         """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w)."""
         claims = [_pairs(some, first, mask) for some, first in zip(sections, self._first, strict=False)]
         settle(pixels, [proved(self._parts, view, some) for some in claims if len(some)])

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
-from elvis.renderer.view import View
+from elvis.renderer.view import PlaneView
 
 
-def proved(parts: Sequence[Part], view: View, claims: NDArray[Any]) -> NDArray[Any]:
+def proved(parts: Sequence[Part], view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:
     """The claims, by running element numbers, with the answers of the parts that can give some."""
     claims, first = claims.copy(), np.cumsum([0, *map(len, parts)])
     pixel, element = claims["pixel"].astype(np.int64), claims["element"].astype(np.int64)

@@ -22,9 +22,10 @@ from elvis.renderer.errors import SceneError
 from elvis.renderer.examining import check_on_device, examine
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
+from elvis.renderer.loaded import Loaded
 from elvis.renderer.probing import Finder, Places
 from elvis.renderer.scene import Plane, Scene
-from elvis.renderer.view import View, seen
+from elvis.renderer.view import PlaneView, seen
 
 
 def render(dataset: Dataset | Opened, scene: Scene | None = None, *, device: str = "auto", **options: Any) -> Frame:
@@ -126,9 +127,10 @@ class Renderer:
         self.device = Device(device)
         self.seconds: dict[str, float] = {}
         self._volume: Volume | None = None
+        self._loaded: Loaded | None = None
         self._cutter: Cutter | None = None
         self._finder: Finder | None = None
-        self._fitted: tuple[object, View] | None = None
+        self._fitted: tuple[object, PlaneView] | None = None
 
     def __enter__(self) -> Renderer:
         return self
@@ -145,13 +147,14 @@ class Renderer:
     def show(self, volume: Volume) -> None:
         """Bring a runtime plugin's volume to the device."""
         self._volume, self._finder, self._fitted = volume, None, None
-        self._cutter = Cutter(self.device, volume)
+        self._loaded = Loaded(self.device, volume)
+        self._cutter = Cutter(self._loaded)
 
     def probe(self, points: Floats) -> Places:
         """Elements and field at world points (n, 3), found on the device."""
-        if self._cutter is None or self._volume is None:
+        if self._loaded is None or self._volume is None:
             raise ElvisError("load a dataset before probing")
-        self._finder = self._finder or Finder(self.device, self._volume, self._cutter.buffers)
+        self._finder = self._finder or Finder(self.device, self._volume, self._loaded.buffers)
         return self._finder.find(points)
 
     def examine(self, part: int, elements: Ints, offsets: Floats) -> Samples:
@@ -174,7 +177,7 @@ class Renderer:
         frame.stats["seconds"] = {**self.seconds, **cutter.clock.seconds, "frame": perf_counter() - start}
         return frame
 
-    def _view(self, scene: Scene) -> View:
+    def _view(self, scene: Scene) -> PlaneView:
         """The view of a scene: that of the last scene where plane, camera and size are the same."""
         assert self._cutter is not None
         key = (scene.plane, scene.camera, scene.size)
@@ -190,9 +193,10 @@ class Renderer:
         owner = self._cutter.draw(view, references=False).owner
         return np.asarray(owner.reshape(view.height, view.width) != NOBODY)
 
-    def _frame(self, cutter: Cutter, scene: Scene, view: View, pixels: Pixels) -> Frame:
+    def _frame(self, cutter: Cutter, scene: Scene, view: PlaneView, pixels: Pixels) -> Frame:
         """Running element numbers become global ids; pixels become rows."""
-        element = cutter.ids.take(pixels.owner, mode="clip")
+        assert self._loaded is not None
+        element = self._loaded.ids.take(pixels.owner, mode="clip")
         shape = (view.height, view.width)
         frame = Frame(
             scene,
@@ -204,9 +208,9 @@ class Renderer:
         )
         frame.stats.update(
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
-            elements=len(cutter.ids) - 1,
+            elements=len(self._loaded.ids) - 1,
             tiles=cutter.tiles,
-            bytes={"volume": cutter.bytes, "image": 12 * pixels.owner.size},
+            bytes={"volume": self._loaded.bytes, "image": 12 * pixels.owner.size},
             pixels=frame.counts(),
         )
         return frame

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
+
+#: numbers (n,) of columns or rows, whole or not
+Pixels: TypeAlias = NDArray[np.int64] | Floats
 
 #: cosine between a view and the plane's normal below which the plane is a line
 EDGE_ON = 1e-9
@@ -21,36 +26,78 @@ MARGIN = 1.04  # a fitted view is this much larger than what it shows
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera before a plane, for a picture of ``width`` by ``height`` pixels.
+    """A camera, for a picture of ``width`` by ``height`` pixels.
 
-    plane_point    (4, 3)  origin, column, row of the plane point's numerator; last row its weight (constant, column,
-                           row): point of pixel (i, j) = (origin + i column + j row) / (w0 + i w1 + j w2)
-    to_pixel       (3, 4)  rows for column, row and weight of a homogeneous world point; the weight is positive in front
+    corner, column, row  (3,) offset of pixel (0, 0) from the axis of the view, and steps to the next column and row; at
+                         depth 1 in perspective, at any depth in parallel views
+    to_pixel             (3, 4) rows for column, row and weight of a homogeneous world point; the weight is positive in
+                         front
     """
 
     camera: Camera
-    plane: Plane
     width: int
     height: int
-    plane_point: Floats
+    corner: Floats
+    column: Floats
+    row: Floats
     to_pixel: Floats
 
     @staticmethod
-    def of(camera: Camera, plane: Plane, size: tuple[int, int]) -> View:
+    def through(camera: Camera, size: tuple[int, int]) -> View:
         """The view of a camera with a height or a field of view."""
         width, height = size
-        right, up, forward = camera.basis()
-        eye = np.asarray(camera.eye, dtype=np.float64)
+        right, up, _ = camera.basis()
 
         # a pixel step on the screen, which stands at distance 1 in perspective
         half = 0.5 * (camera.height or 1.0) if camera.fov is None else float(np.tan(0.5 * np.deg2rad(camera.fov)))
         step = 2.0 * half / height
         column, row = step * right, -step * up
         corner = -0.5 * (width - 1) * column - 0.5 * (height - 1) * row
+        eye = np.asarray(camera.eye, dtype=np.float64)
+        return View(camera, width, height, corner, column, row, _to_pixel(camera, eye, step, size))
 
-        numbers = _orthographic if camera.fov is None else _perspective
-        plane_point = numbers(eye, forward, corner, column, row, plane)
-        return View(camera, plane, width, height, plane_point, _to_pixel(camera, eye, step, (width, height)))
+    @property
+    def count(self) -> int:
+        """Number of pixels."""
+        return self.width * self.height
+
+    @property
+    def perspective(self) -> bool:
+        """Whether rays part from the eye; else they are parallel."""
+        return self.camera.fov is not None
+
+    def rays(self, columns: Pixels, rows: Pixels) -> tuple[Floats, Floats]:
+        """Origins and directions (n, 3) of pixels' rays: the point at depth d is origin + d direction."""
+        aside = self.corner + columns[:, None] * self.column + rows[:, None] * self.row
+        eye, forward = np.asarray(self.camera.eye, dtype=np.float64), self.camera.basis()[2]
+        still = np.zeros_like(aside)
+        return (eye + still, forward + aside) if self.perspective else (eye + aside, forward + still)
+
+    def depth_of(self, points: Floats) -> Floats:
+        """Distance of world points (…, 3) from the eye's plane, along the view."""
+        forward = self.camera.basis()[2]
+        return np.asarray((points - np.asarray(self.camera.eye)) @ forward)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneView(View):
+    """A view of a plane.
+
+    plane_point    (4, 3)  origin, column, row of the plane point's numerator; last row its weight (constant, column,
+                           row): point of pixel (i, j) = (origin + i column + j row) / (w0 + i w1 + j w2)
+    """
+
+    plane: Plane
+    plane_point: Floats
+
+    @staticmethod
+    def of(camera: Camera, plane: Plane, size: tuple[int, int]) -> PlaneView:
+        """The view of a camera with a height or a field of view."""
+        view = View.through(camera, size)
+        eye, forward = np.asarray(camera.eye, dtype=np.float64), camera.basis()[2]
+        numbers = _perspective if view.perspective else _orthographic
+        plane_point = numbers(eye, forward, view.corner, view.column, view.row, plane)
+        return PlaneView(**vars(view), plane=plane, plane_point=plane_point)
 
     @cached_property
     def across(self) -> Floats:
@@ -62,7 +109,7 @@ class View:
         i, j = np.meshgrid(np.arange(self.width), np.arange(self.height))
         return self.points_of(i.ravel(), j.ravel()).reshape(self.height, self.width, 3)
 
-    def points_of(self, columns: np.typing.NDArray[np.int64], rows: np.typing.NDArray[np.int64]) -> Floats:
+    def points_of(self, columns: Pixels, rows: Pixels) -> Floats:
         """(n, 3) the plane points of some pixels, as points()."""
         pixel = np.stack([np.ones(len(columns)), columns, rows], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -70,11 +117,6 @@ class View:
             behind = ~(points @ self.to_pixel[2, :3] + self.to_pixel[2, 3] > 0.0)
         points[behind] = np.nan
         return np.asarray(points)
-
-    def depth_of(self, points: Floats) -> Floats:
-        """Distance of world points (…, 3) from the eye's plane, along the view."""
-        forward = self.camera.basis()[2]
-        return np.asarray((points - np.asarray(self.camera.eye)) @ forward)
 
     def normal(self) -> Floats:
         """(3,) the plane's unit normal, turned to the viewer."""
@@ -85,7 +127,7 @@ class View:
         return np.asarray(-normal if normal @ towards > 0 else normal)
 
 
-def seen(scene: Scene) -> View:
+def seen(scene: Scene) -> PlaneView:
     """The view of a scene whose plane, camera and size are settled (see fitting.automatic).
 
     Raises SceneError where the camera looks along the plane.
@@ -95,7 +137,7 @@ def seen(scene: Scene) -> View:
     assert isinstance(scene.camera, Camera)
     if scene.camera.fov is None and abs(scene.plane.basis()[2] @ scene.camera.basis()[2]) < EDGE_ON:
         raise SceneError("the camera looks along the plane, so that nothing of it can be seen: choose another view")
-    return View.of(scene.camera, scene.plane, scene.size)
+    return PlaneView.of(scene.camera, scene.plane, scene.size)
 
 
 def _orthographic(eye: Floats, forward: Floats, corner: Floats, column: Floats, row: Floats, plane: Plane) -> Floats:

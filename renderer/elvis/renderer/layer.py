@@ -1,0 +1,30 @@
+"""What one surface shows, pixel by pixel: what every stage that finds surfaces hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats
+
+
+@dataclass
+class Layer:
+    """One hit at most for each of n pixels, row by row from the top; of a stack, the k-th nearest one.
+
+    owner      (n,)    running element number (see Loaded), NOBODY where nothing is hit
+    field      (n,)    the object's quantity there, NaN where nothing is hit
+    reference  (n, 3)  reference coordinates in the element, NaN where nothing is hit
+    depth      (n,)    distance from the eye's plane along the view (see View.rays), infinite where nothing is hit
+    normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN where nothing is hit
+    status     (n,)    see frame.Status
+    """
+
+    owner: NDArray[np.uint32]
+    field: Floats
+    reference: Floats
+    depth: Floats
+    normal: Floats
+    status: NDArray[np.uint8]
