@@ -1,24 +1,21 @@
 """Certified ranges of fields: Bernstein bounds, made tight by halving elements where the extremes are.
 
-On every shape a polynomial of the format is a polynomial in the collapsed coordinates eta, so a tensor Bernstein net on
-the box of eta bounds it, and de Casteljau's rule splits that box.  The gap between the bound and the values at the
-corners of the boxes shrinks fourfold with each halving.
+The gap between the bound and the values at the corners of the boxes (`elvis.formats.boxnets`) shrinks fourfold with
+each halving.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from math import comb
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, frozen_floats
-from elvis.formats.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
+from elvis.formats.arrays import Bools, Floats
+from elvis.formats.bernstein import bernstein_coefficients, bernstein_space
+from elvis.formats.boxnets import box_degrees, box_nets, corners, halved
 from elvis.formats.dataset import Block, Expansion
 from elvis.formats.evaluation import evaluate
-from elvis.formats.shapes import Shape
 
 _ROUNDS = 15
 _TOLERANCE = 1e-9
@@ -115,13 +112,13 @@ def _refined(expansion: Expansion, coefficients: Floats, bounds: Floats, attaine
     """As `_greatest`, for elements whose bound exceeds what is attained: halve, forget boxes that can't win."""
     space = bernstein_space(expansion)
     order = np.argsort(bounds)[::-1]
-    size = np.prod([degree + 1 for degree in _degrees(space)])
+    size = np.prod([degree + 1 for degree in box_degrees(space)])
     most = max(1, int(_NUMBERS_AT_ONCE / (size << space.shape.dimension)))
     forgotten = float(bounds[order[most]]) if len(order) > most else attained
-    nets = _boxes(space, bernstein_coefficients(expansion, coefficients[order[:most]]))
+    nets = box_nets(space, bernstein_coefficients(expansion, coefficients[order[:most]]))
 
     for _ in range(_ROUNDS):
-        attained = max(attained, _corners(nets))
+        attained = max(attained, float(corners(nets).max()))
         tops = nets.reshape(len(nets), -1).max(axis=1)
         order = np.argsort(tops)[::-1][:most]
         worth = order[tops[order] > attained + _TOLERANCE * abs(attained)]
@@ -129,74 +126,5 @@ def _refined(expansion: Expansion, coefficients: Floats, bounds: Floats, attaine
         forgotten = max(forgotten, float(rest.max(initial=-np.inf)))
         if not len(worth):
             return attained, forgotten
-        nets = _halved(nets[worth])
-    return max(attained, _corners(nets)), max(forgotten, float(nets.max()))
-
-
-def _corners(nets: Floats) -> float:
-    """The greatest value at the corners of the boxes, where the net is the polynomial."""
-    ends = [[0, -1]] * (nets.ndim - 1)
-    return float(nets[np.ix_(range(len(nets)), *ends)].max())
-
-
-def _halved(nets: Floats) -> Floats:
-    """(2^d n, D1, …, Dd) nets of the halves in every direction."""
-    for axis in range(1, nets.ndim):
-        lower, upper = _splitters(nets.shape[axis] - 1)
-        moved = np.moveaxis(nets, axis, -1)
-        halves = np.concatenate([moved @ lower, moved @ upper])
-        nets = np.moveaxis(halves, -1, axis)
-    return nets
-
-
-@lru_cache(maxsize=64)
-def _splitters(degree: int) -> tuple[Floats, Floats]:
-    """(D, D) matrices from the right that give the nets of the lower and of the upper half; entries are exact."""
-    n = degree + 1
-    lower = np.array([[comb(i, j) / 2**i for i in range(n)] for j in range(n)])
-    return frozen_floats(lower), frozen_floats(lower[::-1, ::-1])
-
-
-def _degrees(space: BernsteinSpace) -> tuple[int, ...]:
-    """Degree of the space in each direction of eta."""
-    d = space.degrees
-    if space.shape is Shape.PRISM:
-        return d[0], d[1], d[0]
-    return d * space.shape.dimension if len(d) < space.shape.dimension else d
-
-
-def _boxes(space: BernsteinSpace, coefficients: Floats) -> Floats:
-    """(n, D1, …, Dd) tensor Bernstein nets on the box of eta, from Bernstein coefficients (n, count)."""
-    net = coefficients @ _to_box(space)
-    return net.reshape(len(net), *(degree + 1 for degree in _degrees(space)))
-
-
-@lru_cache(maxsize=32)
-def _to_box(space: BernsteinSpace) -> Floats:
-    """(count, D1 … Dd) every function of the space as a tensor net: its factors, raised to the full degrees."""
-    matrix = np.ones((space.count, 1))
-    for raised in _raised_factors(space):
-        matrix = (matrix[:, :, None] * raised[:, None, :]).reshape(space.count, -1)
-    return frozen_floats(matrix)
-
-
-def _raised_factors(space: BernsteinSpace) -> Iterator[Floats]:
-    """For each direction of eta the (count, D) net of the factor of each function.
-
-    On a tetrahedron b_k^p(t3) b_j^(p-k)(s2) b_i^(p-j-k)(s1): the powers of the later directions lower the degree.
-    """
-    later = {Shape.TRIANGLE: ((1,), ()), Shape.TETRAHEDRON: ((1, 2), (2,), ()), Shape.PRISM: ((2,), (), ())}
-    lowering = later.get(space.shape, ((),) * space.shape.dimension)
-    for direction, degree in enumerate(_degrees(space)):
-        powers = space.powers[:, direction]
-        lowered = degree - space.powers[:, list(lowering[direction])].sum(axis=1)
-        yield np.array([_raised(int(i), int(q), degree) for i, q in zip(powers, lowered, strict=True)])
-
-
-def _raised(power: int, degree: int, target: int) -> list[float]:
-    """b_power^degree in the Bernstein basis of degree ``target``."""
-    steps = target - degree
-    return [
-        comb(degree, power) * comb(steps, k - power) / comb(target, k) if 0 <= k - power <= steps else 0.0
-        for k in range(target + 1)
-    ]
+        nets = halved(nets[worth])
+    return max(attained, float(corners(nets).max())), max(forgotten, float(nets.max()))
