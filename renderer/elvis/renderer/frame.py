@@ -73,7 +73,7 @@ class Frame:
     @cached_property
     def range(self) -> tuple[float, float]:
         """Values at the ends of the colour map."""
-        return self.scene.range or automatic_range(self.field)
+        return self.scene.range if isinstance(self.scene.range, tuple) else automatic_range(self.field)
 
     @cached_property
     def palette(self) -> Palette:
