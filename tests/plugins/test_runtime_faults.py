@@ -27,6 +27,7 @@ public struct Cube : IBasis
     public __init(uint element) { this.element = element; }
     [ForwardDifferentiable]
     public double3 world(double3 r) { return r + double3(corners[element], 0.0lf, 0.0lf); }
+    [ForwardDifferentiable]
     public double value(double3 r) { return r.x; }
     public static double margin(double3 r) { return min(min3(r), min3(1.0lf - r)); }
     public static double3 center() { return 0.5lf; }
@@ -43,6 +44,7 @@ struct Lying : IVolume
     __init(uint element) { honest = Differentiated<Cube>(element); }
     Frame frame(double3 r) { Frame f = honest.frame(r); f.dx = 1.01lf * f.dx; return f; }
     double value(double3 r) { return honest.value(r); }
+    double3 slope(double3 r) { return honest.slope(r); }
     static double margin(double3 r) { return Cube.margin(r); }
     static double3 center() { return Cube.center(); }
     static uint hull_count() { return 8; }
@@ -243,5 +245,5 @@ def test_the_command_shows_file_and_line_of_a_compile_error(tmp_path):
     assert process.returncode == 1
     (line,) = process.stderr.splitlines()
     assert line.startswith("elvis: error: error[")
-    assert "cubes.slang:10:" in line
+    assert "cubes.slang:11:" in line
     assert not (tmp_path / "p.png").exists()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -30,6 +30,20 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
+class Quantity:
+    """Another field on the elements of a part: the same map and the same numbers, other values and slopes.
+
+    type     the type that implements IVolume
+    source   Slang text that stands before the type is used, in place of the part's
+    buffers  the module's global buffers that differ from the part's, or that the part doesn't have
+    """
+
+    type: str
+    source: str = ""
+    buffers: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """Elements of one kind, all served by one Slang type.
 
@@ -45,6 +59,7 @@ class Part:
     source       Slang text that stands before the type is used: imports, or declarations made for this part alone
     evaluate     optional twin of the type in NumPy, to compare it with: elements (n,) of this part and reference points
                  (n, 3) to world positions (n, 3) and values (n,)
+    quantities   other fields of the same elements, by name
     """
 
     module: str
@@ -56,6 +71,7 @@ class Part:
     source: str = ""
     evaluate: Callable[[Ints, Floats], tuple[Floats, Floats]] | None = None
     bends: Callable[[Ints], Bools] | None = None
+    quantities: Mapping[str, Quantity] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -18,7 +18,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from elvis.plugins.volume import Part, interface_folder
+from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.errors import DeviceError
 
@@ -139,31 +139,34 @@ class Device:
         content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
         return content
 
-    def kernel(self, stage: str, part: Part) -> Kernel:
+    def kernel(self, stage: str, part: Part, quantity: str | None = None) -> Kernel:
         """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a part's Slang type.
+
+        quantity  one of the part's, to be evaluated in place of its own field
 
         DeviceError with the compiler's own words where the part's module does not compile.
         """
-        key = (str(self._folders[-1]), stage, part.module, part.type, part.source)
+        chosen = part if quantity is None else part.quantities[quantity]
+        key = (str(self._folders[-1]), stage, part.module, chosen.type, chosen.source)
         if key not in self._kernels:
             with compiling():
-                self._kernels[key] = self._link(stage, part)
+                self._kernels[key] = self._link(stage, part.module, chosen)
         return self._kernels[key]
 
-    def _link(self, stage: str, part: Part) -> Kernel:
+    def _link(self, stage: str, module: str, chosen: Part | Quantity) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
         if self._session is None:
             self._session = _session(self._device, self._folders)
         together = str(stage in TOGETHER).lower()
         source = (
-            f"import volume; import {part.module}; {part.source}\nexport struct TheVolume : IVolume = {part.type};"
+            f"import volume; import {module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
             f"export static const bool lanes_together = {together};"
             f"export static const int rows = {ROWS[self.adapter.software]};"
         )
         program = self._session.link_program(
             [
                 entry := self._session.load_module(stage),
-                self._session.load_module_from_source(_unique(f"{stage}_{part.module}_{part.type}", source), source),
+                self._session.load_module_from_source(_unique(f"{stage}_{module}_{chosen.type}", source), source),
             ],
             [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])],
         )

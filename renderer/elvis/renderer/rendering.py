@@ -157,11 +157,11 @@ class Renderer:
         self._finder = self._finder or Finder(self.device, self._volume, self._loaded.buffers)
         return self._finder.find(points)
 
-    def examine(self, part: int, elements: Ints, offsets: Floats) -> Samples:
+    def examine(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
         """What elements (n,) of a part answer at offsets (n, 3) from their type's centre; for checks of plugins."""
         if self._volume is None:
             raise ElvisError("load a dataset before examining")
-        return examine(self.device, self._volume, part, elements, offsets)
+        return examine(self.device, self._volume, part, elements, offsets, quantity)
 
     def render(self, scene: Scene, *, references: bool = True) -> Frame:
         """A picture of the volume; the scene has a plane.  Only exact records need reference coordinates."""

@@ -68,6 +68,10 @@ class Expression:
         with np.errstate(all="ignore"):
             return np.asarray(np.broadcast_to(_value(self.tree, points), len(points)), np.float64)
 
+    def derivative(self, coordinate: str) -> Expression:
+        """The partial derivative with respect to ``x``, ``y`` or ``z``."""
+        return Expression(f"d({self.text}, {coordinate})", _derivative(self.tree, coordinate))
+
     def slang(self, point: str = "p") -> str:
         """The same as an expression of a ``double3`` in Slang, with the functions of ``elementary``."""
         return _slang(self.tree, point)
@@ -79,8 +83,47 @@ def _value(node: Node, points: Floats) -> Any:
     if isinstance(node, float):
         return np.float64(node)
     name, *operands = node
+    if name == "step":
+        return np.where(_value(operands[0], points) < _value(operands[1], points), 1.0, 0.0)
     function = _OPERATORS[name] if name in _OPERATORS else FUNCTIONS[name][1]
     return function(*(_value(operand, points) for operand in operands))
+
+
+def _derivative(node: Node, coordinate: str) -> Node:
+    if isinstance(node, str | float):
+        return float(node == coordinate)
+    name, *operands = node
+    inner = [_derivative(operand, coordinate) for operand in operands]
+    terms = [("*", rule, moved) for rule, moved in zip(_partials(name, *operands), inner, strict=True) if moved != 0.0]
+    return ("+", *terms) if len(terms) == 2 else terms[0] if terms else 0.0
+
+
+def _partials(name: str, a: Node, b: Node = 0.0) -> list[Node]:
+    """Partial derivatives of an operator or function with respect to its operands."""
+    step: Node = ("step", a, b)
+    whole: dict[str, list[Node]] = {
+        "+": [1.0, 1.0],
+        "-": [1.0, -1.0],
+        "*": [b, a],
+        "/": [("/", 1.0, b), ("-", 0.0, ("/", a, ("^", b, 2.0)))],
+        "min": [step, ("-", 1.0, step)],
+        "max": [("-", 1.0, step), step],
+        "abs": [("-", ("*", 2.0, ("step", 0.0, a)), 1.0)],
+        "sqrt": [("/", 0.5, ("sqrt", a))],
+        "sin": [("cos", a)],
+        "cos": [("-", 0.0, ("sin", a))],
+        "tan": [("+", 1.0, ("^", ("tan", a), 2.0))],
+        "exp": [("exp", a)],
+        "log": [("/", 1.0, a)],
+        "sinh": [("cosh", a)],
+        "cosh": [("sinh", a)],
+        "tanh": [("-", 1.0, ("^", ("tanh", a), 2.0))],
+    }
+    if name == "^":
+        lower = b - 1.0 if isinstance(b, float) else ("-", b, 1.0)
+        rest: Node = 0.0 if isinstance(b, float) else ("*", ("^", a, b), ("log", a))
+        return [("*", b, ("^", a, lower)), rest]
+    return whole[name]
 
 
 def _slang(node: Node, point: str) -> str:
@@ -90,6 +133,8 @@ def _slang(node: Node, point: str) -> str:
         return f"{node!r}lf"
     name, *operands = node
     inner = [_slang(operand, point) for operand in operands]
+    if name == "step":
+        return f"({inner[0]} < {inner[1]} ? 1.0lf : 0.0lf)"
     if name == "^":
         exponent = operands[1]
         whole = isinstance(exponent, float) and exponent.is_integer() and abs(exponent) <= 1024

@@ -14,7 +14,11 @@ from elvis.plugins.native import NativeVolume
 from elvis.plugins.volume import Part, Solution
 
 _SOURCE = """import formula; import elementary;
-struct Given : IFormula {{ static double at(double3 p) {{ return {0}; }} }}
+struct Given : IFormula
+{{
+    static double at(double3 p) {{ return {0}; }}
+    static double3 slope(double3 p) {{ return double3({1}, {2}, {3}); }}
+}}
 """
 
 
@@ -50,7 +54,7 @@ class AnalyticVolume:
 
 def expressed(part: Part, function: Expression) -> Part:
     """The elements of a part with a field in closed form."""
-    source = _SOURCE.format(function.slang())
+    source = _SOURCE.format(function.slang(), *(function.derivative(c).slang() for c in "xyz"))
     return replace(part, type=f"Expressed<{part.type}, Given>", source=source, solve=_solver(part, function))
 
 

@@ -52,8 +52,8 @@ class Examiner(Protocol):
 def check_volume(volume: Volume, examiner: Examiner, name: str = "under test") -> None:
     """AssertionError, in a sentence, where the volume breaks a promise.
 
-    Buffers and boxes are as they should be; derivatives of the map are those of its positions; elements lie in their
-    boxes; the inverse map brings back what the map brought; values and positions are those of ``Part.evaluate``.
+    Buffers and boxes are as they should be; derivatives of map and field are those of what they give; elements lie in
+    their boxes; the inverse map brings back what the map brought; values and positions are those of ``Part.evaluate``.
     """
     volume_checks.check_volume(name, volume)
     examiner.show(volume)
@@ -73,9 +73,9 @@ def check_volume(volume: Volume, examiner: Examiner, name: str = "under test") -
 def _check_derivatives(
     examiner: Examiner, number: int, part: Part, elements: Ints, offsets: Floats, samples: Samples
 ) -> None:
-    """The Jacobian is the central difference of positions, where that stays inside."""
+    """The Jacobian and the slope are the central differences of positions and values, where that stays inside."""
     inside = samples.margin > 10 * _STEP
-    size = np.abs(samples.jacobian[inside]).max(initial=1e-300)
+    size, steepest = (np.abs(some[inside]).max(initial=1e-300) for some in (samples.jacobian, samples.slope))
     for axis in range(3):
         step = _STEP * np.eye(3)[axis]
         high, low = (examiner.examine(number, elements, offsets + sign * step) for sign in (1, -1))
@@ -84,6 +84,12 @@ def _check_derivatives(
         assert error <= _DIFFERENCE * size, (
             f"{part.type}: expected d(position)/d(r.{'xyz'[axis]}) to be that of the positions, "
             f"found a difference of {error / size:.3g} of its size"
+        )
+        rise = (high.value - low.value) / (2 * _STEP)
+        error = np.nanmax(np.abs(rise - samples.slope[:, axis])[inside], initial=0.0)
+        assert error <= _DIFFERENCE * max(steepest, 1.0), (
+            f"{part.type}: expected the slope along r.{'xyz'[axis]} to be that of the values, "
+            f"found a difference of {error / steepest:.3g} of its size"
         )
 
 
