@@ -18,12 +18,12 @@ from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
-from elvis.plugins.projection.fitting import Fitted, fit_positions, padded
+from elvis.plugins.projection.fitting import Fitted, fit_positions, mapped, padded
 from elvis.plugins.projection.projecting import Projected, at_order, at_tolerance
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, topology
-from elvis.plugins.projection.traces import Traces
+from elvis.plugins.projection.traces import Skins, Traces
 from elvis.plugins.projection.verification import Findings, Tally, check
 from elvis.plugins.report import Measure, Report, is_rounding
 
@@ -152,12 +152,15 @@ def _spaced(block: NativeBlock, settings: Settings) -> NativeBlock:
 
 def _curved(sampler: Sampler, plan: Topology) -> Mesh:
     """The mesh with the curves of the source's map, in the space of the axes up to the last that is used."""
-    positions = fit_positions(sampler, plan.blocks)
     traces = Traces(plan.mesh, plan.blocks, [block.source.order + 1 for block in plan.blocks])
-    own = [(block.mesh_rows, found) for block, found in zip(plan.blocks, positions, strict=True)]
-    used = [axis for axis in range(3) if any(found[:, axis].any() for found in positions)]
-    mesh = replace(plan.mesh, space=max(plan.mesh.dimension, 1 + max(used, default=0)))
-    return with_curves(mesh, traces.gather(positions), own)
+    skins, is_used, lines = Skins(traces, 3), np.zeros(3, bool), []
+    for number, rows, own in mapped(sampler, plan.blocks):
+        traces.take(skins, number, rows, own)
+        is_used |= own.any(axis=(0, 2))
+        if plan.mesh.dimension == 1:
+            lines.append((plan.blocks[number].mesh_rows[rows], own))
+    space = max(plan.mesh.dimension, 1 + int(np.flatnonzero(is_used).max(initial=0)))
+    return with_curves(replace(plan.mesh, space=space), skins, lines)
 
 
 def _projected(

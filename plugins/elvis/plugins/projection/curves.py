@@ -32,13 +32,15 @@ def with_curves(mesh: Mesh, skins: Skins, own: Sequence[tuple[Ints, Floats]] = (
     own  in one dimension, rows of elements and their coefficients (n, 3, m)
     """
     edges = _edges_of(mesh, skins, own)
-    modes = max(edges.shape[2], 2)
+    modes = 2 + edges.shape[2]
     tolerance = _ROUNDING * modes * max(float(np.abs(skins.vertices).max(initial=0)), np.finfo(float).tiny)
-    bent = (np.abs(edges[:, :, 2:]) > tolerance).any(axis=(1, 2))
-    faces = {kind: _bent_faces(kind, square, skins, tolerance) for kind, square in skins.faces.items()}
+    bent = _bent(edges, tolerance)
+    faces = {kind: _bent(inside, tolerance) for kind, inside in skins.faces.items()}
     for kind, rows in faces.items():
         bent[mesh.of(kind).members[rows].reshape(-1)] = True
-    points = edges[bent] @ values(modified(Shape.SEGMENT, (modes,)), nodes(_LINE, modes)[:, None]).T
+    ends = skins.vertices[mesh.of(Shape.SEGMENT).members[bent]].transpose(0, 2, 1)
+    table = values(modified(Shape.SEGMENT, (modes,)), nodes(_LINE, modes)[:, None]).T
+    points = np.concatenate([ends, edges[bent]], axis=2) @ table
     return replace(
         mesh,
         vertices=frozen_floats(skins.vertices),
@@ -48,22 +50,21 @@ def with_curves(mesh: Mesh, skins: Skins, own: Sequence[tuple[Ints, Floats]] = (
 
 
 def _edges_of(mesh: Mesh, skins: Skins, own: Sequence[tuple[Ints, Floats]]) -> Floats:
-    """(n, 3, modes) coefficients of all edges."""
+    """(n, 3, modes - 2) coefficients of all edges but those of their ends."""
     if mesh.dimension > 1:
         return skins.edges
     most = max((coefficients.shape[2] for _, coefficients in own), default=2)
-    edges = np.zeros((len(mesh.of(Shape.SEGMENT)), 3, most))
+    edges = np.zeros((len(mesh.of(Shape.SEGMENT)), 3, most - 2))
     for rows, coefficients in own:
-        edges[rows, :, : coefficients.shape[2]] = coefficients
+        edges[rows, :, : coefficients.shape[2] - 2] = coefficients[:, :, 2:]
     return edges
 
 
-def _bent_faces(kind: Shape, squares: Floats, skins: Skins, tolerance: float) -> Bools:
-    """(n,) faces that are not the blend of their edges."""
-    inner = np.flatnonzero(~skins.outer[kind])
-    marks = np.zeros(len(squares), bool)
-    for part in chunks(len(squares)):
-        marks[part] = (np.abs(squares[part][:, :, inner]) > tolerance).any(axis=(1, 2))
+def _bent(coefficients: Floats, tolerance: float) -> Bools:
+    """(n,) edges or faces with some coefficient (n, c, k) of their inside."""
+    marks = np.zeros(len(coefficients), bool)
+    for part in chunks(len(coefficients)):
+        marks[part] = (np.abs(coefficients[part]) > tolerance).any(axis=(1, 2))
     return marks
 
 
@@ -75,8 +76,10 @@ def _faces(mesh: Mesh, skins: Skins, bent: dict[Shape, Bools], modes: int) -> It
         p, q = mode_indices(expansion).T
         table = values(expansion, points).T
         rows = np.flatnonzero(marks)
-        curved = skins.faces[kind][rows][:, :, p * modes + q] @ table
-        yield first_face_row(mesh, kind) + rows, family, curved.transpose(0, 2, 1)
+        curved = np.empty((len(rows), len(points), 3))
+        for part in chunks(len(rows), 1 << 13):
+            curved[part] = (skins.squares(kind, rows[part])[:, :, p * modes + q] @ table).transpose(0, 2, 1)
+        yield first_face_row(mesh, kind) + rows, family, curved
 
 
 def _face_nodes(kind: Shape, modes: int) -> tuple[PointsType, Floats]:

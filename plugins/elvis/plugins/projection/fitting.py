@@ -86,18 +86,25 @@ def _work(
 
 
 def fit_positions(sampler: Sampler, blocks: Sequence[NativeBlock], in_own_space: bool = False) -> list[Floats]:
-    """(n, 3, m) coefficients of the coordinates on each block.
+    """(n, 3, m) coefficients of the coordinates on each block: all that `mapped` gives."""
+    sizes = [position_operator(block, in_own_space).matrix.shape[1] for block in blocks]
+    found = [np.empty((len(block), 3, size)) for block, size in zip(blocks, sizes, strict=True)]
+    for number, rows, own in mapped(sampler, blocks, in_own_space):
+        found[number][rows] = own
+    return found
+
+
+def mapped(
+    sampler: Sampler, blocks: Sequence[NativeBlock], in_own_space: bool = False
+) -> Iterator[tuple[int, slice | Ints, Floats]]:
+    """Block, rows and coefficients (k, 3, m) of the coordinates there, a piece at a time.
 
     in_own_space  in the block's own expansion; else in the Modified one, whose edges and faces a mesh file holds
     """
-    result = []
-    for block in blocks:
+    for number, block in enumerate(blocks):
         which = position_operator(block, in_own_space)
-        found = np.empty((len(block), 3, which.matrix.shape[1]))
         for rows, points in track(list(sampler.pieces(block, which.points)), "mapping"):
-            found[rows] = sampler.positions(block, rows, points).transpose(0, 2, 1) @ which.matrix
-        result.append(found)
-    return result
+            yield number, rows, sampler.positions(block, rows, points).transpose(0, 2, 1) @ which.matrix
 
 
 def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:

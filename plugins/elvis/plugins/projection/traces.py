@@ -7,7 +7,7 @@ of what they hold are equal to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,12 @@ from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.entities import edge_places, face_grid
 
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
+
+#: more modes than any element has: those of a face that none has spoken for
+_NEVER = np.iinfo(np.int64).max
+
+#: numbers in an array of what faces hold
+_BATCH = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +56,12 @@ class Traces:
         self.most = max(2, *modes)
         self.faces = {kind: polygon_vertices(mesh, kind) for kind in _FACES} if mesh.dimension > 1 else {}
         self._by_order = sorted((i for i in range(len(blocks)) if modes[i]), key=lambda i: modes[i])
-        self._face_modes = {kind: np.full(len(rows), np.iinfo(np.int64).max) for kind, rows in self.faces.items()}
+        self._face_modes = {kind: np.full(len(rows), _NEVER) for kind, rows in self.faces.items()}
         self._links = dict(self._linked())
-        self._edges = {kind: self._edge_links(kind) for kind in self.faces}
+        self.edges = {kind: self._edge_links(kind) for kind in self.faces}
+        self.vertex_keepers = self._keepers(len(mesh.vertices), lambda kind: self.faces[kind].T)
+        edges = len(mesh.of(Shape.SEGMENT)) if self.faces else 0
+        self.edge_keepers = self._keepers(edges, lambda kind: [own for own, _ in self.edges[kind]])
 
     def _linked(self) -> Iterator[tuple[int, list[_Link]]]:
         """The links of each block; blocks of low order own first."""
@@ -71,7 +80,7 @@ class Traces:
             members = self.mesh.of(block.shape).members[block.mesh_rows, face]
             rows = members - first_face_row(self.mesh, kind)
             turns = face_turns(block.vertices[:, list(local)], self.faces[kind][rows])
-        free = self._face_modes[kind][rows] == np.iinfo(np.int64).max
+        free = self._face_modes[kind][rows] == _NEVER
         owns = np.zeros(len(rows), bool)
         first = np.unique(rows[free], return_index=True)[1]
         owns[np.flatnonzero(free)[first]] = True
@@ -87,27 +96,44 @@ class Traces:
             for i, (start, _, _) in enumerate(places)
         ]
 
+    def _keepers(self, count: int, members: Callable[[Shape], Iterable[Ints]]) -> Ints:
+        """(count,) the face that speaks for each vertex or edge: the first of lowest order; none without faces.
+
+        members  of the faces of a kind, one array (n,) a corner or side
+        """
+        keys, total = np.full(count, _NEVER), sum(map(len, self.faces.values()))
+        for kind, modes in self._face_modes.items():
+            taken = np.flatnonzero(modes != _NEVER)
+            for own in members(kind):
+                np.minimum.at(keys, own[taken], modes[taken] * total + first_face_row(self.mesh, kind) + taken)
+        return keys % max(total, 1)
+
     def gather(self, coefficients: Sequence[Floats]) -> Skins:
         """The coefficients of all vertices, edges and faces, from those (n, c, m) of each block."""
-        width = next((coefficients[i].shape[1] for i in self._by_order), 1)
-        skins = Skins(self, width)
+        skins = Skins(self, next((coefficients[i].shape[1] for i in self._by_order), 1))
         for number in self._by_order:
-            self._take(skins, number, coefficients[number])
-        skins.settle()
+            for rows in self._pieces(skins, number):
+                self.take(skins, number, rows, coefficients[number][rows])
         return skins
 
-    def _take(self, skins: Skins, number: int, own: Floats) -> None:
-        """What the elements of a block give to the entities that they own."""
+    def _pieces(self, skins: Skins, number: int) -> Iterator[slice]:
+        """Rows of a block, so many that their faces fit in one batch."""
+        return chunks(len(self.blocks[number]), max(1, _BATCH // (skins.width * self.most**2)))
+
+    def take(self, skins: Skins, number: int, rows: slice | Ints, own: Floats) -> None:
+        """What elements ``rows`` of a block, with coefficients (k, c, m), give to the entities that they own."""
         block, modes = self.blocks[number], self.modes[number]
+        if not modes:
+            return
         if block.shape.dimension == 1:
-            ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows]
+            ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows[rows]]
             skins.vertices[ends[:, 0]], skins.vertices[ends[:, 1]] = own[:, :, 0], own[:, :, 1]
         for face, link in enumerate(self._links[number]):
-            for turn, rows in _by_turn(link.turns, np.flatnonzero(link.owns)):
+            for turn, here in _by_turn(link.turns[rows], np.flatnonzero(link.owns[rows])):
                 carried, places, signs = self._view(block.shape, face, modes, turn)
-                skins.faces[link.kind][link.rows[rows][:, None], :, places] = (
-                    own[rows][:, :, carried] * signs
-                ).transpose(0, 2, 1)
+                squares = np.zeros((len(here), skins.width, self.most**2))
+                squares[:, :, places] = own[here][:, :, carried] * signs
+                skins.put(link.kind, link.rows[rows][here], squares)
 
     def _view(self, shape: Shape, face: int, modes: int, turn: int) -> tuple[Ints, Ints, Floats]:
         """Modes of an element on a face, their places in the face's own square, and their signs there."""
@@ -126,62 +152,58 @@ class Traces:
             ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows]
             yield np.arange(len(block)), np.arange(2), skins.vertices[ends].transpose(0, 2, 1)
             return
-        for face, link in enumerate(self._links[number]):
-            for turn, every in _by_turn(link.turns, np.arange(len(block))):
-                carried, places, signs = self._view(block.shape, face, modes, turn)
-                if block.shape.dimension == 2:  # the inside is the element's own
-                    outer = skins.outer[block.shape][places]
-                    carried, places, signs = carried[outer], places[outer], signs[outer]
-                for part in chunks(len(every)):
-                    rows = every[part]
-                    yield rows, carried, skins.faces[link.kind][link.rows[rows]][:, :, places] * signs
+        for rows in self._pieces(skins, number):
+            for face, link in enumerate(self._links[number]):
+                for turn, here in _by_turn(link.turns[rows], np.arange(rows.stop - rows.start)):
+                    carried, places, signs = self._view(block.shape, face, modes, turn)
+                    if block.shape.dimension == 2:  # the inside is the element's own
+                        outer = skins.outer[block.shape][places]
+                        carried, places, signs = carried[outer], places[outer], signs[outer]
+                    seen = skins.squares(link.kind, link.rows[rows][here])[:, :, places]
+                    yield rows.start + here, carried, seen * signs
 
 
 class Skins:
-    """Coefficients of vertices (n, c), edges (n, c, modes) and faces (n, c, modes^2), each in its own frame."""
+    """Coefficients of vertices (n, c), of edges (n, c, modes - 2) and of the insides of faces (n, c, k).
+
+    Edges hold their modes 2, 3, ...; faces those at the places ``inside`` of the square of modes.  `squares` puts
+    together what a face holds with its border.
+    """
 
     def __init__(self, traces: Traces, width: int) -> None:
         mesh, most = traces.mesh, traces.most
-        self._traces = traces
+        self._traces, self.width = traces, width
+        self.outer = {kind: _outer(kind, most) for kind in _FACES}
+        self.inside = {kind: _inside(kind, most) for kind in _FACES}
         self.vertices = np.zeros((len(mesh.vertices), width))
         count = len(mesh.of(Shape.SEGMENT)) if mesh.dimension > 1 else 0
-        self.edges = np.zeros((count, width, most))
-        self.faces = {kind: np.zeros((len(rows), width, most * most)) for kind, rows in traces.faces.items()}
-        self.outer = {kind: _outer(kind, most) for kind in _FACES}
+        self.edges = np.zeros((count, width, most - 2))
+        self.faces = {kind: np.zeros((len(rows), width, len(self.inside[kind]))) for kind, rows in traces.faces.items()}
 
-    def settle(self) -> None:
-        """Edges take their coefficients from faces of lowest order, vertices from any; then faces from both."""
-        traces = self._traces
-        low = np.full(len(self.edges), np.iinfo(np.int64).max)
-        for kind, links in traces._edges.items():
-            for edges, _ in links:
-                np.minimum.at(low, edges, traces._face_modes[kind])
-        for kind, vertices in traces.faces.items():
-            for corner, place in enumerate(_corners(kind, traces.most)):
-                self.vertices[vertices[:, corner]] = self.faces[kind][:, :, place]
-            for (edges, backwards), places in zip(traces._edges[kind], _edges(kind, traces.most), strict=True):
-                # written in reverse, so that the first face is the last word
-                rows = np.flatnonzero(traces._face_modes[kind] == low[edges])[::-1]
-                self.edges[edges[rows], :, 2:] = self._signed(kind, rows, places, backwards[rows])
-        if traces.mesh.dimension > 1:
-            ends = traces.mesh.of(Shape.SEGMENT).members
-            self.edges[:, :, 0], self.edges[:, :, 1] = self.vertices[ends[:, 0]], self.vertices[ends[:, 1]]
-        self._spread()
+    def put(self, kind: Shape, rows: Ints, squares: Floats) -> None:
+        """Take in all that faces ``rows`` hold, (k, c, modes^2), and give to edges and vertices what is theirs."""
+        traces, most = self._traces, self._traces.most
+        numbers = first_face_row(traces.mesh, kind) + rows
+        self.faces[kind][rows] = squares[:, :, self.inside[kind]]
+        for corner, place in enumerate(_corners(kind, most)):
+            own = traces.faces[kind][rows, corner]
+            kept = np.flatnonzero(traces.vertex_keepers[own] == numbers)
+            self.vertices[own[kept]] = squares[kept, :, place]
+        for (edges, backwards), places in zip(traces.edges[kind], _edges(kind, most), strict=True):
+            kept = np.flatnonzero(traces.edge_keepers[edges[rows]] == numbers)
+            own = rows[kept]
+            self.edges[edges[own]] = squares[kept][:, :, places] * _signs(backwards[own], most)
 
-    def _signed(self, kind: Shape, rows: Ints, places: Ints, backwards: Bools) -> Floats:
-        """(n, c, modes - 2) what faces hold at ``places``, read along the edges."""
-        signs = np.where(backwards[:, None], (-1.0) ** np.arange(2, self._traces.most), 1.0)
-        return self.faces[kind][rows][:, :, places] * signs[:, None]
-
-    def _spread(self) -> None:
-        """Vertices and edges hand what they have to the faces."""
-        traces = self._traces
-        for kind, vertices in traces.faces.items():
-            for corner, place in enumerate(_corners(kind, traces.most)):
-                self.faces[kind][:, :, place] = self.vertices[vertices[:, corner]]
-            for (edges, backwards), places in zip(traces._edges[kind], _edges(kind, traces.most), strict=True):
-                signs = np.where(backwards[:, None], (-1.0) ** np.arange(2, traces.most), 1.0)
-                self.faces[kind][:, :, places] = self.edges[edges][:, :, 2:] * signs[:, None]
+    def squares(self, kind: Shape, rows: Ints) -> Floats:
+        """(k, c, modes^2) all that faces ``rows`` hold, of their own and from their border."""
+        traces, most = self._traces, self._traces.most
+        found = np.zeros((len(rows), self.width, most * most))
+        found[:, :, self.inside[kind]] = self.faces[kind][rows]
+        for corner, place in enumerate(_corners(kind, most)):
+            found[:, :, place] = self.vertices[traces.faces[kind][rows, corner]]
+        for (edges, backwards), places in zip(traces.edges[kind], _edges(kind, most), strict=True):
+            found[:, :, places] = self.edges[edges[rows]] * _signs(backwards[rows], most)
+        return found
 
     def largest_change(self, coefficients: Sequence[Floats]) -> Floats:
         """(c,) the largest difference between what the elements hold and what `apply` would give them."""
@@ -197,6 +219,11 @@ class Skins:
         for number in self._traces._by_order:
             for rows, carried, seen in self._traces.views(number, self):
                 coefficients[number][rows[:, None], :, carried] = seen.transpose(0, 2, 1)
+
+
+def _signs(backwards: Bools, most: int) -> Floats:
+    """(n, 1, most - 2) the signs of the modes 2, 3, ... of edges, seen from faces that may have them reversed."""
+    return np.where(backwards[:, None, None], (-1.0) ** np.arange(2, most), 1.0)
 
 
 def _by_turn(turns: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
@@ -220,3 +247,9 @@ def _outer(kind: Shape, most: int) -> Bools:
     marks = np.zeros(most * most, bool)
     marks[np.concatenate([_corners(kind, most), *_edges(kind, most)])] = True
     return marks
+
+
+def _inside(kind: Shape, most: int) -> Ints:
+    """(k,) places of the square that are modes of the face's inside."""
+    p, q = mode_indices(modified(kind, (most, most))).T
+    return np.setdiff1d(p * most + q, np.flatnonzero(_outer(kind, most)))
