@@ -166,6 +166,22 @@ def test_every_version_holds_the_same(session, tmp_path, version, binary):
     assert [field.max for field in again.report.fields] == [field.max for field in done.report.fields]
 
 
+def test_version_1_holds_the_same_mesh(session, tmp_path):
+    mixed(2)
+    paths = [save(tmp_path / f"{version}.msh", version, 0) for version in (1.0, 2.2)]
+    old, new = (check(Gmsh, [path]) for path in paths)
+    assert old.report.geometry.is_exact
+    assert old.report.elements == new.report.elements
+    sizes = [[sum(len(ids) for _, ids in c.parts) for c in each.dataset.mesh.composites] for each in (old, new)]
+    assert sizes[0] == sizes[1]
+    assert np.abs(old.dataset.mesh.vertices - new.dataset.mesh.vertices).max() < 1e-15
+    for share in (0.2, 0.6, 0.95):
+        path, raw = tmp_path / "cut.msh", paths[0].read_bytes()
+        path.write_bytes(raw[: int(share * len(raw))])
+        with pytest.raises(FormatError, match="expected .*, found the end"):
+            Gmsh([path])
+
+
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_meshes_alone_of_every_order(session, tmp_path, order):
     mixed(order)

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from elvis.converters.gmsh_data import MAGIC, Contents, Scheme, Section, scan
+from elvis.converters.gmsh_data import MAGIC, MAGIC_1, Contents, Scheme, Section, scan
 from elvis.converters.gmsh_mesh import Functions, Group, Mesh, read_mesh
 from elvis.converters.names import components
 from elvis.formats.arrays import Floats, Ints
@@ -32,7 +32,7 @@ class _Values:
 class Gmsh(Converter):
     """A mesh, with data from the same file or others."""
 
-    format = "Gmsh meshes and data (.msh, versions 2.2 and 4)"
+    format = "Gmsh meshes and data (.msh, versions 1, 2.2 and 4)"
     keeps = (
         "all shapes and orders, serendipity elements, physical groups, node and element data with their schemes, time"
     )
@@ -170,7 +170,7 @@ class Gmsh(Converter):
 def _starts(path: Path) -> bool:
     try:
         with path.open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
+            return file.read(len(MAGIC)).startswith((MAGIC, MAGIC_1))
     except OSError:
         return False
 

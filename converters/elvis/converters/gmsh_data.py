@@ -22,6 +22,9 @@ from elvis.formats.shapes import Shape
 
 MAGIC = b"$MeshFormat"
 
+#: how files of version 1 begin, and the ends of their sections
+MAGIC_1, _SECTIONS_1 = b"$NOD", (b"$ENDNOD", b"$ELM", b"$ENDELM")
+
 _DATA = (b"InterpolationScheme", b"NodeData", b"ElementNodeData", b"ElementData")
 _MESH = (b"MeshFormat", b"PhysicalNames", b"Entities", b"PartitionedEntities", b"Nodes", b"Elements", b"Periodic",
          b"GhostElements", b"Parametrizations")  # fmt: skip
@@ -203,6 +206,8 @@ class Contents:
 def scan(path: Path) -> Contents:
     """The data sections of a file; FormatError where one is damaged."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        if data[: len(MAGIC_1)] == MAGIC_1:
+            return _of_version_1(path, data)
         order = _byte_order(path, data)
         schemes: dict[str, dict[Shape, Scheme]] = {}
         sections: list[Section] = []
@@ -220,6 +225,14 @@ def scan(path: Path) -> Contents:
             elif found[1] in _DATA:
                 sections.append(_section(path, data, found, stop, order, schemes))
         return Contents(path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()))
+
+
+def _of_version_1(path: Path, data: mmap.mmap) -> Contents:
+    """A mesh alone; FormatError where one of its sections is missing."""
+    for name in _SECTIONS_1:
+        if data.find(name) < 0:
+            raise FormatError(f"expected {name.decode()}, found the end", file=path)
+    return Contents(path, True, True, (), ())
 
 
 def _closing(path: Path, data: mmap.mmap, found: re.Match[bytes]) -> tuple[int, int]:
