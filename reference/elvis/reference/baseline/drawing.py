@@ -1,0 +1,144 @@
+"""Pictures of linear meshes: the scene's objects as triangles, traced by Embree from the exact picture's camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.formats.patch import Patch
+from elvis.reference.baseline.lines import lines
+from elvis.reference.baseline.mesh import LinearMesh, Quantity, estimate, joined, linear_meshes
+from elvis.reference.baseline.sections import boundary, section
+from elvis.reference.baseline.templates import template
+from elvis.reference.baseline.tracing import Tracer
+from elvis.reference.composing import Layer, is_lit, record
+from elvis.reference.record import Record
+from elvis.reference.selection import chosen_faces, on_faces
+from elvis.reference.surfaces import levels
+from elvis.renderer.scene import CutSurface, Faces, Isosurface, Scene, SceneObject, Style
+from elvis.renderer.view import View
+
+#: surfaces of one object that a ray is followed through
+_DEEPEST = 16
+
+
+@dataclass(eq=False)
+class Baseline:
+    """A dataset cut into simplices, and what that costs.
+
+    parts    the mesh of each patch
+    seconds  for making and drawing, by name
+    """
+
+    dataset: Dataset
+    patches: Sequence[Patch]
+    level: int
+    parts: Sequence[LinearMesh]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @staticmethod
+    def of(dataset: Dataset, patches: Sequence[Patch], level: int, quantities: Mapping[str, Quantity]) -> Baseline:
+        """All elements, each cut ``level`` times, with the quantities at the corners."""
+        start = perf_counter()
+        made = Baseline(dataset, patches, level, linear_meshes(patches, level, quantities))
+        made.seconds["mesh"] = perf_counter() - start
+        return made
+
+    @property
+    def flat(self) -> bool:
+        """Whether the elements have two dimensions: they are their own picture."""
+        return all(patch.shape.dimension == 2 for patch in self.patches)
+
+    @property
+    def whole(self) -> LinearMesh:
+        """All parts as one mesh."""
+        return joined(self.parts)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Simplices, points and bytes."""
+        return {
+            "simplices": sum(map(len, self.parts)),
+            "points": sum(len(part.points) for part in self.parts),
+            "bytes": sum(part.bytes for part in self.parts),
+        }
+
+    def triangles(self, shown: SceneObject, field: str) -> LinearMesh:
+        """An object of a scene as triangles; ElvisError for what linear meshes are not drawn of here.
+
+        field  the scene's field, for isosurfaces that don't name their quantity
+        """
+        match shown:
+            case CutSurface() if self.flat:
+                cuts = list(self.parts)
+            case CutSurface(surface=surface):
+                cuts = [section(part, _levels(surface, part.points)) for part in self._solid()]
+            case Isosurface(values=values, quantity=quantity):
+                cuts = [section(part, part.values[quantity or field] - v) for v in values for part in self._solid()]
+            case Faces(select=select):
+                cuts = [self._faces(number, select) for number in range(len(self.parts))]
+            case _:
+                raise ElvisError(f"the linear baseline draws no {type(shown).__name__}")
+        return joined(cuts)
+
+    def _solid(self) -> Sequence[LinearMesh]:
+        """The parts, if they have volume."""
+        if self.flat:
+            raise ElvisError("isosurfaces need volumes, found elements of two dimensions")
+        return self.parts
+
+    def _faces(self, number: int, select: Sequence[str]) -> LinearMesh:
+        """The selected faces of a patch."""
+        patch, part = self.patches[number], self.parts[number]
+        if patch.shape.dimension == 2:
+            return part
+        chosen = chosen_faces(self.dataset.mesh, patch, select)
+        on = on_faces(patch.shape, template(patch.shape, self.level).points)
+        return boundary(part, (chosen[:, None, :] & on).reshape(-1, on.shape[1]))
+
+    def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
+        """The picture of a scene whose camera and size are those of ``view``; ``ends`` of the colour range."""
+        start, layers = perf_counter(), []
+        for shown in scene.every_object:
+            mesh = self.triangles(shown, scene.field)
+            self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
+            layers += _traced(mesh, shown, scene, view, ends)
+        picture = record(layers, scene, view, ends)
+        self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
+        return picture
+
+
+def affordable(patches: Sequence[Patch], level: int, quantities: int, limit: int) -> tuple[bool, int]:
+    """Whether a linear mesh stays within ``limit`` bytes while it is made and drawn, and the bytes it would take."""
+    bytes = estimate(patches, level, quantities)[2]
+    return bytes <= limit, bytes
+
+
+def _levels(surface: object, points: Floats) -> Floats:
+    """The surface's function at the corners; values next to rounding are zero."""
+    try:
+        found = levels(surface, points)  # type: ignore[arg-type]
+    except TypeError as error:
+        raise ElvisError(f"the linear baseline is not cut by {error}") from error
+    return np.where(np.abs(found) < 1e-14 * np.abs(points).max(initial=0.0), 0.0, found)
+
+
+def _traced(mesh: LinearMesh, shown: SceneObject, scene: Scene, view: View, ends: tuple[float, float]) -> list[Layer]:
+    """The surfaces of an object that rays meet: the first one, and what is behind where it is transparent."""
+    style: Style = shown.style  # type: ignore[union-attr]
+    tracer, beyond, layers = Tracer(mesh), None, []
+    for _ in range(1 if style.opacity == 1.0 else _DEEPEST):
+        hits = tracer.first(view, beyond)
+        if not hits.seen.any():
+            break
+        quantity = style.quantity or scene.field
+        drawn = lines(hits, style, quantity, view, ends)
+        layers.append(Layer(hits, style, quantity, is_lit(style, not isinstance(shown, CutSurface)), drawn))
+        beyond = hits.depth
+    return layers

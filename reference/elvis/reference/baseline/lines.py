@@ -1,0 +1,54 @@
+"""Contours and mesh lines on the hits of linear meshes, from the differences between neighbouring pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.reference.hits import Hits
+from elvis.renderer.scene import Style, Vector
+from elvis.renderer.view import View
+
+
+def contour_values(style: Style, ends: tuple[float, float]) -> tuple[float, ...]:
+    """The values of a style's contours; a count of them lies evenly within the colour range."""
+    contours = style.contours
+    if contours is None:
+        return ()
+    low, high = style.range or ends
+    return contours.values or tuple(np.linspace(low, high, (contours.count or 0) + 2)[1:-1].tolist())
+
+
+def lines(
+    hits: Hits, style: Style, quantity: str, view: View, ends: tuple[float, float]
+) -> tuple[tuple[Floats, Vector], ...]:
+    """Coverage (n,) and colour of mesh lines, then of contours."""
+    found: list[tuple[Floats, Vector]] = []
+    if style.mesh_lines:
+        found.append((_borders(hits, style.mesh_lines.width, view), style.mesh_lines.color))
+    if style.contours:
+        values = hits.values[style.contours.quantity or quantity].reshape(view.height, view.width)
+        chosen = contour_values(style, ends)
+        found.append((_near(values, chosen, style.contours.width).reshape(-1), style.contours.color))
+    return tuple(found)
+
+
+def _near(values: Floats, chosen: tuple[float, ...], width: float) -> Floats:
+    """(h, w) coverage of lines ``width`` pixels wide where values (h, w) are one of those chosen."""
+    if min(values.shape) < 2:
+        return np.zeros_like(values)
+    steep = np.hypot(*np.gradient(values))
+    coverage = np.zeros_like(values)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for value in chosen:
+            coverage = np.fmax(coverage, np.clip(0.5 * width + 0.5 - np.abs(values - value) / steep, 0, 1))
+    return coverage
+
+
+def _borders(hits: Hits, width: float, view: View) -> Floats:
+    """(n,) coverage of pixels whose right or lower neighbour is another element."""
+    element = hits.element.reshape(view.height, view.width)
+    other = np.zeros(element.shape, bool)
+    other[:, :-1] |= element[:, :-1] != element[:, 1:]
+    other[:-1] |= element[:-1] != element[1:]
+    return np.where(other.reshape(-1) & hits.seen, min(1.0, width), 0.0)

@@ -1,0 +1,104 @@
+"""Colours of pixels from what their rays meet, in NumPy: the colour map, light, lines, opacity.
+
+What is shared with the renderer is the colour map and the scene's meaning, nothing that computes with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.reference.hits import Hits
+from elvis.reference.record import Record
+from elvis.renderer.palette import Palette
+from elvis.renderer.scene import Scene, Style
+from elvis.renderer.view import View
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """The hits of one object, nearest first: one set for each surface that a ray may meet, fewer where it is opaque.
+
+    quantity  the name of the values that colour it
+    lit       whether lights shade it
+    lines     (n,) coverage of its contours, then of its mesh lines, of each set
+    """
+
+    hits: Hits
+    style: Style
+    quantity: str
+    lit: bool
+    lines: tuple[tuple[Floats, tuple[float, float, float]], ...] = ()
+
+
+def record(layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float, float]) -> Record:
+    """The picture of some layers over the background; the channels are those of the nearest one."""
+    shape = (view.height, view.width)
+    nearest = Hits.none(view.count, ("shown",))
+    for layer in layers:
+        closer = nearest.nearer(layer.hits)
+        named = Hits(**{**vars(layer.hits), "values": {"shown": layer.hits.values[layer.quantity]}})
+        nearest.put(closer, named, closer)
+    colors = blended([(layer.hits, *painted(layer, scene, view, ends)) for layer in layers], scene)
+    return Record(
+        colors.reshape(*shape, 3),
+        nearest.depth.reshape(shape),
+        nearest.values["shown"].reshape(shape),
+        nearest.element.reshape(shape),
+        nearest.position.reshape(*shape, 3),
+        nearest.reference.reshape(*shape, 3),
+        nearest.normal.reshape(*shape, 3),
+        nearest.status.reshape(shape).astype(np.int64),
+    )
+
+
+def painted(layer: Layer, scene: Scene, view: View, ends: tuple[float, float]) -> tuple[Floats, Floats]:
+    """Colours (n, 3) and opacities (n,) of a layer's hits; values where nothing is hit have no meaning."""
+    hits, style = layer.hits, layer.style
+    low, high = style.range or ends
+    palette = Palette.named(style.palette or scene.palette, low, high)
+    flat = style.color is not None
+    colors = (
+        np.tile(style.color or (0.0,) * 3, (view.count, 1)) if flat else palette.colors(hits.values[layer.quantity])
+    )
+    if layer.lit:
+        colors = np.clip(colors * _light(hits, scene, view)[:, None], 0, 1)
+
+    # lines lie on the surface, mesh lines under contours
+    opacity = np.full(view.count, style.opacity)
+    for coverage, color in layer.lines:
+        colors = colors + coverage[:, None] * (np.asarray(color) - colors)
+        opacity = opacity + coverage * (1 - opacity)
+    return colors, opacity
+
+
+def _light(hits: Hits, scene: Scene, view: View) -> Floats:
+    """(n,) factors of light on both sides of surfaces: the ambient part, and Lambert's cosine for each lamp."""
+    rows, columns = np.divmod(np.arange(view.count), view.width)
+    rays = view.rays(columns.astype(np.float64), rows.astype(np.float64))[1]
+    factor = np.full(view.count, scene.ambient)
+    for light in scene.lights:
+        lamps = -rays if light.direction is None else np.broadcast_to(np.asarray(light.direction), rays.shape)
+        lamps = lamps / np.linalg.norm(lamps, axis=1, keepdims=True)
+        factor += light.intensity * np.nan_to_num(np.abs(np.einsum("ni,ni->n", lamps, hits.normal)))
+    return factor
+
+
+def blended(stack: Sequence[tuple[Hits, Floats, Floats]], scene: Scene) -> Floats:
+    """(n, 3) colours of hits with colours (n, 3) and opacities (n,), over one another by depth."""
+    depth = np.array([hits.depth for hits, _, _ in stack])
+    order = np.argsort(-depth, axis=0, kind="stable")
+    result = np.tile(np.asarray(scene.background, np.float64), (depth.shape[1], 1))
+    for places in order:
+        for number, (hits, colors, opacity) in enumerate(stack):
+            here = np.flatnonzero((places == number) & hits.seen)
+            result[here] += opacity[here, None] * (colors[here] - result[here])
+    return result
+
+
+def is_lit(style: Style, surface: bool) -> bool:
+    """Whether lights shade an object: as its style says, else faces and isosurfaces are."""
+    return surface if style.lit is None else style.lit

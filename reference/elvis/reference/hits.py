@@ -1,0 +1,69 @@
+"""What rays meet: the records of single surfaces, pixel by pixel, before they are put together to a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.renderer.frame import Status
+
+
+@dataclass(eq=False)
+class Hits:
+    """At most one hit for each of n pixels, row by row from the top.
+
+    element    (n,)    global id, -1 where nothing is met
+    values     name -> (n,), NaN where nothing is met
+    reference  (n, 3)  reference coordinates in the element, NaN likewise
+    position   (n, 3)  world coordinates, NaN likewise
+    depth      (n,)    distance from the eye's plane along the view, infinite likewise
+    normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN likewise
+    status     (n,)    of `Status`
+    """
+
+    element: Ints
+    values: Mapping[str, Floats]
+    reference: Floats
+    position: Floats
+    depth: Floats
+    normal: Floats
+    status: NDArray[np.uint8]
+
+    @staticmethod
+    def none(count: int, names: tuple[str, ...]) -> Hits:
+        """No hit at any pixel."""
+
+        def nothing(*shape: int) -> Floats:
+            return np.full((count, *shape), np.nan)
+
+        values = {name: nothing() for name in names}
+        away, miss = np.full(count, np.inf), np.full(count, Status.MISS, np.uint8)
+        return Hits(np.full(count, -1), values, nothing(3), nothing(3), away, nothing(3), miss)
+
+    @property
+    def seen(self) -> Bools:
+        """(n,) where something is met."""
+        return self.element >= 0
+
+    def put(self, pixels: Ints | Bools, other: Hits, rows: Ints | Bools | slice = slice(None)) -> None:
+        """Overwrite some pixels by rows of other hits."""
+        for name in ("element", "reference", "position", "depth", "normal", "status"):
+            getattr(self, name)[pixels] = getattr(other, name)[rows]
+        for name, values in self.values.items():
+            values[pixels] = other.values[name][rows]
+
+    def nearer(self, other: Hits) -> Bools:
+        """(n,) where the other surface lies before this one."""
+        return other.depth < self.depth
+
+
+def turned(normals: Floats, directions: Floats) -> Floats:
+    """(n, 3) normals at length 1, turned against the directions (n, 3) of the rays."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    facing = np.einsum("ni,ni->n", unit, directions) > 0
+    return np.where(facing[:, None], -unit, unit)

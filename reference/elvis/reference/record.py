@@ -1,0 +1,93 @@
+"""Exact records of pictures: the channels that are compared, from files, frames and baselines alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.output import replacing
+from elvis.renderer.frame import Frame
+
+#: channels and their dimensions beyond height and width
+CHANNELS = {"color": 3, "depth": 0, "field": 0, "element": 0, "position": 3, "reference": 3, "normal": 3, "status": 0}
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A picture's channels, (height, width[, 3]); row 0 is the top.
+
+    color      in [0, 1]
+    depth      distance from the eye's plane along the view, infinite where nothing is seen
+    field      NaN where nothing is seen
+    element    global id, -1 where nothing is seen
+    position, reference, normal  world and reference coordinates, unit normals; NaN where nothing is seen
+    status     0 miss, 1 certain, 2 ambiguous, 3 failed
+    """
+
+    color: Floats
+    depth: Floats
+    field: Floats
+    element: Ints
+    position: Floats
+    reference: Floats
+    normal: Floats
+    status: Ints
+
+    @staticmethod
+    def of(frame: Frame) -> Record:
+        """The record of a frame that has reference coordinates."""
+        from elvis.renderer.saving import arrays
+
+        found = arrays(frame)
+        return Record(**{name: found[name] for name in CHANNELS})
+
+    @staticmethod
+    def load(path: Path) -> Record:
+        """A record from an .npz file; FormatError where it is none, or lacks a channel."""
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                found = {name: archive[name] for name in CHANNELS if name in archive.files}
+        except (OSError, ValueError, EOFError) as error:
+            raise FormatError(
+                f"expected a record that elvis render writes as .npz, found {error}", file=path
+            ) from error
+        missing = [name for name in CHANNELS if name not in found]
+        if missing:
+            raise FormatError(f"expected the channels {', '.join(CHANNELS)}, found no {', '.join(missing)}", file=path)
+        return Record._checked(found, path)
+
+    @staticmethod
+    def _checked(found: dict[str, Any], path: Path) -> Record:
+        """The record, if every channel has the picture's size and a number at each pixel."""
+        size = found["field"].shape
+        for name, depth in CHANNELS.items():
+            expected = (*size, depth) if depth else size
+            if len(size) != 2 or found[name].shape != expected or found[name].dtype.kind not in "fiu":
+                shape = " x ".join(map(str, found[name].shape)) or "a single value"
+                raise FormatError(
+                    f"expected numbers at all pixels of one picture, found {shape}", file=path, place=name
+                )
+        whole = {name: np.int64 if name in ("element", "status") else np.float64 for name in CHANNELS}
+        return Record(**{name: found[name].astype(whole[name]) for name in CHANNELS})
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        height, width = self.field.shape
+        return height, width
+
+    @cached_property
+    def seen(self) -> Bools:
+        """(h, w) where something is seen."""
+        return self.element >= 0
+
+    def save(self, path: Path) -> None:
+        """Write an .npz file as ``elvis render`` does."""
+        with replacing(path) as beside, beside.open("wb") as stream:
+            np.savez_compressed(stream, **{own.name: getattr(self, own.name) for own in fields(self)})

@@ -1,0 +1,177 @@
+"""The linear baseline: cuts fill the shapes, meshes are tight, pictures converge at second order."""
+
+import numpy as np
+import pytest
+
+from elvis.formats import Dataset
+from elvis.formats.patch import patches
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.reference.baseline.drawing import Baseline, affordable
+from elvis.reference.baseline.mesh import estimate, joined
+from elvis.reference.baseline.sections import section
+from elvis.reference.baseline.templates import pulling, template
+from elvis.reference.baseline.tracing import Tracer
+from elvis.reference.picture import render
+from elvis.reference.quantities import at_corners
+from elvis.reference.record import Record
+from elvis.renderer import Camera, Plane, Scene
+from elvis.renderer.scene import CutSurface, Faces, Isosurface, Sphere
+from elvis.renderer.view import View
+
+SOLIDS = Shape.of_dimension(3)
+SHAPES = [*Shape.of_dimension(2), *SOLIDS]
+AREAS = {"TRIANGLE": 2, "QUADRILATERAL": 4, "TETRAHEDRON": 4 / 3, "PYRAMID": 8 / 3, "PRISM": 4, "HEXAHEDRON": 8}
+VIEW = View.through(Camera((3.0, -2.0, 2.5), (0.5, 0.5, 0.5), fov=30.0), (80, 60))
+
+
+def name_of(shape):
+    return shape.label
+
+
+def smooth(x):
+    return np.sin(2 * x[:, 0] + 0.3) * np.cos(1.5 * x[:, 1]) + x[:, 2] ** 2
+
+
+def solid(mesh, modes=7):
+    """A mesh with the field u, smooth within every element."""
+    return Dataset(mesh, (approximated(Dataset(mesh), "u", smooth, modes=modes),))
+
+
+def baseline(dataset, level):
+    return Baseline.of(dataset, patches(dataset, ["u"]), level, at_corners(["u"]))
+
+
+def volumes(points, simplices):
+    edges = points[simplices[:, 1:]] - points[simplices[:, :1]]
+    return np.abs(np.linalg.det(edges[..., : simplices.shape[1] - 1])) / (2 if simplices.shape[1] == 3 else 6)
+
+
+@pytest.mark.parametrize("level", range(4))
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_cells_fill_the_shape(shape, level):
+    cut = template(shape, level)
+    rng = np.random.default_rng(level)
+    simplices = np.concatenate([pulling(kind, own, rng.random(own.shape)) for kind, own in cut.cells.items()])
+    found = volumes(cut.points, simplices)
+    assert len(simplices) == cut.simplices == template(shape, 0).simplices * 2 ** (shape.dimension * level)
+    assert found.min() > 0
+    assert found.sum() == pytest.approx(AREAS[shape.name], rel=1e-13)
+    assert set(map(tuple, shape.vertices)) <= set(map(tuple, cut.points))
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_elements_of_all_shapes_meet_without_gaps(level):
+    """Every inner triangle has two tetrahedra, whatever the turns of the elements; those of the border have one."""
+    whole = baseline(solid(curved(mixed_volume(seed=level), ripple(0.05), 4)), level).whole
+    corners = np.unique(np.round(whole.points, 9), axis=0, return_inverse=True)[1].reshape(-1)[whole.simplices]
+    triangles = np.concatenate([np.delete(corners, i, axis=1) for i in range(4)])
+    count = np.unique(np.sort(triangles, axis=1), axis=0, return_counts=True)[1]
+    assert set(count) == {1, 2}
+
+    # the border is closed: each of its edges has two triangles
+    rows = np.unique(np.sort(triangles, axis=1), axis=0)[count == 1]
+    edges = np.concatenate([np.delete(rows, i, axis=1) for i in range(3)])
+    assert set(np.unique(edges, axis=0, return_counts=True)[1]) == {2}
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 3])
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_the_estimate_counts_what_is_made(shape, level):
+    dataset = solid(curved(grid(shape, 2), ripple(0.05), 3), modes=3)
+    made = baseline(dataset, level)
+    simplices, points, size = estimate(made.patches, level)
+    assert made.counts["simplices"] == simplices
+    assert made.counts["points"] == points
+    assert size / 6 < made.counts["bytes"] <= size
+    assert affordable(made.patches, level, 1, size) == (True, size)
+    assert affordable(made.patches, level, 1, size - 1) == (False, size)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_linear_fields_on_straight_elements_are_exact(shape):
+    mesh = grid(shape, 2)
+    dataset = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: x @ [1.0, 2.0, -3.0], modes=3),))
+    plane = Plane((0.5, 0.5, 0.47), (0.1, 0.2, 1.0)) if shape.dimension == 3 else Plane((0, 0, 0), (0, 0, 1))
+    exact = render(dataset, Scene("u", plane, size=(60, 50)))
+    drawn = baseline(dataset, 0).draw(exact.scene, exact.view, exact.range)
+    both = exact.seen & drawn.seen
+    assert both.sum() > 1000
+    assert (exact.seen != drawn.seen).sum() <= 0.01 * both.sum()
+    assert np.abs(drawn.field - exact.field)[both].max() < 1e-12
+    assert np.abs(drawn.position - exact.position)[both].max() < 1e-12
+    assert np.array_equal(drawn.element[both & (exact.status == 1)], exact.element[both & (exact.status == 1)])
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_pictures_converge_at_second_order(shape):
+    dataset = solid(curved(grid(shape, 2), ripple(0.04, seed=5), 4))
+    plane = Plane((0.5, 0.5, 0.47), (0.1, 0.2, 1.0)) if shape.dimension == 3 else Plane((0, 0, 0), (0, 0, 1))
+    exact = Record.of(frame := render(dataset, Scene("u", plane, size=(70, 60))))
+    errors = []
+    for level in range(4):
+        drawn = baseline(dataset, level).draw(frame.scene, frame.view, frame.range)
+        errors.append(np.mean(np.abs(drawn.field - exact.field)[exact.seen & drawn.seen]))
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert rates[1:].min() > 1.7
+    assert rates.mean() < 2.5
+
+
+def test_isosurfaces_and_boundaries_converge_to_the_ball():
+    """The field |x|^2 has spheres for isosurfaces; a sphere that cuts is approached likewise."""
+    mesh = curved(grid(Shape.TETRAHEDRON, 2), ripple(0.03, seed=2), 3)
+    dataset = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: ((x - 0.5) ** 2).sum(axis=1), modes=7),))
+    errors = []
+    for level in range(4):
+        made, radius = baseline(dataset, level), 0.35
+        surfaces = [Isosurface((radius**2,)), CutSurface(Sphere((0.5, 0.5, 0.5), radius))]
+        meshes = [made.triangles(surface, "u") for surface in surfaces]
+        gaps = [np.abs(np.linalg.norm(own.points - 0.5, axis=1) - radius).mean() for own in meshes]
+        area = np.linalg.norm(np.cross(*edges_of(meshes[0])), axis=1).sum() / 2
+        errors.append([*gaps, abs(area - 4 * np.pi * radius**2)])
+    rates = np.log2(np.array(errors)[1:-1] / np.array(errors)[2:])
+    assert rates[-1].min() > 1.9
+
+
+def edges_of(mesh):
+    a, b, c = (mesh.points[mesh.simplices[:, i]] for i in range(3))
+    return b - a, c - a
+
+
+@pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
+def test_outer_faces_enclose_the_volume(shape):
+    made = baseline(solid(grid(shape, 2)), 1)
+    outer = made.triangles(Faces(), "u")
+    a, b = edges_of(outer)
+    assert np.linalg.norm(np.cross(a, b), axis=1).sum() / 2 == pytest.approx(6, rel=1e-13)
+    assert (np.isin(outer.points[outer.simplices], [0, 1]).all(axis=1).any(axis=1)).all()
+    one = made.triangles(Faces((f"element:{made.patches[0].element_ids[3]}",)), "u")
+    assert set(one.element) == {made.patches[0].element_ids[3]}
+
+
+def test_surfaces_are_seen_one_behind_the_other():
+    """Rays through the unit cube meet it twice; entry and exit lie on it, depths ascend."""
+    tracer = Tracer(baseline(solid(grid(Shape.HEXAHEDRON, 1)), 1).triangles(Faces(), "u"))
+    first = tracer.first(VIEW)
+    second = tracer.first(VIEW, first.depth)
+    third = tracer.first(VIEW, second.depth)
+    assert first.seen.sum() > 500
+    assert (first.seen ^ second.seen).sum() < 0.02 * first.seen.sum()
+    assert not third.seen.any()
+    both = first.seen & second.seen
+    assert (second.depth > first.depth)[both].all()
+    for hits in (first, second):
+        distance = np.abs(hits.position[both] - 0.5).max(axis=1) - 0.5
+        assert np.abs(distance).max() < 1e-14
+        assert np.abs(np.linalg.norm(hits.normal[both], axis=1) - 1).max() < 1e-14
+    assert (np.einsum("ni,ni->n", first.normal, np.array(VIEW.camera.basis()[2])[None])[both] < 0.3).all()
+
+
+def test_a_plane_on_faces_shows_the_elements_of_both_sides():
+    """A plane at the border of the domain, or between elements, is not lost."""
+    made = baseline(solid(grid(Shape.HEXAHEDRON, 2), modes=3), 1)
+    for height in (0.0, 0.5, 1.0):
+        cut = joined([section(part, part.points[:, 2] - height) for part in made.parts])
+        a, b = edges_of(cut)
+        area = np.linalg.norm(np.cross(a, b), axis=1).sum() / 2
+        assert area == pytest.approx(2 if height == 0.5 else 1, rel=1e-13)
