@@ -1,0 +1,9 @@
+"""Element faces: where they lie in their elements, their maps as Bernstein nets, neighbours, names."""
+
+from __future__ import annotations
+
+from elvis.plugins.faces.faces import FaceBlock, Faces
+from elvis.plugins.faces.native import native_faces
+from elvis.plugins.faces.serving import faces_of
+
+__all__ = ["FaceBlock", "Faces", "faces_of", "native_faces"]

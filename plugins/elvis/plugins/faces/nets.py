@@ -1,0 +1,79 @@
+"""Bernstein nets of face maps: how they are found, bounded, differentiated and cut into pieces.
+
+A net holds homogeneous control points (w x, w y, w z, w) in the order of `elvis.formats.bernstein`, over the reference
+triangle or the reference square.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, frozen_floats
+from elvis.formats.bernstein import BernsteinSpace, bernstein_values, gradient_nets
+from elvis.formats.collapse import uncollapse
+from elvis.formats.quadrature import gauss
+from elvis.formats.shapes import Shape
+
+#: pieces of a triangle: one at each vertex, one in the middle, turned half round: origin and the two axes
+_TRIANGLES = [
+    [[-0.5, -0.5], [0.5, 0], [0, 0.5]],
+    [[0.5, -0.5], [0.5, 0], [0, 0.5]],
+    [[-0.5, 0.5], [0.5, 0], [0, 0.5]],
+    [[-0.5, -0.5], [-0.5, 0], [0, -0.5]],
+]
+_SQUARES = [[[x, y], [0.5, 0], [0, 0.5]] for y in (-0.5, 0.5) for x in (-0.5, 0.5)]
+
+
+@dataclass(frozen=True)
+class FaceSpace:
+    """Maps of faces: of total degree ``degree`` on triangles, of that degree in each direction on squares."""
+
+    shape: Shape
+    degree: int
+
+    @property
+    def space(self) -> BernsteinSpace:
+        """The Bernstein functions."""
+        return BernsteinSpace(self.shape, (self.degree,) * (1 if self.shape is Shape.TRIANGLE else 2))
+
+    @property
+    def count(self) -> int:
+        """Number of control points."""
+        return self.space.count
+
+    @cached_property
+    def points(self) -> Floats:
+        """(k, 2) points of the face whose images determine a net."""
+        nodes = gauss(self.degree + 1)[0]
+        grid = np.stack(np.meshgrid(nodes, nodes), axis=-1).reshape(-1, 2)
+        return frozen_floats(uncollapse(self.shape, grid))
+
+    @cached_property
+    def fit(self) -> Floats:
+        """(count, k) matrix from values at `points` to a net."""
+        return frozen_floats(np.linalg.pinv(bernstein_values(self.space, self.points)))
+
+    @cached_property
+    def pieces(self) -> Floats:
+        """(4, 3, 2) origin and axes of each piece: its point u is origin + u_1 axis_1 + u_2 axis_2."""
+        return frozen_floats(_TRIANGLES if self.shape is Shape.TRIANGLE else _SQUARES)
+
+    @cached_property
+    def cuts(self) -> Floats:
+        """(4, count, count) matrices from the net of a face to those of its `pieces`."""
+        images = self.pieces[:, None, 0] + np.einsum("ki,pij->pkj", self.points, self.pieces[:, 1:])
+        return frozen_floats([self.fit @ bernstein_values(self.space, own) for own in images])
+
+    @cached_property
+    def slopes(self) -> Floats:
+        """(2, count', count) matrices from a net to those of its derivatives along the two coordinates."""
+        return frozen_floats([matrix.T for _, matrix in gradient_nets(self.space)])
+
+
+@lru_cache(maxsize=64)
+def face_space(shape: Shape, degree: int) -> FaceSpace:
+    """The one space of its kind, with its matrices."""
+    return FaceSpace(shape, degree)

@@ -1,0 +1,24 @@
+"""Who gives the faces of which data."""
+
+from __future__ import annotations
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.plugins.faces.faces import Faces
+from elvis.plugins.faces.native import native_faces
+from elvis.plugins.volume import Volume
+
+
+def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
+    """The faces of a volume's elements.
+
+    dataset  what the volume was made of; None where it is a runtime plugin's own, which then gives its faces itself
+    ElvisError where it gives none.
+    """
+    if dataset is not None:
+        return native_faces(dataset, [part.element_ids for part in volume.parts])
+    give = getattr(volume, "faces", None)
+    if give is None:
+        raise ElvisError("the plugin gives no element faces, so that none can be drawn")
+    faces: Faces = give()
+    return faces
