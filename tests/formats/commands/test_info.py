@@ -1,8 +1,15 @@
+import json
+
+import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from elvis.formats import ElvisError, read
+from elvis.formats import Dataset, ElvisError, read, write
+from elvis.formats.shapes import Shape
 from elvis.formats.summary import summary
+from elvis.formats.testing import curved, one_element
+from elvis.plugins.command import elvis as group
 
 
 @pytest.fixture
@@ -94,3 +101,39 @@ def test_long_tables_are_cut_with_a_word(nektar, elvis):
 def test_a_field_without_its_mesh(nektar, elvis):
     with pytest.raises(ElvisError, match="give the mesh file too"):
         elvis("info", nektar / "helmholtz_tq" / "Helmholtz.fld")
+
+
+def tetrahedron_that_intersects_itself(folder):
+    def move(points):
+        z = points[:, 2] + 0.6 * (1 + points[:, 0]) * (-1 - points.sum(axis=1))
+        return np.column_stack([points[:, :2], z])
+
+    write(Dataset(curved(one_element(Shape.TETRAHEDRON), move, 3)), folder / "bad.xml")
+    return folder / "bad.xml"
+
+
+def test_jacobians_that_are_positive_are_proved_so(elvis, elvis_json, pipe):
+    assert elvis("info", "--jacobian", *pipe[0]).startswith("564 of 564 elements have a positive Jacobian all over")
+    facts = elvis_json("info", "--jacobian", *pipe[0])
+    assert (facts["positive"], facts["not_positive"], facts["undecided"], facts["listed"]) == (564, 0, 0, [])
+    assert 0 < facts["range"]["lower"] <= facts["range"]["least"]
+
+
+def test_elements_whose_jacobian_fails_are_listed_with_a_place(tmp_path):
+    path = str(tetrahedron_that_intersects_itself(tmp_path))
+    shown = CliRunner().invoke(group, ["info", "--jacobian", path], standalone_mode=False)
+    assert str(shown.exception).startswith(
+        "expected a positive Jacobian all over every element, found 1 where it is not"
+    )
+    assert isinstance(shown.exception, ElvisError)
+    assert "not positive" in shown.stdout
+    facts = json.loads(CliRunner().invoke(group, ["info", "--jacobian", "--json", path]).stdout)
+    (row,) = facts["listed"]
+    assert (row["element"], row["shape"], row["verdict"]) == (0, "tetrahedron", "not positive")
+    assert row["lower"] <= row["least"] < 0
+    assert len(row["reference"]) == len(row["world"]) == 3
+
+
+def test_two_checks_at_once_are_a_usage_error(elvis, pipe):
+    with pytest.raises(click.UsageError, match="found both"):
+        elvis("info", "--jacobian", "--strict", *pipe[0])

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from elvis.formats.commands.arguments import data_argument, json_option, read_data
+
+if TYPE_CHECKING:
+    from elvis.formats.dataset import Dataset
 
 Facts = dict[str, Any]
 
@@ -21,6 +24,7 @@ Examples:
   elvis info wing.xml wing.fld
   elvis info --json wing.xml wing.fld >facts.json
   elvis info --strict wing.xml wing.fld
+  elvis info --jacobian wing.xml
 """
 
 
@@ -29,25 +33,33 @@ Examples:
 @json_option
 @click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
 @click.option("--strict", is_flag=True, help="Check every rule that other programs of the format go by; fail if any.")
-def info(data: tuple[Path, ...], as_json: bool, everything: bool, strict: bool) -> None:
+@click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive all over; fail if it isn't.")
+def info(data: tuple[Path, ...], as_json: bool, everything: bool, strict: bool, jacobian: bool) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
     Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
-    tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points.
+    tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points;
+    with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
     """
     from elvis.formats.summary import summary
     from elvis.formats.terminal import print_json, stage
 
+    many = None if everything else _MANY
+    if strict and jacobian:
+        raise click.UsageError("expected --strict or --jacobian, found both")
     if strict:
         _check(data, as_json)
         return
     dataset = read_data(data)
+    if jacobian:
+        _prove(dataset, as_json, many)
+        return
     with stage("measuring"):
         facts = summary(dataset)
     if as_json:
         print_json(facts)
         return
-    _print(facts, None if everything else _MANY)
+    _print(facts, many)
 
 
 def _check(data: tuple[Path, ...], as_json: bool) -> None:
@@ -64,6 +76,46 @@ def _check(data: tuple[Path, ...], as_json: bool) -> None:
         click.echo("\n".join(map(str, found)) or "all rules are kept")
     if found:
         raise ElvisError(f"expected files that keep all rules, found {len(found)} that are broken")
+
+
+def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
+    """Print the verdict on the Jacobian of every element; ElvisError where one is not positive for certain."""
+    from elvis.formats.errors import ElvisError
+    from elvis.formats.terminal import print_json, print_table, stage
+    from elvis.formats.validity import Verdict, validity, verdicts
+
+    with stage("proving"):
+        found = validity(dataset)
+    facts = verdicts(found)
+    if as_json:
+        print_json(facts)
+    else:
+        click.echo(_verdict(facts))
+        headers = ("element", "shape", "jacobian", "lower bound", "upper bound", "least", "at xi", "at x")
+        rows = [_listed_row(row) for row in facts["listed"]]
+        if rows:
+            click.echo()
+            print_table(headers, _cut(rows, many))
+    wrong, unknown = found.count(Verdict.NOT_POSITIVE), found.count(Verdict.UNDECIDED)
+    if wrong or unknown:
+        reasons = f"{wrong} where it is not and {unknown} where that could not be decided"
+        raise ElvisError(f"expected a positive Jacobian all over every element, found {reasons}")
+
+
+def _verdict(facts: Facts) -> str:
+    """One sentence on all elements."""
+    if facts["range"] is None:
+        return f"{facts['elements']} elements, of none of which the Jacobian is known"
+    bounds = f"{facts['range']['lower']:.10g} to {facts['range']['upper']:.10g}"
+    return (
+        f"{facts['positive']} of {facts['elements']} elements have a positive Jacobian all over; its range is {bounds}"
+    )
+
+
+def _listed_row(row: Facts) -> tuple[object, ...]:
+    places = (", ".join(f"{x:.6g}" for x in row[name]) for name in ("reference", "world"))
+    values = (f"{row[name]:.10g}" for name in ("lower", "upper", "least"))
+    return row["element"], row["shape"], row["verdict"], *values, *places
 
 
 def _print(facts: Facts, many: int | None) -> None:

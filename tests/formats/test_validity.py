@@ -1,0 +1,245 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.formats import Dataset, Shape
+from elvis.formats.bernstein import bernstein_values
+from elvis.formats.collapse import uncollapse
+from elvis.formats.connectivity import connected
+from elvis.formats.determinants import determinant
+from elvis.formats.evaluation import evaluate_at, evaluate_with_gradients
+from elvis.formats.expansion import values
+from elvis.formats.geometry import GeometryBlock, geometry
+from elvis.formats.interpolation import modified
+from elvis.formats.testing import approximated, curved, grid, mixed_volume, one_element, ripple
+from elvis.formats.validity import Verdict, validity, verdicts
+
+EVERY_MAP = [(shape, nodes) for shape in Shape for nodes in (2, 3, 5)]
+
+
+def tangled(shape, nodes, cells=2):
+    """A mesh bent so strongly that some elements fold over, where the shape lets them."""
+    return Dataset(curved(grid(shape, cells), ripple(0.6, seed=3), nodes))
+
+
+def sampled(block, space, n=11):
+    """(e, q) determinants at points spread over the element, its vertices, edges and faces included."""
+    dimension = block.expansion.shape.dimension
+    line = np.linspace(-1, 1, n)[: -1 if block.expansion.shape is Shape.PYRAMID else None]
+    eta = np.stack(np.meshgrid(*[line] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    return sampled_at(block, space, uncollapse(block.expansion.shape, eta))
+
+
+def sampled_at(block, space, xi):
+    slopes = evaluate_with_gradients(block.expansion, block.coefficients[:, :space], xi)[1]
+    jacobians = np.moveaxis(slopes, 1, -2)
+    if space == jacobians.shape[-1]:
+        return np.linalg.det(jacobians)
+    return np.sqrt(np.linalg.det(np.swapaxes(jacobians, -1, -2) @ jacobians))
+
+
+def ids_with(found, verdict):
+    return set(found.element_ids[found.verdict == verdict].tolist())
+
+
+def test_every_shape_is_here():
+    assert {shape for shape, _ in EVERY_MAP} == set(Shape)
+
+
+@pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
+def test_samples_never_contradict_bounds_and_verdicts(shape, nodes):
+    dataset = tangled(shape, nodes)
+    found = validity(dataset)
+    row = {element: i for i, element in enumerate(found.element_ids.tolist())}
+    for block in geometry(dataset):
+        values_there = sampled(block, dataset.mesh.space)
+        rows = [row[element] for element in block.element_ids.tolist()]
+        slack = found.error[rows] + 1e-13 * np.abs(values_there).max()
+        assert (values_there.min(axis=1) >= found.lower[rows] - slack).all()
+        assert (values_there.max(axis=1) <= found.upper[rows] + slack).all()
+        assert (found.verdict[rows][(values_there < -slack[:, None]).any(axis=1)] == Verdict.NOT_POSITIVE).all()
+    assert not found.count(Verdict.UNDECIDED)
+
+
+def test_some_of_those_elements_are_tangled():
+    verdicts_of = {shape: validity(tangled(shape, 3)).verdict for shape in Shape.of_dimension(3)}
+    for verdict in verdicts_of.values():
+        assert set(verdict.tolist()) == {Verdict.NOT_POSITIVE, Verdict.POSITIVE}
+
+
+@pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
+def test_least_values_are_attained_where_they_are_said_to_be(shape, nodes):
+    dataset = tangled(shape, nodes)
+    found = validity(dataset)
+    for block in geometry(dataset):
+        for element, coefficients in zip(block.element_ids, block.coefficients, strict=True):
+            row = int(np.flatnonzero(found.element_ids == element)[0])
+            xi = found.reference[row : row + 1, : shape.dimension]
+            alone = GeometryBlock(block.expansion, block.element_ids[:1], coefficients[None])
+            if shape is Shape.PYRAMID and xi[0, 2] == 1:
+                continue  # the determinant depends on how the apex is approached
+            value = sampled_at(alone, dataset.mesh.space, xi)[0, 0]
+            assert value == pytest.approx(found.least[row], rel=1e-9, abs=10 * found.error[row] + 1e-15)
+            world = evaluate_at(block.expansion, coefficients[None], np.zeros(1, int), xi)
+            assert found.world[row] == pytest.approx(world[0], abs=1e-13)
+
+
+@pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
+def test_listed_elements_and_all_together_are_tight(shape, nodes):
+    found = validity(tangled(shape, nodes))
+    whole = found.range
+    assert whole.least - whole.lower <= 1e-10 * abs(whole.least) + found.error.max()
+    assert whole.upper - whole.greatest <= 1e-10 * abs(whole.greatest) + found.error.max()
+    listed = found.listed
+    assert (found.verdict[listed] == Verdict.NOT_POSITIVE).all()
+    size = np.maximum(np.abs(found.least), np.abs(found.greatest))[listed]
+    assert (found.least[listed] - found.lower[listed] <= 1e-10 * size).all()
+    assert (found.upper[listed] - found.greatest[listed] <= 1e-10 * size).all()
+
+
+@pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON])
+def test_affine_elements_are_exact(shape):
+    mesh = grid(shape, 3)
+    vertices = mesh.vertices + 0.05 * np.random.default_rng(1).standard_normal(mesh.vertices.shape)
+    if shape.dimension < 3:
+        vertices[:, shape.dimension :] = 0
+    found = validity(Dataset(replace(mesh, vertices=vertices)))
+    (block,) = geometry(Dataset(replace(mesh, vertices=vertices)))
+    corners = evaluate_with_gradients(block.expansion, block.coefficients[:, : shape.dimension], shape.vertices)[0]
+    edges = corners[:, :, 1:] - corners[:, :, :1]
+    exact = np.linalg.det(edges) / 2**shape.dimension
+    assert found.least == pytest.approx(exact, rel=1e-13)
+    assert found.lower == pytest.approx(exact, rel=1e-13)
+    assert found.upper == pytest.approx(exact, rel=1e-13)
+    assert (found.error <= 1e-12 * exact).all()
+
+
+def moved_node():
+    """A quadratic tetrahedron whose node (0.5, 0, 0) was moved to (0.5, 0, 0.6)."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    mesh = connected(corners, {Shape.TETRAHEDRON: np.arange(4)[None]}, 3)
+
+    def move(points):
+        x, rest = points[:, 0], 1 - points.sum(axis=1)
+        return points + np.stack([0 * x, 0 * x, 0.6 * 4 * x * rest], axis=1)
+
+    return Dataset(curved(mesh, move, 3))
+
+
+def test_the_tetrahedron_that_intersects_itself():
+    """With x' the coordinates of the straight element, z = z' + 2.4 x' (1 - x' - y' - z'): det = 1 - 2.4 x'."""
+    dataset = moved_node()
+    found = validity(dataset)
+    assert found.verdict.tolist() == [Verdict.NOT_POSITIVE]
+    for bound, exact in ((found.lower, -1.4), (found.upper, 1), (found.least, -1.4), (found.greatest, 1)):
+        assert 8 * bound[0] == pytest.approx(exact, abs=1e-13)
+    assert found.world[0] == pytest.approx([1, 0, 0], abs=1e-14)
+
+    # the same on its faces: Bernstein coefficients of the powers that don't vanish there
+    (block,) = geometry(dataset)
+    polynomial = determinant(block.expansion, block.coefficients, 3)
+    powers = np.column_stack([polynomial.space.powers, 3 - polynomial.space.powers.sum(axis=1)])
+    for vertex, (low, high) in enumerate([(1, 1), (-1.4, 1), (-1.4, 1), (-1.4, 1)]):
+        on_face = 8 * polynomial.net[powers[:, vertex] == 0, 0]
+        assert (on_face.min(), on_face.max()) == pytest.approx((low, high), abs=1e-13)
+
+
+def dip(depth, shape=Shape.QUADRILATERAL):
+    """One element with det = (x' - 0.3)^2 + (y' - 0.1)^2 - depth, hidden from samples where depth is small."""
+    expansion = modified(shape, (4,) * shape.dimension)
+    line = np.linspace(-1, 1, 4)
+    xi = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+    x, y = xi[:, 0], xi[:, 1]
+    world = np.zeros((3, len(xi)))
+    world[0], world[1] = (x - 0.3) ** 3 / 3 + x * ((y - 0.1) ** 2 - depth), y
+    if shape.dimension == 3:
+        world[2] = xi[:, 2]
+    coefficients = np.linalg.solve(values(expansion, xi), world.T).T[None]
+    return GeometryBlock(expansion, np.array([7]), coefficients)
+
+
+@pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.HEXAHEDRON])
+def test_a_dip_smaller_than_any_sampling_is_found(shape):
+    dataset = Dataset(one_element(shape, shape.dimension))
+    found = validity(dataset, [dip(1e-9, shape)])
+    assert found.verdict.tolist() == [Verdict.NOT_POSITIVE]
+    assert found.lower[0] == pytest.approx(-1e-9, rel=1e-4)
+    assert found.reference[0, :2] == pytest.approx([0.3, 0.1], abs=1e-4)
+    assert validity(dataset, [dip(-1e-9, shape)]).verdict.tolist() == [Verdict.POSITIVE]
+
+
+def test_zero_is_neither_proved_nor_refuted():
+    found = validity(Dataset(one_element(Shape.QUADRILATERAL, 2)), [dip(0.0)])
+    assert found.verdict.tolist() == [Verdict.UNDECIDED]
+    assert abs(found.lower[0]) <= 2 * found.error[0]
+    assert found.reference[0, :2] == pytest.approx([0.3, 0.1], abs=1e-5)
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+def test_elements_with_a_vertex_twice_are_never_called_positive(shape):
+    mesh = one_element(shape, shape.dimension)
+    vertices = mesh.vertices.copy()
+    vertices[1] = vertices[0]
+    found = validity(Dataset(replace(mesh, vertices=vertices)))
+    assert found.verdict.tolist() == [Verdict.UNDECIDED]
+    assert abs(found.least[0]) <= found.error[0]
+
+
+def test_reflected_elements_are_not_positive():
+    mesh = mixed_volume()
+    found = validity(Dataset(replace(mesh, vertices=mesh.vertices * [1, 1, -1])))
+    assert found.count(Verdict.NOT_POSITIVE) == len(found) == 12
+    assert (found.upper < 0).all()
+
+
+def test_maps_given_as_fields_are_the_ones_that_count():
+    straight = Dataset(grid(Shape.TETRAHEDRON, 2))
+    warp = ripple(0.6, seed=3)
+    fields = tuple(approximated(straight, f"map_{'xyz'[i]}", lambda p, i=i: warp(p)[:, i], 3) for i in range(3))
+    found = validity(replace(straight, fields=fields, metadata={"GeometryMap": "map_x,map_y,map_z"}))
+    assert validity(straight).count(Verdict.POSITIVE) == 48
+    assert ids_with(found, Verdict.NOT_POSITIVE)
+
+
+def test_maps_that_are_not_finite_are_undecided():
+    (block,) = geometry(tangled(Shape.TETRAHEDRON, 3))
+    coefficients = block.coefficients.copy()
+    coefficients[5, 1, 2] = np.nan
+    spoiled = GeometryBlock(block.expansion, block.element_ids, coefficients)
+    dataset = Dataset(grid(Shape.TETRAHEDRON, 2))
+    found, sound = validity(dataset, [spoiled]), validity(dataset, [block])
+    assert ids_with(found, Verdict.UNDECIDED) == {int(block.element_ids[5])}
+    assert np.isnan(found.lower[5])
+    assert np.array_equal(np.delete(found.verdict, 5), np.delete(sound.verdict, 5))
+    assert found.range is not None
+
+
+@pytest.mark.parametrize(("shape", "nodes"), [(Shape.TRIANGLE, 4), (Shape.QUADRILATERAL, 3), (Shape.SEGMENT, 4)])
+def test_surfaces_and_curves_in_space_have_lengths_and_areas(shape, nodes):
+    flat = replace(grid(shape, 2), space=3)
+    dataset = Dataset(curved(flat, ripple(0.3, seed=1), nodes))
+    found = validity(dataset)
+    assert found.count(Verdict.POSITIVE) == len(found)
+    samples = np.concatenate([sampled(block, 3) for block in geometry(dataset)])
+    assert found.range.lower <= samples.min() * (1 + 1e-12)
+    assert samples.max() <= found.range.upper * (1 + 1e-12)
+    assert found.range.lower == pytest.approx(samples.min(), rel=0.05)
+
+
+def test_no_elements_have_no_range():
+    mesh = grid(Shape.TETRAHEDRON, 1)
+    found = validity(Dataset(replace(mesh, domains={0: ()}, composites=())))
+    assert (len(found), found.range) == (0, None)
+    assert verdicts(found)["listed"] == []
+
+
+def test_products_in_bernstein_form_are_products():
+    for shape in Shape:
+        block = geometry(tangled(shape, 4, cells=1))[0]
+        polynomial = determinant(block.expansion, block.coefficients, shape.dimension)
+        eta = np.random.default_rng(0).uniform(-1, 1, (20, shape.dimension))
+        xi = uncollapse(shape, eta)
+        found = polynomial.net.T @ bernstein_values(polynomial.space, xi).T
+        expected = sampled_at(block, shape.dimension, xi)
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
