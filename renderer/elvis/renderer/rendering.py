@@ -36,7 +36,8 @@ def render(dataset: Dataset | Opened, scene: Scene | None = None, *, device: str
 
     Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used.
     """
-    scene = scene or Scene(**{"field": options.get("field") or default_field(dataset), **options})
+    scene = scene or Scene(**options)
+    scene = scene if scene.field else replace(scene, field=default_field(dataset))
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device)
     scene = completed(dataset, scene)

@@ -40,7 +40,8 @@ class Contours:
     quantity: str | None = None
 
     def __post_init__(self) -> None:
-        check(bool(self.values) != (self.count is not None), "contours", "values or a count", self)
+        check(len(self.values) or self.count is not None, "contours", "values or a count", "neither")
+        check(not len(self.values) or self.count is None, "contours", "values or a count", "both")
         check(self.count is None or 1 <= self.count <= 1000, "contours count", "1 to 1000", self.count)
         check(np.isfinite(self.values).all(), "contours values", "finite numbers", self.values)
         positive(self.width, "contours width")

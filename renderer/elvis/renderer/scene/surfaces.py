@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
 
 Vector: TypeAlias = tuple[float, float, float]
+#: the name of a file; in scene files relative to them
+FilePath: TypeAlias = Annotated[str, "file"]
 
 
 def unit(vector: Vector | Floats, what: str) -> Floats:
@@ -96,7 +98,7 @@ class Implicit:
 class TriangleMesh:
     """The triangles of an STL, PLY, OBJ or GLB file; they have an inside where they are closed."""
 
-    file: str
+    file: FilePath
 
 
 Surface: TypeAlias = Plane | Sphere | Cylinder | Cone | Implicit | TriangleMesh

@@ -10,7 +10,7 @@ import numpy as np
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.objects import CutSurface, SceneObject, check_color, check_range
-from elvis.renderer.scene.surfaces import Plane, Surface, Vector, check, unit
+from elvis.renderer.scene.surfaces import FilePath, Plane, Surface, Vector, check, unit
 
 
 @dataclass(frozen=True)
@@ -112,12 +112,12 @@ class Scene:
     ambient: float = 0.3
     clip: tuple[Clip, ...] = ()
     title: str | None = None
-    data: tuple[str, ...] = ()
+    data: tuple[FilePath, ...] = ()
     plugin: str | None = None
     device: str = "auto"
-    outputs: tuple[str, ...] = ()
+    outputs: tuple[FilePath, ...] = ()
     plain: bool = False
-    stats: str | None = None
+    stats: FilePath | None = None
 
     def __post_init__(self) -> None:
         width, height = self.size or (1, 1)

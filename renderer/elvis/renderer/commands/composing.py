@@ -1,0 +1,74 @@
+"""Scenes from a scene file and options; options come last."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from elvis.renderer.errors import SceneError
+
+if TYPE_CHECKING:
+    from elvis.renderer.scene import Scene, SceneObject
+
+#: options that style every object, by the key of Style
+STYLES = ("contours", "mesh_lines", "opacity", "lit", "color")
+
+
+def composed(files: tuple[Path, ...], options: dict[str, Any], settings: tuple[tuple[str, str], ...]) -> Scene:
+    """The scene of a scene file among ``files``, else the usual one, with what the options say.
+
+    options   scene keys to values, None where an option was not given; ``planes``, ``cuts``, ``faces``,
+              ``isosurfaces`` and ``volumes`` are added to the objects, STYLES go to every object
+    settings  pairs of a key such as ``objects[0].style.opacity`` and a TOML value
+    """
+    from elvis.renderer.scene import CutSurface, Plane, Scene
+    from elvis.renderer.scene.files import is_scene_file, read_scene
+
+    scene_files = [file for file in files if is_scene_file(file)]
+    if len(scene_files) > 1:
+        raise SceneError(f"expected one scene file, found {' and '.join(map(str, scene_files))}")
+    scene = read_scene(scene_files[0]) if scene_files else Scene()
+    given = {key: value for key, value in options.items() if value is not None and value != ()}
+    style = {key: given.pop(key) for key in STYLES if key in given}
+
+    # one plane without a style of its own is the shortcut
+    cuts = [CutSurface(surface) for key in ("planes", "cuts") for surface in given.pop(key, ())]
+    others = [item for key in ("faces", "isosurfaces", "volumes") for item in given.pop(key, ())]
+    if len(cuts) == 1 and isinstance(cuts[0].surface, Plane) and not (others or style or scene.every_object):
+        given["plane"] = cuts.pop().surface
+    data = tuple(str(file) for file in files if not is_scene_file(file))
+    scene = replace(scene, **given, objects=(*scene.objects, *cuts, *others), data=data or scene.data)
+    scene = _styled(scene, style) if style else scene
+    return _set(scene, settings) if settings else scene
+
+
+def _styled(scene: Scene, style: dict[str, Any]) -> Scene:
+    """The scene with values of the style in every object; without objects, of all outer faces."""
+    from elvis.renderer.scene import Faces, VolumeRendering
+
+    def with_style(item: SceneObject) -> SceneObject:
+        return item if isinstance(item, VolumeRendering) else replace(item, style=replace(item.style, **style))
+
+    objects = scene.every_object or (Faces(),)
+    return replace(scene, plane=None, objects=tuple(map(with_style, objects)))
+
+
+def _set(scene: Scene, settings: tuple[tuple[str, str], ...]) -> Scene:
+    """The scene with single keys changed."""
+    import re
+
+    from elvis.renderer.scene.files import toml_value
+    from elvis.renderer.scene.tables import scene_of, table_of
+
+    table = table_of(scene)
+    for key, text in settings:
+        *way, last = [int(part) if part.isdecimal() else part for part in re.split(r"[.\[\]]+", key.rstrip("]"))]
+        place: Any = table
+        try:
+            for step in way:
+                place = place[step] if isinstance(step, int) else place.setdefault(step, {})
+            place[last] = toml_value(text)
+        except (IndexError, TypeError, KeyError, AttributeError) as error:
+            raise SceneError(f"--set {key}: the scene has no such place") from error
+    return scene_of(table)

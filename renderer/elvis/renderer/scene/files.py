@@ -1,0 +1,128 @@
+"""Scene files: TOML, YAML and JSON.  File names in them are relative to the file."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from elvis.formats.output import write_text
+from elvis.renderer.errors import SceneError
+from elvis.renderer.scene.tables import Table, scene_of, table_of
+from elvis.renderer.scene.whole import Scene
+
+SUFFIXES = (".toml", ".yaml", ".yml", ".json")
+LARGEST = 1 << 20  # bytes
+
+
+def is_scene_file(path: Path) -> bool:
+    """Whether the name is that of a scene file."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def read_scene(path: str | Path) -> Scene:
+    """The scene in a file; SceneError that names the file, the key, what was expected and what was found."""
+    path = Path(path)
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST + 1)
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(content) > LARGEST:
+        raise SceneError(f"{path}: expected a scene of at most {LARGEST} bytes, found more")
+    try:
+        table = _parsed(content.decode(), path.suffix.lower())
+    except (ValueError, RecursionError) as error:
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
+        raise SceneError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {reason}") from error
+    try:
+        return scene_of(table, str(path.parent))
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from error
+
+
+def write_scene(scene: Scene, path: str | Path) -> None:
+    """Write a scene file in the language of its suffix; what has its default is left out."""
+    path = Path(path)
+    check_scene_suffix(path)
+    table = table_of(scene, str(path.parent))
+    match path.suffix.lower():
+        case ".toml":
+            text = _toml(table)
+        case ".json":
+            text = json.dumps(table, indent=2, ensure_ascii=False) + "\n"
+        case _:
+            import yaml
+
+            text = yaml.dump(table, Dumper=_with_exponents(yaml.SafeDumper), sort_keys=False, allow_unicode=True)
+    write_text(path, text)
+
+
+def check_scene_suffix(path: Path) -> None:
+    """SceneError where the suffix names no language of scenes."""
+    if not is_scene_file(path):
+        raise SceneError(f"{path}: expected a scene's name that ends in {', '.join(SUFFIXES)}")
+
+
+def _parsed(text: str, suffix: str) -> Table:
+    """The table in a text; ValueError where it is none."""
+    readers: dict[str, Callable[[str], Any]] = {".json": json.loads, ".toml": _read_toml}
+    table = readers.get(suffix, _yaml)(text)
+    if not isinstance(table, dict):
+        raise ValueError("expected a table of keys at the top")
+    return dict(table)
+
+
+def _read_toml(text: str) -> Table:
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    return tomllib.loads(text)
+
+
+def toml_value(text: str) -> Any:
+    """What a value says in TOML; a text where it says nothing there."""
+    try:
+        return _read_toml(f"value = {text}")["value"]
+    except ValueError:
+        return text
+
+
+def _yaml(text: str) -> Any:
+    """What a text says, by the safe loader; ValueError where it is no YAML."""
+    import yaml
+
+    try:
+        return yaml.load(text, _with_exponents(yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        raise ValueError(str(error)) from error
+
+
+def _with_exponents(base: Any) -> Any:
+    """A loader or dumper of YAML that takes 1e-3 for a number."""
+    better: Any = type("Better", (base,), {})
+    number = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$")
+    better.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+0123456789"))
+    return better
+
+
+def _toml(table: Table) -> str:
+    """A table as TOML: plain keys first, lists of tables after them."""
+    listed = {k: v for k, v in table.items() if isinstance(v, list) and v and isinstance(v[0], dict)}
+    lines = [f"{key} = {_toml_value(value)}" for key, value in table.items() if key not in listed]
+    for key, items in listed.items():
+        for item in items:
+            lines += ["", f"[[{key}]]", *(f"{name} = {_toml_value(value)}" for name, value in item.items())]
+    return "\n".join([*lines, ""])
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

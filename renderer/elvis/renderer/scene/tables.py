@@ -1,0 +1,155 @@
+"""Scenes as tables of plain values, and back: what scene files hold, checked against the dataclasses themselves."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
+from functools import partial
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from elvis.renderer.errors import SceneError
+from elvis.renderer.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
+from elvis.renderer.scene.surfaces import Cone, Cylinder, FilePath, Implicit, Plane, Sphere, TriangleMesh, check
+from elvis.renderer.scene.whole import Scene
+
+Table = dict[str, Any]
+#: what the key ``kind`` says where several tables are possible
+KINDS: dict[type, str] = {CutSurface: "cut", Faces: "faces", Isosurface: "isosurface", VolumeRendering: "volume"} | {
+    Plane: "plane", Sphere: "sphere", Cylinder: "cylinder", Cone: "cone", Implicit: "implicit", TriangleMesh: "mesh"
+}  # fmt: skip
+LONGEST = 10_000
+
+
+def scene_of(table: Table, folder: str = "") -> Scene:
+    """The scene of a table; file names in it are relative to ``folder``.
+
+    Raises SceneError that names the key and its place (``objects[2].style.opacity``).
+    """
+    scene: Scene = _made(Scene, table, "", folder)
+    return scene
+
+
+def table_of(item: Any, folder: str | None = None) -> Table:
+    """The table of a scene or of a part of it, without what has its default; file names relative to ``folder``."""
+    table: Table = {"kind": KINDS[type(item)]} if type(item) in KINDS else {}
+    hints = _hints(type(item))
+    for field in fields(item):
+        value = getattr(item, field.name)
+        default = field.default_factory() if field.default_factory is not MISSING else field.default
+        if value is not None and (default is MISSING or value != default):
+            table[field.name] = _plain(value, hints[field.name], folder)
+    return table
+
+
+def _plain(value: Any, hint: Any, folder: str | None) -> Any:
+    if is_dataclass(value):
+        return table_of(value, folder)
+    if isinstance(value, tuple):
+        return [_plain(item, (get_args(hint) or (None,))[0], folder) for item in value]
+    if FilePath in (hint, *get_args(hint)) and folder is not None:
+        return os.path.relpath(value, folder or ".")
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _hints(cls: Any) -> dict[str, Any]:
+    return get_type_hints(cls, include_extras=True)
+
+
+def _made(cls: type, raw: Any, place: str, folder: str) -> Any:
+    """An instance of a dataclass from its table."""
+    check(isinstance(raw, dict), place or "scene", "a table", _shown(raw))
+    known = {field.name: field for field in fields(cls)}
+    table = {key: value for key, value in raw.items() if not (key == "kind" and cls in KINDS)}
+    for key in table:
+        if key not in known:
+            near = get_close_matches(str(key), known, 1)
+            hint = f", did you mean {near[0]}?" if near else f": expected {', '.join(known)}"
+            raise SceneError(f"unknown key {_joined(place, str(key))!r}{hint}")
+    needed = (f.name for f in known.values() if f.default is MISSING and f.default_factory is MISSING)
+    missing = [name for name in needed if name not in table]
+    check(not missing, place or "scene", f"the key {missing and missing[0]!r}", "none")
+    hints = _hints(cls)
+    values = {key: _value(hints[key], value, _joined(place, key), folder) for key, value in table.items()}
+    try:
+        return cls(**values)
+    except SceneError as error:
+        raise SceneError(f"{place}: {error}" if place else str(error)) from error
+
+
+def _value(hint: Any, raw: Any, place: str, folder: str) -> Any:
+    """What stands for ``raw`` in a place of a type: optional values, alternatives, tuples, tables, plain values."""
+    if get_origin(hint) in (tuple, Literal, Annotated) or isinstance(hint, type):
+        return _single(hint, raw, place, folder)
+    choices = [choice for choice in get_args(hint) if choice is not type(None)]
+    if raw is None and len(choices) < len(get_args(hint)):
+        return None
+    tables = [choice for choice in choices if is_dataclass(choice)]
+    if isinstance(raw, dict) and tables:
+        return _made(_kind(tables, raw, place), raw, place, folder)
+    others = [choice for choice in choices if choice not in tables] or tables
+    as_list = [choice for choice in others if get_origin(choice) is tuple] if isinstance(raw, list | tuple) else []
+    return _single((as_list or [c for c in others if get_origin(c) is not tuple] or others)[0], raw, place, folder)
+
+
+def _kind(choices: list[Any], raw: Table, place: str) -> type:
+    """The dataclass that the key ``kind`` names, where there are several."""
+    named = {KINDS.get(choice, ""): choice for choice in choices}
+    kind = raw.get("kind")
+    check(len(choices) == 1 or kind in named, _joined(place, "kind"), ", ".join(named), _shown(kind))
+    chosen: type = choices[0] if len(choices) == 1 else named[str(kind)]
+    return chosen
+
+
+def _single(hint: Any, raw: Any, place: str, folder: str) -> Any:
+    """A table, tuple or plain value of one type."""
+    if is_dataclass(hint):
+        return _made(hint, raw, place, folder)  # type: ignore[arg-type]
+    if get_origin(hint) is tuple:
+        return _tuple(get_args(hint), raw, place, folder)
+    if get_origin(hint) is Literal:
+        check(raw in get_args(hint), place, " or ".join(map(str, get_args(hint))), _shown(raw))
+        return raw
+    if hint == FilePath:
+        check(isinstance(raw, str) and raw, place, "a file name", _shown(raw))
+        return os.path.normpath(os.path.join(folder, raw))
+    expected, make = _PLAIN[hint]
+    try:
+        return make(raw)
+    except (ValueError, OverflowError):
+        raise SceneError(f"{place}: expected {expected}, found {_shown(raw)}") from None
+
+
+def _tuple(items: tuple[Any, ...], raw: Any, place: str, folder: str) -> tuple[Any, ...]:
+    """A tuple of a fixed length, or of any up to LONGEST."""
+    free = items[-1] is Ellipsis
+    expected = f"a list of at most {LONGEST}" if free else f"a list of {len(items)}"
+    check(isinstance(raw, list | tuple), place, expected, _shown(raw))
+    check(len(raw) <= LONGEST if free else len(raw) == len(items), place, expected, f"{len(raw)}")
+    hints = [items[0]] * len(raw) if free else items
+    return tuple(_value(h, value, f"{place}[{n}]", folder) for n, (h, value) in enumerate(zip(hints, raw, strict=True)))
+
+
+def _of_type(kinds: tuple[type, ...], make: Callable[[Any], Any], raw: Any) -> Any:
+    """``raw`` if it is of one of the types, and finite; ValueError else."""
+    if type(raw) not in kinds or (isinstance(raw, float) and not abs(raw) < float("inf")):
+        raise ValueError
+    return make(raw)
+
+
+_PLAIN: dict[Any, tuple[str, Callable[[Any], Any]]] = {
+    float: ("a finite number", partial(_of_type, (int, float), float)),
+    int: ("a whole number", partial(_of_type, (int,), int)),
+    str: ("a text", partial(_of_type, (str,), str)),
+    bool: ("true or false", partial(_of_type, (bool,), bool)),
+}
+
+
+def _joined(place: str, key: str) -> str:
+    return f"{place}.{key}" if place else key
+
+
+def _shown(raw: Any) -> str:
+    text = repr(raw)
+    return text if len(text) <= 60 else f"{text[:57]}..."
