@@ -1,0 +1,74 @@
+"""The bars of exactness: what two computations of one picture may differ by, each passed or failed at a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats
+from elvis.reference.metrics import Place, value_errors, value_range, worst
+from elvis.reference.record import Record
+from elvis.renderer.frame import Status
+
+#: greatest error of a value in parts of the range, and of a position in parts of the diagonal
+VALUE, POSITION = 1e-11, 1e-10
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One bar.
+
+    name    what is compared
+    limit   what it may be at most
+    found   greatest error, or number of pixels
+    failed  pixels above the limit
+    worst   the worst of them
+    """
+
+    name: str
+    limit: float
+    found: float
+    failed: int
+    worst: Place | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether no pixel is above the limit."""
+        return self.failed == 0
+
+
+def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, diagonal: float = 0.0) -> list[Bar]:
+    """The bars for a picture against the reference.
+
+    ends      of the field's range; by default what is seen
+    diagonal  of the data's box in world units; by default of what is seen
+    Pixels that either calls ambiguous may belong to a neighbouring element, and may be seen in one alone; those that
+    either calls failed are failures.
+    """
+    decided = (exact.status != Status.AMBIGUOUS) & (other.status != Status.AMBIGUOUS)
+    same = decided & exact.seen & other.seen & (exact.element == other.element)
+    size = diagonal or float(np.linalg.norm(np.ptp(exact.position[exact.seen], axis=0))) or 1.0
+    moved = np.linalg.norm(other.position - exact.position, axis=2) / size
+    gone = (exact.status == Status.FAILED) | (other.status == Status.FAILED)
+    values = np.where(same, value_errors(exact, other, ends or value_range(exact)), 0.0)
+    return [
+        _measured("field value", VALUE, values, exact, other),
+        _measured("position", POSITION, np.where(same, moved, 0.0), exact, other),
+        _counted("coverage", decided & (exact.seen != other.seen), exact, other),
+        _counted("element", decided & exact.seen & other.seen & (exact.element != other.element), exact, other),
+        _counted("failed pixels", gone, exact, other),
+    ]
+
+
+def _measured(name: str, limit: float, values: Floats, exact: Record, other: Record) -> Bar:
+    """A bar for a measure (h, w), in parts."""
+    above = values > limit
+    place = worst(exact, other, values) if above.any() else None
+    return Bar(name, limit, float(values.max(initial=0.0)), int(above.sum()), place)
+
+
+def _counted(name: str, wrong: Bools, exact: Record, other: Record) -> Bar:
+    """A bar for pixels (h, w) of which there may be none."""
+    place = worst(exact, other, wrong.astype(np.float64)) if wrong.any() else None
+    return Bar(name, 0, float(wrong.sum()), int(wrong.sum()), place)

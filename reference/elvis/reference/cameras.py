@@ -1,0 +1,59 @@
+"""Whether two records can come from one camera, told from their positions alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.reference.record import Record
+
+#: pixels of each record that take part, at most
+_SAMPLE = 4000
+#: least singular value, in parts of the greatest, above which no camera fits
+_MISFIT = 1e-9
+
+
+def same_camera(first: Record, second: Record) -> bool:
+    """Whether one projection takes the positions of both records to their pixels, and one direction gives their depths.
+
+    A projection is a 3 x 4 matrix P with (i, j, 1) ~ P (x, y, z, 1), on a plane a 3 x 3 one: the direct linear
+    transformation (Hartley and Zisserman, Multiple View Geometry, 4.1) has a solution where its system is singular.
+    """
+    parts = [_sampled(record) for record in (first, second)]
+    pixels, points, depths = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if len(points) < 8:
+        return True
+    pixels, points = _normalised(pixels), np.column_stack([_spanned(_normalised(points)), np.ones(len(points))])
+    still = np.zeros_like(points)
+    rows = [
+        np.hstack([points, still, -pixels[:, :1] * points]),
+        np.hstack([still, points, -pixels[:, 1:] * points]),
+    ]
+    return _singular(np.concatenate(rows)) and _singular(np.column_stack([points, _normalised(depths[:, None])]))
+
+
+def _sampled(record: Record) -> tuple[Floats, Floats, Floats]:
+    """Pixels (n, 2), positions (n, 3) and depths (n,) of some of what is seen, spread evenly."""
+    rows, columns = np.nonzero(record.seen & np.isfinite(record.position).all(axis=2) & np.isfinite(record.depth))
+    step = max(1, len(rows) // _SAMPLE)
+    rows, columns = rows[::step], columns[::step]
+    pixels = np.column_stack([columns, rows]).astype(np.float64)
+    return pixels, record.position[rows, columns], record.depth[rows, columns]
+
+
+def _normalised(values: Floats) -> Floats:
+    """The values (n, k) about their mean, of size one."""
+    centred = values - values.mean(axis=0)
+    return np.asarray(centred / (np.abs(centred).max() or 1.0))
+
+
+def _spanned(points: Floats) -> Floats:
+    """The points (n, 3) by coordinates in the plane or line that they fill: what is off it would fit any camera."""
+    _, extents, axes = np.linalg.svd(points, full_matrices=False)
+    return np.asarray(points @ axes[extents > _MISFIT * extents[0]].T)
+
+
+def _singular(matrix: Floats) -> bool:
+    """Whether the columns of a matrix (n, k) depend on one another."""
+    found = np.linalg.svd(matrix, compute_uv=False)
+    return bool(len(matrix) < matrix.shape[1] or found[-1] <= _MISFIT * found[0])

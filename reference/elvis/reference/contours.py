@@ -1,0 +1,60 @@
+"""Contours in records, found between neighbouring pixels, and how far those of two records lie apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.reference.extras import needed
+from elvis.reference.record import Record
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """How far a contour of one picture lies from that of another, in pixels.
+
+    value     of the field
+    greatest  distance of a point of either from the other (Hausdorff); None where only one of them has the contour
+    mean      of the distances of all points
+    worst     row and column of the point that is farthest from the other contour
+    points    of the exact contour and of the other one, where it passes between two pixels
+    """
+
+    value: float
+    greatest: float | None
+    mean: float | None
+    worst: tuple[float, float] | None
+    points: tuple[int, int]
+
+
+def crossings(record: Record, value: float) -> Floats:
+    """(k, 2) rows and columns at which the field takes a value between two neighbouring pixels, linearly between them.
+
+    Where the field jumps from element to element over the value, the contour runs along the jump.
+    """
+    field, found = record.field, []
+    for axis in (0, 1):
+        before, after = (field[:-1], field[1:]) if axis == 0 else (field[:, :-1], field[:, 1:])
+        with np.errstate(invalid="ignore"):
+            rows, columns = np.nonzero((before < value) != (after < value))
+        a, b = before[rows, columns], after[rows, columns]
+        known = np.isfinite(a) & np.isfinite(b)
+        points = np.column_stack([rows, columns])[known].astype(np.float64)
+        points[:, axis] += (value - a[known]) / (b[known] - a[known])
+        found.append(points)
+    return np.concatenate(found)
+
+
+def displacement(exact: Record, other: Record, value: float) -> Displacement:
+    """How far the contour at ``value`` is displaced."""
+    first, second = crossings(exact, value), crossings(other, value)
+    counts = (len(first), len(second))
+    if not all(counts):
+        return Displacement(value, None if any(counts) else 0.0, None if any(counts) else 0.0, None, counts)
+    tree = needed("scipy.spatial").cKDTree
+    away, back = tree(second).query(first)[0], tree(first).query(second)[0]
+    far = first[away.argmax()] if away.max() >= back.max() else second[back.argmax()]
+    both = np.concatenate([away, back])
+    return Displacement(value, float(both.max()), float(both.mean()), (float(far[0]), float(far[1])), counts)

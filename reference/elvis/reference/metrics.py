@@ -1,0 +1,160 @@
+"""What two records of one picture have in common, in numbers that mean something to an engineer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats
+from elvis.formats.errors import ElvisError
+from elvis.reference.cameras import same_camera
+from elvis.reference.contours import Displacement, displacement
+from elvis.reference.record import Record
+
+#: steps of the colour map
+STEPS = 256
+
+
+@dataclass(frozen=True)
+class Place:
+    """A pixel, and what both records say of it."""
+
+    row: int
+    column: int
+    position: tuple[float, float, float]
+    element: int
+    exact: float
+    other: float
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a picture against the exact one, over the pixels that both see.
+
+    range           least and greatest value that the errors are parts of
+    pixels          seen in the exact picture
+    value_max, value_mean, value_rms  of |other - exact|, in parts of the range
+    off             percent of them off by more than one step of the colour map (1/256 of the range), or missing
+    missing         seen in the exact picture alone
+    spurious        seen in the other alone
+    position_max, position_mean       distance of the two positions, in parts of the diagonal of what is seen
+    pixel_max       the same in pixels across the view, None where it isn't known how large a pixel is
+    normal_max      greatest angle between the normals, degrees
+    elements        pixels of another element
+    contours        how far each is displaced
+    worst           the pixel of the greatest error of the value, None where no pixel is off
+    """
+
+    range: tuple[float, float]
+    pixels: int
+    value_max: float
+    value_mean: float
+    value_rms: float
+    off: float
+    missing: int
+    spurious: int
+    position_max: float
+    position_mean: float
+    pixel_max: float | None
+    normal_max: float
+    elements: int
+    contours: tuple[Displacement, ...]
+    worst: Place | None
+
+    @property
+    def contour_max(self) -> float | None:
+        """Greatest displacement of a contour that both have, in pixels; None without contours."""
+        return max((own.greatest for own in self.contours if own.greatest is not None), default=None)
+
+    @property
+    def lost(self) -> int:
+        """Contours that one of the pictures lacks."""
+        return sum(own.greatest is None for own in self.contours)
+
+
+def check_comparable(exact: Record, other: Record) -> None:
+    """ElvisError unless both records are of one size and can be of one camera, and something is seen."""
+    if exact.shape != other.shape:
+        sizes = " and ".join(f"{record.shape[1]} x {record.shape[0]}" for record in (exact, other))
+        raise ElvisError(f"expected records of one size, found {sizes} pixels")
+    if not exact.seen.any():
+        raise ElvisError("expected an exact record that shows something, found an empty picture")
+    if not same_camera(exact, other):
+        raise ElvisError("expected records of one camera, found positions that no single camera sees at these pixels")
+
+
+def errors(
+    exact: Record,
+    other: Record,
+    ends: tuple[float, float] | None = None,
+    contours: Sequence[float] = (),
+    pixel: float | None = None,
+) -> Errors:
+    """The errors of ``other``.
+
+    ends   of the colour range; by default least and greatest value of the exact picture
+    pixel  size of a pixel in world units
+    """
+    low, high = ends or value_range(exact)
+    both = exact.seen & other.seen
+    off = value_errors(exact, other, (low, high))
+    away, missing = off[both], exact.seen & ~other.seen
+    moved = np.linalg.norm(other.position - exact.position, axis=2)[both]
+    diagonal = float(np.linalg.norm(np.ptp(exact.position[exact.seen], axis=0))) or 1.0
+    wrong = int((away > 1 / STEPS).sum() + missing.sum())
+    return Errors(
+        (low, high),
+        int(exact.seen.sum()),
+        *_summary(away),
+        float(np.sqrt(np.mean(away**2))) if len(away) else 0.0,
+        100.0 * wrong / max(1, int(exact.seen.sum())),
+        int(missing.sum()),
+        int((other.seen & ~exact.seen).sum()),
+        *_summary(moved / diagonal),
+        None if pixel is None else _summary(moved / pixel)[0],
+        _summary(_angles(exact.normal[both], other.normal[both]))[0],
+        int((exact.element != other.element)[both].sum()),
+        tuple(displacement(exact, other, value) for value in contours),
+        worst(exact, other, off),
+    )
+
+
+def value_range(record: Record) -> tuple[float, float]:
+    """Least and greatest finite value that is seen; a sliver around a value that is everywhere."""
+    finite = record.field[record.seen & np.isfinite(record.field)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    floor = 1e-12 * max(abs(low), abs(high)) or 1e-300
+    return low, high if high - low > floor else low + floor
+
+
+def value_errors(exact: Record, other: Record, ends: tuple[float, float]) -> Floats:
+    """(h, w) |other - exact| in parts of the range; NaN where not both are seen, infinite where one is no number."""
+    away = np.abs(other.field - exact.field) / (ends[1] - ends[0])
+    known = np.isfinite(exact.field), np.isfinite(other.field)
+    away = np.where(known[0] & known[1], away, np.where(known[0] | known[1], np.inf, 0.0))
+    return np.where(exact.seen & other.seen, away, np.nan)
+
+
+def worst(exact: Record, other: Record, measure: Floats, among: Bools | None = None) -> Place | None:
+    """The pixel at which a measure (h, w) is greatest, and positive; the first of several."""
+    shown = np.nan_to_num(measure if among is None else np.where(among, measure, 0.0), nan=0.0, posinf=np.inf)
+    row, column = (int(i) for i in np.unravel_index(shown.argmax(), shown.shape))
+    if not shown[row, column] > 0:
+        return None
+    source = exact if exact.seen[row, column] else other
+    x, y, z = (float(part) for part in source.position[row, column])
+    values = float(exact.field[row, column]), float(other.field[row, column])
+    return Place(row, column, (x, y, z), int(source.element[row, column]), *values)
+
+
+def _summary(values: Floats) -> tuple[float, float]:
+    """Greatest and mean; zero where there are none."""
+    return (float(values.max()), float(values.mean())) if len(values) else (0.0, 0.0)
+
+
+def _angles(first: Floats, second: Floats) -> Floats:
+    """(n,) degrees between unit vectors (n, 3); zero where one isn't known."""
+    across, along = np.linalg.norm(np.cross(first, second), axis=1), np.einsum("ni,ni->n", first, second)
+    return np.asarray(np.nan_to_num(np.degrees(np.arctan2(across, along))))
