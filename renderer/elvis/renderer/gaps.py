@@ -55,12 +55,12 @@ class Gaps:
         owning[pixels.owner[~free.reshape(-1)]] = True
         idle = [some[~owning[some["element"] + first]] for some, first in zip(bent, self._first, strict=False)]
         self._settle(view, pixels, idle, free)
-        due = free & _beside(~free)
+        due = free & beside(~free)
         while due.any():
             self._settle(view, pixels, bent, due)
             found = free & (pixels.owner != NOBODY).reshape(free.shape)
             free = free & ~found & ~due
-            due = free & _beside(found)
+            due = free & beside(found)
 
     def _settle(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
         """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w)."""
@@ -103,7 +103,7 @@ def _pairs(sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
     return claims
 
 
-def _beside(mask: Bools) -> Bools:
+def beside(mask: Bools) -> Bools:
     """(h, w) pixels of the mask (h, w) and those that touch them, corners included."""
     wide = mask.copy()
     wide[1:] |= mask[:-1]

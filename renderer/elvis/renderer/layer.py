@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
+from elvis.renderer.pixels import Pixels
+from elvis.renderer.view import PlaneView
 
 
 @dataclass
@@ -28,3 +30,13 @@ class Layer:
     depth: Floats
     normal: Floats
     status: NDArray[np.uint8]
+
+    @staticmethod
+    def of_cut(view: PlaneView, pixels: Pixels) -> Layer:
+        """The pixels of a plane cut, drawn with reference coordinates."""
+        assert pixels.reference is not None
+        hit = np.isfinite(pixels.reference[:, 0])
+        normal = np.where(hit[:, None], view.normal(), np.nan)
+        return Layer(
+            pixels.owner, pixels.field, pixels.reference, np.where(hit, view.depths(), np.inf), normal, pixels.status
+        )

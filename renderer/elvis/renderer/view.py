@@ -118,6 +118,17 @@ class PlaneView(View):
         points[behind] = np.nan
         return np.asarray(points)
 
+    def depths(self) -> Floats:
+        """(n,) the depth of the plane under every pixel, row by row; not finite or negative where the ray misses it."""
+        eye, forward = np.asarray(self.camera.eye, dtype=np.float64), self.camera.basis()[2]
+
+        # a ratio of functions that are linear in column and row
+        numerators = (self.plane_point[:3] @ forward) - (forward @ eye) * self.plane_point[3]
+        across, down = np.arange(self.width), np.arange(self.height)[:, None]
+        top, weight = (row[0] + row[1] * across + row[2] * down for row in (numerators, self.plane_point[3]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(top / weight).reshape(-1)
+
     def normal(self) -> Floats:
         """(3,) the plane's unit normal, turned to the viewer."""
         normal = unit(self.plane.normal, "the normal of the plane")
