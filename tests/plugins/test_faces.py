@@ -8,6 +8,7 @@ from elvis.formats.dataset import Dataset, Field
 from elvis.formats.errors import ElvisError
 from elvis.formats.expansion import values
 from elvis.formats.geometry import geometry
+from elvis.formats.margins import margins
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
 from elvis.plugins.faces import native_faces
@@ -74,14 +75,24 @@ def test_both_sides_of_a_face_are_one_surface(mixed):
         assert np.allclose(corners[0], corners[-1], atol=1e-12)
 
 
-def test_pieces_are_parts_of_the_same_map(mixed):
+def test_halves_are_parts_of_the_same_map(mixed):
     for block in mixed[0].blocks:
         space, net = block.space, block.nets(np.arange(len(block)))
         points = scattered(space.shape, 9)
-        for cut, piece in zip(space.cuts, space.pieces, strict=True):
-            own = bernstein_values(space.space, points) @ (cut @ net)
-            whole = bernstein_values(space.space, piece[0] + points @ piece[1:]) @ net
-            assert np.allclose(own, whole, rtol=0, atol=1e-13)
+        for cuts, halves in zip(space.cuts, space.halves, strict=True):
+            for cut, half in zip(cuts, halves, strict=True):
+                own = bernstein_values(space.space, points) @ (cut @ net)
+                whole = bernstein_values(space.space, half[0] + points @ half[1:]) @ net
+                assert np.allclose(own, whole, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
+def test_halves_cover_a_face_once(shape):
+    points = scattered(shape, 200)
+    points = points[margins(shape, points) > 0]
+    for halves in face_space(shape, 1).halves:
+        held = [margins(shape, (points - half[0]) @ np.linalg.inv(half[1:])) > 0 for half in halves]
+        assert (np.sum(held, axis=0) == 1).all()
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])

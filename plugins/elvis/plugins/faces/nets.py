@@ -17,14 +17,12 @@ from elvis.formats.collapse import uncollapse
 from elvis.formats.quadrature import gauss
 from elvis.formats.shapes import Shape
 
-#: pieces of a triangle: one at each vertex, one in the middle, turned half round: origin and the two axes
-_TRIANGLES = [
-    [[-0.5, -0.5], [0.5, 0], [0, 0.5]],
-    [[0.5, -0.5], [0.5, 0], [0, 0.5]],
-    [[-0.5, 0.5], [0.5, 0], [0, 0.5]],
-    [[-0.5, -0.5], [-0.5, 0], [0, -0.5]],
+#: halves of a triangle, cut from a vertex to the middle of the opposite edge: along s, along t, and between the two
+_HALVES = [
+    [[(-1, -1), (0, -1), (-1, 1)], [(0, -1), (1, -1), (-1, 1)]],
+    [[(-1, -1), (1, -1), (-1, 0)], [(-1, 0), (1, -1), (-1, 1)]],
+    [[(-1, -1), (1, -1), (0, 0)], [(-1, -1), (0, 0), (-1, 1)]],
 ]
-_SQUARES = [[[x, y], [0.5, 0], [0, 0.5]] for y in (-0.5, 0.5) for x in (-0.5, 0.5)]
 
 
 @dataclass(frozen=True)
@@ -57,15 +55,25 @@ class FaceSpace:
         return frozen_floats(np.linalg.pinv(bernstein_values(self.space, self.points)))
 
     @cached_property
-    def pieces(self) -> Floats:
-        """(4, 3, 2) origin and axes of each piece: its point u is origin + u_1 axis_1 + u_2 axis_2."""
-        return frozen_floats(_TRIANGLES if self.shape is Shape.TRIANGLE else _SQUARES)
+    def halves(self) -> Floats:
+        """(k, 2, 3, 2) the halves of a face for each of k ways to cut it: along s, along t, on triangles also between.
+
+        A half has an origin and two axes: its point u is origin + u_1 axis_1 + u_2 axis_2.
+        """
+        if self.shape is Shape.TRIANGLE:
+            corners = np.array(_HALVES, np.float64)
+            axes = (corners[:, :, 1:] - corners[:, :, :1]) / 2
+            return frozen_floats(np.concatenate([corners[:, :, :1] + axes.sum(axis=2, keepdims=True), axes], axis=2))
+        s, t = np.diag([0.5, 1.0]), np.diag([1.0, 0.5])
+        return frozen_floats([[[-s[0], *s], [s[0], *s]], [[-t[1], *t], [t[1], *t]]])
 
     @cached_property
     def cuts(self) -> Floats:
-        """(4, count, count) matrices from the net of a face to those of its `pieces`."""
-        images = self.pieces[:, None, 0] + np.einsum("ki,pij->pkj", self.points, self.pieces[:, 1:])
-        return frozen_floats([self.fit @ bernstein_values(self.space, own) for own in images])
+        """(k, 2, count, count) matrices from the net of a face to those of its `halves`."""
+        origin, axes = self.halves[:, :, :1], self.halves[:, :, 1:]
+        images = origin + self.points @ axes
+        basis = bernstein_values(self.space, images.reshape(-1, 2)).reshape(*images.shape[:3], self.count)
+        return frozen_floats(self.fit @ basis)
 
     @cached_property
     def slopes(self) -> Floats:
