@@ -17,6 +17,8 @@ from elvis.renderer.view import fitted, named
 LARGEST, LEAST = (1000, 800), 160
 #: a glance has this many times fewer pixels each way
 GLANCE = 4
+#: most glances
+GLANCES = 4
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
@@ -26,32 +28,40 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
 
     boxes   (n, 6) arrays: low and high corners of boxes that hold the elements
     glance  draws a small picture: (h, w) where something is seen.  Boxes promise more than there is.
-    Raises SceneError where there is no box, and where the view must be fitted but the plane misses every box.
+    Raises SceneError where there is no box, and where the view must be fitted but a plane misses every box.
     """
     if not sum(map(len, boxes)):
         raise SceneError("there is no element to draw: none carries the field")
-    camera = scene.camera
+    camera, plane = scene.camera, scene.only_plane
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
         return replace(scene, size=scene.size or LARGEST)
-    assert scene.plane is not None
-    camera = named(camera, scene.plane) if isinstance(camera, str) else camera
-    points = np.concatenate([crossings(some, scene.plane) for some in boxes])
+    camera = named(camera, plane) if isinstance(camera, str) else camera
+    points = np.concatenate([crossings(some, plane) if plane else _corners(some) for some in boxes])
     if not len(points):
-        raise SceneError(missed(scene.plane, surrounding(boxes)))
-    seen = points @ np.array(camera.basis()[:2]).T
+        assert plane is not None
+        raise SceneError(missed(plane, surrounding(boxes)))
+    seen = points[np.isfinite(points).all(axis=1)] @ np.array(camera.basis()[:2]).T
     box, extent = surrounding(boxes), np.array([seen.min(axis=0), seen.max(axis=0)])
-    size = scene.size or proportionate(extent)
-    wide = replace(scene, size=size, camera=fitted(camera, size, extent, box))
 
-    # a glance shows what there is within the boxes
-    width, height = (max(LEAST, -(-side // GLANCE)) for side in size)
-    small = replace(wide, size=(width, height), camera=fitted(camera, (width, height), extent, box))
-    mask = glance(small)
-    if not mask.any():
-        return wide
-    extent = _extent(mask, small)
+    # a glance shows what there is within the boxes; where that is little, a second one shows it better
+    for _ in range(GLANCES):
+        size = scene.size or proportionate(extent)
+        width, height = (max(LEAST, -(-side // GLANCE)) for side in size)
+        small = replace(scene, size=(width, height), camera=fitted(camera, (width, height), extent, box))
+        mask = glance(small)
+        if not mask.any():
+            break
+        wide, extent = extent, _extent(mask, small)
+        if (extent[1] - extent[0]).max() > 0.3 * (wide[1] - wide[0]).max():
+            break
     size = scene.size or proportionate(extent)
     return replace(scene, size=size, camera=fitted(camera, size, extent, box))
+
+
+def _corners(boxes: Boxes) -> Floats:
+    """(8 n, 3) the corners of boxes (n, 6), first the first corner of all."""
+    corners = [boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)]
+    return np.concatenate(corners).astype(np.float64)
 
 
 def _extent(mask: Bools, scene: Scene) -> Floats:
@@ -81,7 +91,7 @@ def crossings(boxes: Boxes, plane: Plane) -> Floats:
     met = boxes[np.abs((middle - plane.point) @ normal) <= half @ np.abs(normal) + slack]
 
     # the ends of all edges and their distances from the plane
-    corners = np.stack([met[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
+    corners = _corners(met).reshape(8, -1, 3).swapaxes(0, 1)
     ends = corners[:, _EDGES].reshape(-1, 2, 3)
     a, b = ((ends - plane.point) @ normal).T
     cut = (np.minimum(a, b) <= slack) & (np.maximum(a, b) >= -slack)
@@ -99,10 +109,11 @@ def surrounding(boxes: Sequence[Boxes]) -> Floats:
     return np.stack([low, high]).astype(np.float64)
 
 
-def missed(plane: Plane, box: Floats) -> str:
+def missed(plane: Plane | None, box: Floats) -> str:
     """The sentence for an empty picture of a domain within ``box`` (2, 3)."""
-    point, normal, low, high = (", ".join(f"{x:g}" for x in v) for v in (plane.point, plane.normal, *box))
-    return (
-        f"the picture is empty: nothing of the plane through ({point}) with normal ({normal}) is seen; "
-        f"the domain lies between ({low}) and ({high})"
-    )
+    low, high = (", ".join(f"{x:g}" for x in v) for v in box)
+    what = "any object"
+    if plane is not None:
+        point, normal = (", ".join(f"{x:g}" for x in v) for v in (plane.point, plane.normal))
+        what = f"the plane through ({point}) with normal ({normal})"
+    return f"the picture is empty: nothing of {what} is seen; the domain lies between ({low}) and ({high})"

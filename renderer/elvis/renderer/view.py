@@ -5,7 +5,7 @@ Pixel (i, j) is column i from the left and row j from the top; integer coordinat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TypeAlias
 
@@ -56,6 +56,12 @@ class View:
         eye = np.asarray(camera.eye, dtype=np.float64)
         return View(camera, width, height, corner, column, row, _to_pixel(camera, eye, step, size))
 
+    def window(self, x: float, y: float, width: int, height: int) -> View:
+        """The part of the picture whose pixel (0, 0) is pixel (x, y) of this one, whole or not; beyond it goes on."""
+        shift = np.array([x, y, 0.0])[:, None] * self.to_pixel[2]
+        corner = self.corner + x * self.column + y * self.row
+        return View(self.camera, width, height, corner, self.column, self.row, self.to_pixel - shift)
+
     @property
     def count(self) -> int:
         """Number of pixels."""
@@ -93,11 +99,21 @@ class PlaneView(View):
     @staticmethod
     def of(camera: Camera, plane: Plane, size: tuple[int, int]) -> PlaneView:
         """The view of a camera with a height or a field of view."""
-        view = View.through(camera, size)
-        eye, forward = np.asarray(camera.eye, dtype=np.float64), camera.basis()[2]
+        return PlaneView.on(View.through(camera, size), plane)
+
+    @staticmethod
+    def on(view: View, plane: Plane) -> PlaneView:
+        """A view, with a plane in it."""
+        eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]
         numbers = _perspective if view.perspective else _orthographic
         plane_point = numbers(eye, forward, view.corner, view.column, view.row, plane)
-        return PlaneView(**vars(view), plane=plane, plane_point=plane_point)
+        own = {field.name: getattr(view, field.name) for field in fields(View)}
+        return PlaneView(**own, plane=plane, plane_point=plane_point)
+
+    @property
+    def edge_on(self) -> bool:
+        """Whether parallel rays run along the plane, so that nothing of it can be seen."""
+        return not self.perspective and bool(abs(self.across @ self.camera.basis()[2]) < EDGE_ON)
 
     @cached_property
     def across(self) -> Floats:
@@ -146,9 +162,10 @@ def seen(scene: Scene) -> PlaneView:
     assert scene.plane is not None
     assert scene.size is not None
     assert isinstance(scene.camera, Camera)
-    if scene.camera.fov is None and abs(scene.plane.basis()[2] @ scene.camera.basis()[2]) < EDGE_ON:
+    view = PlaneView.of(scene.camera, scene.plane, scene.size)
+    if view.edge_on:
         raise SceneError("the camera looks along the plane, so that nothing of it can be seen: choose another view")
-    return PlaneView.of(scene.camera, scene.plane, scene.size)
+    return view
 
 
 def _orthographic(eye: Floats, forward: Floats, corner: Floats, column: Floats, row: Floats, plane: Plane) -> Floats:
@@ -193,12 +210,13 @@ def face_on(plane: Plane) -> Camera:
     return Camera(_vector(np.add(plane.point, normal)), plane.point, _vector(up), height=1.0)
 
 
-def named(name: str, plane: Plane) -> Camera:
-    """The orthographic camera of a named view (see NAMED_VIEWS) at the plane's point, height 1."""
-    if name == "fit":
+def named(name: str, plane: Plane | None) -> Camera:
+    """The orthographic camera of a named view (see NAMED_VIEWS), height 1; ``fit`` without a plane is ``iso``."""
+    if name == "fit" and plane is not None:
         return face_on(plane)
-    forward, up = NAMED_VIEWS[name]
-    return Camera(_vector(np.subtract(plane.point, forward)), plane.point, up, height=1.0)
+    forward, up = NAMED_VIEWS["iso" if name == "fit" else name]
+    at = (0.0, 0.0, 0.0) if plane is None else plane.point
+    return Camera(_vector(np.subtract(at, forward)), at, up, height=1.0)
 
 
 def fitted(camera: Camera, size: tuple[int, int], extent: Floats, box: Floats) -> Camera:

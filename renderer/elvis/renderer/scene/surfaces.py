@@ -101,4 +101,6 @@ class TriangleMesh:
     file: FilePath
 
 
-Surface: TypeAlias = Plane | Sphere | Cylinder | Cone | Implicit | TriangleMesh
+#: surfaces that rays meet without any data
+Solid: TypeAlias = Plane | Sphere | Cylinder | Cone | TriangleMesh
+Surface: TypeAlias = Solid | Implicit

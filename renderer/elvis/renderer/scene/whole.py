@@ -137,3 +137,10 @@ class Scene:
     def every_object(self) -> tuple[SceneObject, ...]:
         """The objects, the shortcut ``plane`` first."""
         return self.objects if self.plane is None else (CutSurface(self.plane), *self.objects)
+
+    @property
+    def only_plane(self) -> Plane | None:
+        """The plane where a cut by it is all that is shown."""
+        objects = self.every_object
+        only = objects[0] if len(objects) == 1 else None
+        return only.surface if isinstance(only, CutSurface) and isinstance(only.surface, Plane) else None

@@ -1,0 +1,178 @@
+"""Where rays meet surfaces in space, and which points lie inside of them.  Needs no device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.renderer.errors import SceneError
+from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
+from elvis.renderer.scene.surfaces import Solid
+from elvis.renderer.view import View
+
+#: pairs of a triangle and a pixel that are looked at at once
+_AT_ONCE = 1 << 20
+#: part of a triangle by which it is larger all round, so that no ray passes between two; hits of both are one
+_SEAM = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Hits of rays with a surface, sorted by pixel, then by depth.
+
+    pixel   (n,)    row by row from the top
+    depth   (n,)    as in Layer, greater than 0
+    normal  (n, 3)  unit normals, towards either side
+    """
+
+    pixel: Ints
+    depth: Floats
+    normal: Floats
+
+
+def hits(surface: Solid, view: View) -> Hits:
+    """All hits of the view's rays with a surface in front of the eye."""
+    if isinstance(surface, TriangleMesh):
+        pixel, depth, normal = _triangle_hits(triangles(surface.file), view)
+    else:
+        pixel = np.tile(np.arange(view.count), 2)
+        origins, directions = view.rays(pixel[: view.count] % view.width, pixel[: view.count] // view.width)
+        depth = np.concatenate(_roots(surface, origins, directions))
+        met = np.flatnonzero((depth > 0.0) & np.isfinite(depth))
+        pixel, depth = pixel[met], depth[met]
+        normal = _gradient(surface, origins[pixel] + depth[:, None] * directions[pixel])
+    order = np.lexsort([depth, pixel])
+    return Hits(pixel[order], depth[order], normal[order])
+
+
+def inside(surface: Solid, points: Floats) -> Bools:
+    """(n,) which points (n, 3) lie inside: behind a plane, within a sphere, cylinder or cone, or closed triangles."""
+    if isinstance(surface, TriangleMesh):
+        import igl
+
+        corners = triangles(surface.file).reshape(-1, 3)
+        faces = np.arange(len(corners)).reshape(-1, 3)
+        return np.asarray(igl.fast_winding_number(corners, faces, np.ascontiguousarray(points)) > 0.5)
+    if isinstance(surface, Plane):
+        return np.asarray((points - np.asarray(surface.point)) @ unit(surface.normal, "the normal of the plane") < 0.0)
+    matrix, center, level = _quadric(surface)
+    away = points - center
+    within = np.einsum("ni,ij,nj->n", away, matrix, away) < level
+    return np.asarray(within & (away @ np.asarray(surface.axis) > 0.0) if isinstance(surface, Cone) else within)
+
+
+@cache
+def triangles(file: str) -> Floats:
+    """(m, 3, 3) corners of the triangles of an STL, PLY, OBJ or GLB file; SceneError where there are none."""
+    import trimesh
+
+    try:
+        mesh = trimesh.load(file, force="mesh", process=False)
+        corners = np.asarray(mesh.triangles, dtype=np.float64)
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise SceneError(f"{file}: cannot be read as STL, PLY, OBJ or GLB: {reason}") from error
+    if not len(corners) or not np.isfinite(corners).all():
+        raise SceneError(f"{file}: expected triangles with finite corners, found {len(corners) and 'others' or 'none'}")
+    corners.setflags(write=False)
+    return corners
+
+
+def _quadric(surface: Sphere | Cylinder | Cone) -> tuple[Floats, Floats, float]:
+    """Matrix A (3, 3), center c and level k of the quadric (x - c)ᵀ A (x - c) = k."""
+    if isinstance(surface, Sphere):
+        return np.eye(3), np.asarray(surface.center, dtype=np.float64), surface.radius**2
+    axis = unit(surface.axis, "axis")
+    along = np.outer(axis, axis)
+    if isinstance(surface, Cylinder):
+        return np.eye(3) - along, np.asarray(surface.point, dtype=np.float64), surface.radius**2
+    return np.cos(np.deg2rad(surface.angle)) ** 2 * np.eye(3) - along, np.asarray(surface.apex, dtype=np.float64), 0.0
+
+
+def _roots(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    """Depths (n,) of both hits of rays, NaN or infinite where there is none."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if isinstance(surface, Plane):
+            normal = unit(surface.normal, "the normal of the plane")
+            once = ((np.asarray(surface.point) - origins) @ normal) / (directions @ normal)
+            return once, np.full_like(once, np.nan)
+        matrix, center, level = _quadric(surface)
+
+        # from the point of the ray nearest to the center, so that a distant eye costs no digits
+        shift = np.einsum("ni,ni->n", center - origins, directions) / np.einsum("ni,ni->n", directions, directions)
+        start = origins - center + shift[:, None] * directions
+        a, b, c = (
+            np.einsum("ni,ij,nj->n", u, matrix, v) for u, v in ((directions,) * 2, (start, directions), (start,) * 2)
+        )
+        c -= level
+        q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
+        depths = [q / a, c / q]
+    if isinstance(surface, Cone):
+        axis = unit(surface.axis, "axis")
+        for depth in depths:
+            depth[~((start + depth[:, None] * directions) @ axis >= 0.0)] = np.nan
+    return depths[0] + shift, depths[1] + shift
+
+
+def _gradient(surface: Plane | Sphere | Cylinder | Cone, points: Floats) -> Floats:
+    """(n, 3) unit normals at points of the surface."""
+    if isinstance(surface, Plane):
+        return np.tile(unit(surface.normal, "the normal of the plane"), (len(points), 1))
+    matrix, center, _ = _quadric(surface)
+    gradient = (points - center) @ matrix
+    return np.asarray(gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-300))
+
+
+def _triangle_hits(corners: Floats, view: View) -> tuple[Ints, Floats, Floats]:
+    """Pixels, depths and normals of all hits with triangles (m, 3, 3), in object order; one hit where triangles join."""
+    placed = corners @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+    front = placed[..., 2] > 0.0
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        seen = placed[..., :2] / placed[..., 2:]
+    least, most = np.nan_to_num(seen.min(axis=1)), np.nan_to_num(seen.max(axis=1))
+
+    # what crosses the plane of the eye may be anywhere
+    whole = np.array([view.width - 1.0, view.height - 1.0])
+    least[~front.all(axis=1)], most[~front.all(axis=1)] = 0.0, whole
+    first = np.ceil(np.clip(least - 1e-6, 0.0, whole + 1)).astype(np.int64)
+    sides = np.maximum(np.floor(np.clip(most + 1e-6, -1.0, whole)).astype(np.int64) - first + 1, 0)
+    counts = sides.prod(axis=1) * front.any(axis=1)
+    found = []
+    ends = np.cumsum(counts)
+    for start in range(0, int(ends[-1]), _AT_ONCE):
+        pair = np.arange(start, min(start + _AT_ONCE, int(ends[-1])))
+        triangle = np.searchsorted(ends, pair, side="right")
+        place = pair - (ends - counts)[triangle]
+        column = first[triangle, 0] + place % sides[triangle, 0]
+        row = first[triangle, 1] + place // sides[triangle, 0]
+        depth = _triangle_depths(corners[triangle], *view.rays(column, row))
+        met = np.flatnonzero(depth > 0.0)
+        found.append((row[met] * view.width + column[met], depth[met], triangle[met]))
+    pixel, depth, triangle = (np.concatenate(parts) for parts in zip(*found, strict=True)) if found else _NONE
+    order = np.lexsort([depth, pixel])
+    pixel, depth, triangle = pixel[order], depth[order], triangle[order]
+    again = (np.diff(pixel) == 0) & (np.diff(depth) <= 1e-9 * np.abs(depth[1:]))
+    kept = np.flatnonzero(np.append(True, ~again)[: len(pixel)])
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return pixel[kept], depth[kept], normal[triangle[kept]]
+
+
+_NONE = np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64)
+
+
+def _triangle_depths(corners: Floats, origins: Floats, directions: Floats) -> Floats:
+    """(n,) depth at which each ray meets its triangle, NaN where it doesn't (Möller and Trumbore 1997)."""
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(directions, two)
+    away = origins - corners[:, 0]
+    turned = np.cross(away, one)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = 1.0 / np.einsum("ni,ni->n", one, across)
+        u = factor * np.einsum("ni,ni->n", away, across)
+        v = factor * np.einsum("ni,ni->n", directions, turned)
+        met = (u >= -_SEAM) & (v >= -_SEAM) & (u + v <= 1.0 + _SEAM)
+        return np.where(met, factor * np.einsum("ni,ni->n", two, turned), np.nan)
