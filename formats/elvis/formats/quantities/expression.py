@@ -1,0 +1,57 @@
+"""What a text says about a dataset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.quantities.names import Names
+from elvis.formats.quantities.parsing import Parser
+from elvis.formats.quantities.tree import Node, field, leaves
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """A quantity: the text and what it means."""
+
+    text: str
+    root: Node
+
+    @staticmethod
+    def parse(text: str, names: Names) -> Expression:
+        """The quantity that a text says, given the names of a dataset; a field's whole name is that field.
+
+        ElvisError, with the place in the text and the known names, where it says none.
+        """
+        return Expression(text, field(text) if text in names.fields else Parser(text, names).whole())
+
+    @staticmethod
+    def of(dataset: Dataset, text: str) -> Expression:
+        """The quantity that a text says of a dataset (see `parse`)."""
+        return Expression.parse(text, Names.of(dataset))
+
+    @cached_property
+    def leaves(self) -> tuple[Node, ...]:
+        """The fields, coordinates, derivatives and attributes that it is made of."""
+        return tuple(leaves(self.root))
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The names of the fields that it is made of, each once."""
+        return tuple(dict.fromkeys(leaf.name for leaf in self.leaves if leaf.op == "field"))
+
+    @property
+    def attributes(self) -> tuple[str, ...]:
+        """What it uses of elements by themselves."""
+        return tuple(leaf.name for leaf in self.leaves if leaf.op == "attribute")
+
+    @property
+    def order(self) -> int:
+        """The highest derivative of a field in it."""
+        return max((len(leaf.axes) for leaf in self.leaves if leaf.op == "field"), default=0)
+
+    @property
+    def is_field(self) -> bool:
+        """Whether it is just a field."""
+        return self.root.op == "field" and not self.root.axes

@@ -1,0 +1,307 @@
+"""Expressions: what they mean, their derivatives and ready-made quantities against closed forms on every shape."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.formats import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.formats.quantities import Expression, Names
+from elvis.formats.quantities.functions import FUNCTIONS, OPERATORS
+from elvis.formats.quantities.sampling import Evaluator, Sampler
+from elvis.formats.quantities.tree import leaves, partial
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
+
+#: by order of the derivatives: fits of the fields are off by 1e-12, and derivatives enlarge that
+BARS = (1e-11, 5e-10, 1e-8)
+
+NAMES = Names(("u", "v", "w", "rho", "rho u", "E"), 3, 0.5)
+
+
+def bent(points):
+    """Bent to the second degree, in the plane where the points are."""
+    x, y, z = points.T
+    return points + np.stack([0.05 * y**2, 0.1 * x * y, 0.08 * z * (x + z)], axis=1)
+
+
+#: polynomials of the world coordinates, and their gradients
+FIELDS = {
+    "u": (lambda x, y, z: x * y - z * z + y, lambda x, y, z: (y, x + 1, -2 * z)),
+    "v": (lambda x, y, z: x * x + 0.5 * y * z, lambda x, y, z: (2 * x, 0.5 * z, 0.5 * y)),
+    "w": (lambda x, y, z: z * x - 2 * y, lambda x, y, z: (z, -2 + 0 * x, x)),
+}
+QUANTITIES = {
+    "d(u,x)": lambda x, y, z: y,
+    "d(v,x) - d(u,y)": lambda x, y, z: 2 * x - x - 1,
+    "d(u*v, y)": lambda x, y, z: (x + 1) * (x * x + 0.5 * y * z) + (x * y - z * z + y) * 0.5 * z,
+    "d(sin(x*v), x)": lambda x, y, z: np.cos(x * (x * x + 0.5 * y * z)) * (3 * x * x + 0.5 * y * z),
+    "d(d(u,x),y) + 3*d(d(v,x),x)": lambda x, y, z: 7 + 0 * x,
+    "speed": lambda x, y, z: np.sqrt(sum(f(x, y, z) ** 2 for f, _ in FIELDS.values())),
+}
+SOLID = {
+    "divergence": lambda x, y, z: y + 0.5 * z + x,
+    "vorticity_x": lambda x, y, z: -2 - 0.5 * y,
+    "vorticity_y": lambda x, y, z: -2 * z - z,
+    "vorticity": lambda x, y, z: np.sqrt((2 + 0.5 * y) ** 2 + 9 * z * z + (x - 1) ** 2),
+    "q_criterion": lambda x, y, z: (
+        -0.5 * (y * y + 0.25 * z * z + x * x + 2 * ((x + 1) * 2 * x - 2 * z * z - 0.5 * y * 2))
+    ),
+    "laplacian(u) + laplacian(w*w)": lambda x, y, z: -2 + 2 * (z * z + 4 + x * x) + 0 * x,
+    "grad(w)": lambda x, y, z: np.sqrt(z * z + 4 + x * x),
+}
+
+
+def flowing(mesh):
+    """The fields on a mesh bent to the second degree: of degree 4 in the reference coordinates."""
+    dataset = Dataset(mesh)
+    fields = [approximated(dataset, name, lambda p, f=f: f(*p.T), 5) for name, (f, _) in FIELDS.items()]
+    return replace(dataset, fields=tuple(fields), time=0.5)
+
+
+MESHES = {
+    "solid": curved(mixed_volume(seed=3), bent, n=3),
+    "plane": curved(mixed_plane(seed=3), bent, n=3),
+}
+
+
+def places(evaluator, count=50):
+    """Patches with rows, reference points away from where pyramids end, and world points."""
+    from elvis.formats.pointwise import positions
+
+    for patch in evaluator.patches:
+        reference = scattered(patch.shape, count)
+        if patch.shape is Shape.PYRAMID:
+            reference = reference[reference[:, 2] < 0.7]
+        rows = np.resize(np.arange(len(patch)), len(reference))
+        yield patch, rows, reference, positions(patch, rows, reference)
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_expressions_and_their_derivatives_are_closed_forms(kind):
+    dataset, shapes = flowing(MESHES[kind]), set()
+    closed = QUANTITIES | (SOLID if kind == "solid" else {})
+    if kind == "plane":
+        closed = {name: rule for name, rule in closed.items() if name != "speed"}
+    expressions = {name: Expression.of(dataset, name) for name in closed}
+    evaluator = Evaluator(dataset, list(expressions.values()))
+    for patch, rows, reference, world in places(evaluator):
+        shapes.add(patch.shape)
+        for name, rule in closed.items():
+            truth = rule(*world.T)
+            found = evaluator.values(expressions[name], patch, rows, reference)
+            bar = BARS[expressions[name].order]
+            assert np.abs(found - truth).max() < bar * max(1, np.abs(truth).max()), (name, patch.shape)
+    assert shapes == set(Shape.of_dimension(3 if kind == "solid" else 2))
+
+
+def test_samples_are_the_values_of_expressions():
+    dataset = flowing(MESHES["solid"])
+    points = np.random.default_rng(1).uniform(0.1, 0.9, (50, 3)) * [2.5, 1, 1]
+    found = Sampler(dataset, [Expression.of(dataset, text) for text in ("q_criterion", "t*u", "element")]).sample(
+        points
+    )
+    x, y, z = points.T
+    assert found.names == ("q_criterion", "t*u", "element")
+    assert np.abs(found.values[:, 0] - SOLID["q_criterion"](x, y, z)).max() < 1e-9
+    assert np.abs(found.values[:, 1] - 0.5 * FIELDS["u"][0](x, y, z)).max() < 1e-11
+    assert np.array_equal(found.values[:, 2], found.location.element_id)
+
+
+def test_gases_are_the_closed_forms_of_their_state():
+    """Velocity from momentum, pressure from energy, with the ratio of heats that the metadata tell."""
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    state = {"rho": lambda p: 1 + p[:, 0], "E": lambda p: 5 + p[:, 2]}
+    state |= {name: lambda p, k=k: k + p[:, 1] for k, name in enumerate(("rhou", "rhov", "rhow"))}
+    fields = tuple(approximated(Dataset(mesh), name, rule, 3) for name, rule in state.items())
+    dataset = Dataset(mesh, fields, metadata={"Gamma": "1.3"})
+    points = np.random.default_rng(1).uniform(0, 1, (20, 3))
+    rho, energy = state["rho"](points), state["E"](points)
+    squares = sum(state[name](points) ** 2 for name in ("rhou", "rhov", "rhow"))
+    pressure = 0.3 * (energy - squares / (2 * rho))
+    truth = {"speed": np.sqrt(squares) / rho, "pressure": pressure, "schlieren": 1 + 0 * rho}
+    truth["mach"] = truth["speed"] / np.sqrt(1.3 * pressure / rho)
+    for name, values in truth.items():
+        found = Sampler(dataset, [Expression.of(dataset, name)]).sample(points).values[:, 0]
+        assert np.abs(found - values).max() < 1e-11, name
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("-2^2", -4.0),
+        ("2^3^2", 512.0),
+        ("2^-1", 0.5),
+        ("1-2-3", -4.0),
+        ("8/4/2", 1.0),
+        ("--x", 3.0),
+        ("2*-y", 10.0),
+        ("max(x, min(y, z)) + 1.5e1", 18.0),
+        ("pi - e + abs(y)", np.pi - np.e + 5),
+        (".5*(x+1.)", 2.0),
+        ("pow(x, 2) + sign(y)", 8.0),
+        ("atan2(y, x) - atan(y/x)", 0.0),
+        ("sin(asin(0.3)) + cos(acos(0.2))", 0.5),
+        ("1/(x-3)", np.nan),
+        ("sqrt(y)", np.nan),
+        ("log(0*x)", np.nan),
+        ("(x-3)^-1", np.nan),
+        ("0*z", 0.0),
+        ("d(x^3*y, x)", -135.0),
+        ("d(tanh(x), x) - (1 - tanh(x)^2)", 0.0),
+        ("t*4", 2.0),
+    ],
+)
+def test_expressions_mean_what_mathematics_says(text, value):
+    vertices = np.array([[3.0, -5.0, 7.0]]) + 0.25 * Shape.HEXAHEDRON.vertices
+    mesh = replace(grid(Shape.HEXAHEDRON, 1), vertices=vertices[[0, 1, 3, 2, 4, 5, 7, 6]])
+    dataset = Dataset(mesh, time=0.5)
+    found = Sampler(dataset, [Expression.of(dataset, text)]).sample(np.array([[3.0, -5.0, 7.0]])).values[0, 0]
+    assert found == pytest.approx(value, rel=1e-14, abs=1e-14, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "expected a number, a name or (, found its end"),
+        ("sin(x", "expected ) after one operand, found its end"),
+        ("x y", "character 3: expected an operator, found 'y'"),
+        ("x+", "expected a number, a name or (, found its end"),
+        ("2*sin", "character 3: expected ( after sin"),
+        ("min(x)", "expected ) after 2 operands"),
+        (
+            "2*uu",
+            "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; besides there are x",
+        ),
+        ("mach", "mach needs a velocity, rho, and p or E"),
+        ("__import__('os')", "there is no function '__import__'; there are abs"),
+        ("x.real", "character 2: expected an operator, found '.'"),
+        ("u**2", "character 3: expected a number, a name or (, found '*'"),
+        ("(" * 99 + "x", "at most 60 levels"),
+        ("+".join("x" * 1999), "at most 1000 words"),
+        ("1e999", "expected a number of double precision, found 1e999"),
+        ("d(u,t)", "expected x, y or z, found 't'"),
+        ("d(u)", "expected , and a coordinate"),
+        ("x+d(d(d(u,x),x),x)", "character 3: expected derivatives of at most second order"),
+        ("jump(2*u)", "expected a field in jump"),
+        ("d(quality,x)", "there is no derivative of quality"),
+        ("d(" * 20 + "tan(x)^tan(x)" + ",x)" * 20, "at most 20000 parts"),
+    ],
+)
+def test_what_is_no_expression_is_refused_in_a_sentence(text, sentence):
+    with pytest.raises(ElvisError) as error:
+        Expression.parse(text, NAMES)
+    assert sentence in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_field_comes_before_all_else_that_has_its_name():
+    names = Names(("x", "a-b", "e", "d", "sin"))
+    assert Expression.parse("x + e + d", names).fields == ("x", "e", "d")
+    assert Expression.parse("a-b", names).is_field
+    assert Expression.parse("2*'a-b'", names).fields == ("a-b",)
+    assert Expression.parse("sin*sin(1)", names).fields == ("sin",)
+    with pytest.raises(ElvisError, match="the data don't tell the time t"):
+        Expression.parse("t", names)
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *OPERATORS])
+def test_derivatives_of_functions_are_their_differences(name):
+    """By complex steps where the function takes them, else by central differences, away from kinks."""
+    function = {**FUNCTIONS, **OPERATORS}[name]
+    a, b = np.random.default_rng(2).uniform(0.2, 0.8, (2, 40))
+    operands = (a, b)[: function.arity]
+    text = f"u{name}v" if name in "+-*/^" else f"{name}({', '.join('uv'[: function.arity])})"
+    if name == "step":
+        return
+    root = Expression.parse(text, NAMES).root
+    given = dict(zip("uv", operands, strict=False))
+    for number, leaf in enumerate(sorted(leaves(root), key=lambda leaf: leaf.name)):
+        step = 1e-6
+        shifted = [[x + sign * step * (k == number) for k, x in enumerate(operands)] for sign in (1, -1)]
+        difference = (function.numpy(*shifted[0]) - function.numpy(*shifted[1])) / (2 * step)
+        assert np.abs(evaluated(partial(root, leaf), given) - difference).max() < 1e-8
+
+
+def evaluated(root, given):
+    from elvis.formats.quantities.functions import function
+    from elvis.formats.quantities.tree import folded
+
+    leaf = lambda node: node.value if node.op == "number" else given[node.name]  # noqa: E731
+    return folded(root, leaf, lambda node, parts: function(node).numpy(*parts))
+
+
+# what is known of elements
+
+
+def test_attributes_are_those_of_straight_elements():
+    """A box is stretched by (2, 3, 5): its Jacobian is that of (1, 3/2, 5/2); its corners stay right ones."""
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    mesh = replace(mesh, vertices=mesh.vertices * [2.0, 3.0, 5.0])
+    dataset = Dataset(mesh)
+    dataset = replace(dataset, fields=(approximated(dataset, "u", lambda p: p[:, 0], 4),))
+    texts = ("element", "order", "shape", "jacobian", "scaled_jacobian", "quality", "jump(u)")
+    values = Sampler(dataset, [Expression.of(dataset, text) for text in texts]).sample(np.ones((1, 3))).values[0]
+    quality = 3 * (2 * 3 * 5) ** (2 / 3) / (4 + 9 + 25)
+    assert np.allclose(values, [0, 3, 6, 30 / 8, 1, quality, 0], rtol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 0])
+def test_ideal_elements_have_quality_one(shape):
+    from elvis.formats.connectivity import connected
+    from elvis.formats.quantities.attributes import from_ideal
+
+    corners = (shape.vertices + 1) / 2 @ np.linalg.inv(from_ideal(shape)).T
+    if shape is Shape.PYRAMID:
+        corners[4] = [0.5, 0.5, np.sqrt(0.5)]
+    vertices = np.zeros((len(corners), 3))
+    vertices[:, : shape.dimension] = corners
+    edges = np.linalg.norm(np.subtract(*(vertices[list(end)] for end in zip(*shape.edges, strict=True))), axis=1)
+    assert np.allclose(edges, 1)
+    dataset = Dataset(connected(vertices, {shape: np.arange(len(corners))[None]}, shape.dimension))
+    evaluator = Evaluator(dataset, [Expression.of(dataset, "quality")])
+    for patch, rows, reference, _ in places(evaluator, 5):
+        values = evaluator.values(evaluator.expressions[0], patch, rows, reference)
+        assert np.allclose(values, 1) if shape is not Shape.PYRAMID else (values > 0.9).all()
+
+
+@pytest.mark.parametrize("kind", [*MESHES, "line"])
+def test_jumps_are_those_of_a_field_with_a_constant_in_each_element(kind):
+    """x plus a constant jumps by the difference of the constants; a continuous field doesn't jump."""
+    mesh = grid(Shape.SEGMENT, 5) if kind == "line" else MESHES[kind]
+    dataset = Dataset(mesh)
+    field = approximated(dataset, "u", lambda p: p[:, 0], 4)
+    ids = np.concatenate([block.element_ids for block in field.blocks])
+    values = jump_of(replace(dataset, fields=(field,)), ids)
+    assert (values < 1e-10).all()
+
+    rng, shifted, constants = np.random.default_rng(4), [], np.zeros(ids.max() + 1)
+    for block in field.blocks:
+        constants[block.element_ids] = rng.normal(size=len(block.element_ids))
+        ones = approximated(dataset, "one", lambda p: 1 + 0 * p[:, 0], 4)
+        one = next(other for other in ones.blocks if other.element_ids[0] == block.element_ids[0])
+        by = constants[block.element_ids][:, None]
+        shifted.append(replace(block, coefficients=block.coefficients + by * one.coefficients))
+    found = jump_of(replace(dataset, fields=(replace(field, blocks=tuple(shifted)),)), ids)
+    truth = np.zeros(len(ids))
+    for a, b in neighbours(mesh):
+        for one, other in ((a, b), (b, a)):
+            row = np.flatnonzero(ids == one)[0]
+            truth[row] = max(truth[row], abs(constants[one] - constants[other]))
+    assert np.abs(found - truth).max() < 1e-10
+
+
+def jump_of(dataset, ids):
+    evaluator = Evaluator(dataset, [Expression.of(dataset, "jump(u)")])
+    return evaluator.at(evaluator.expressions[0], ids, np.zeros((len(ids), 3)))
+
+
+def neighbours(mesh):
+    """Pairs of ids of elements that share a side."""
+    owners = {}
+    for entities in mesh.elements.values():
+        for id, members in zip(entities.ids, entities.members, strict=True):
+            for member in members:
+                owners.setdefault(member, []).append(id)
+    return [pair for pair in owners.values() if len(pair) == 2]
