@@ -1,0 +1,158 @@
+"""Faces of elements in object order: pieces of faces are drawn into the tiles of the picture that they reach into."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.plugins.faces import Faces
+from elvis.renderer.device import Kernel
+from elvis.renderer.frame import Status
+from elvis.renderer.layer import Layer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pieces import THIN, Edges, Pieces, pieces_of
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.tiles import TILE, tiles_of
+from elvis.renderer.view import View
+
+if TYPE_CHECKING:
+    import slangpy
+
+#: part of the scene's size within which two hits are at one place
+_TIE = 1e-11
+_TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
+#: doubles of a pixel that are there only where something is hit
+_VALUES = {"field": 1, "reference": 3, "normal": 3}
+
+
+class FaceDrawer:
+    """The faces of a loaded volume's elements, ready to be seen from anywhere."""
+
+    def __init__(self, loaded: Loaded, faces: Faces) -> None:
+        self.loaded, self.faces = loaded, faces
+        self._chosen: tuple[tuple[str, ...], list[tuple[Ints, Floats]]] = (), []
+        self._seen: tuple[object, list[tuple[Pieces, Edges]]] = None, []
+
+    def draw(
+        self, view: View, select: Sequence[str] = ("all",), beyond: Floats | None = None, quantity: str | None = None
+    ) -> Layer:
+        """What is nearest on the faces that ``select`` names (see Faces.select), beyond depths (n,) where given.
+
+        quantity  one of the parts' quantities, None for their own field
+        Where hits are at one place, the one farther than the tolerance from the border of its face counts, then that of
+        the element with the lowest number.
+        """
+        device, count = self.loaded.device, view.count
+        after = np.zeros(count) if beyond is None else np.maximum(beyond, 0.0)
+        image = {"depth": device.buffer(np.full(count, np.inf)), "after": device.buffer(after)}
+        image |= {"owner": device.buffer(np.full(count, NOBODY, np.uint32))}
+        image |= {"status": device.buffer(np.zeros(count, np.uint32))}
+        image |= {name: device.empty(np.float64, size * count) for name, size in _VALUES.items()}
+        for number, kernel, buffers, tiles in self._work("face_draw", view, select, quantity):
+            kernel(tiles, {**self.loaded.bound(number, quantity), **buffers, **image}, groups=True)
+        layer = self._read(image)
+        for _, edges in self._pieces(view, select):
+            _mark(view, layer, edges, after)
+        return layer
+
+    def _work(
+        self, stage: str, view: View, select: Sequence[str], quantity: str | None
+    ) -> Iterator[tuple[int, Kernel, dict[str, slangpy.Buffer], int]]:
+        """For each part that is seen its number, a kernel, the buffers that say what is where, and how many tiles."""
+        every, device = self._pieces(view, select), self.loaded.device
+        for number, part in enumerate(self.loaded.parts):
+            own = [k for k, block in enumerate(self.faces.blocks) if block.part == number and len(every[k][0].face)]
+            if not own:
+                continue
+            kernel = device.kernel(stage, part, quantity)
+            records = [self._records(k, every[k][0], kernel.dtype("pieces")) for k in own]
+            pieces = np.concatenate(records, dtype=kernel.dtype("pieces"))
+            pieces = pieces[np.argsort(pieces["near"], kind="stable")]
+            listed, tiles = _binned(pieces, view)
+            data = {"pieces": pieces, "listed": listed, "tiles": tiles}
+            data["view"] = self._record(kernel.dtype("view"), view, number, len(tiles))
+            yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, len(tiles)
+
+    def _pieces(self, view: View, select: Sequence[str]) -> list[tuple[Pieces, Edges]]:
+        """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
+        words = tuple(select)
+        if self._chosen[0] != words:
+            rows = self.faces.select(words)
+            nets = [block.nets(own) for block, own in zip(self.faces.blocks, rows, strict=True)]
+            self._chosen = words, list(zip(rows, nets, strict=True))
+        if self._seen[0] != (key := (view, words)):
+            chosen = zip(self.faces.blocks, self._chosen[1], strict=True)
+            self._seen = key, [pieces_of(block.space, nets, view) for block, (_, nets) in chosen]
+        return self._seen[1]
+
+    def _records(self, number: int, pieces: Pieces, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Piece records (shaders/face.slang) of a block's pieces."""
+        block, rows = self.faces.blocks[number], self._chosen[1][number][0][pieces.face]
+        record = np.zeros(len(rows), dtype)
+        record["element"], record["square"] = block.element[rows], len(block.space.halves) == 2
+        record["face"] = sum(map(len, self.faces.blocks[:number])) + rows
+        record["least"], record["most"], record["near"] = *pieces.bounds, pieces.near
+        record["origin"], record["along"], record["across"] = pieces.place.transpose(1, 0, 2)
+        frames = block.frames[block.local[rows]]
+        own = pieces.place @ frames[:, 1:]
+        record["start"], record["first"], record["second"] = frames[:, 0] + own[:, 0], own[:, 1], own[:, 2]
+        return record
+
+    def _record(self, dtype: np.dtype[Any], view: View, number: int, count: int) -> NDArray[Any]:
+        """The FaceView record (shaders/face.slang)."""
+        record, forward = np.zeros(1, dtype), view.camera.basis()[2]
+        record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
+        record["to_depth"] = np.append(forward, view.depth_of(np.zeros(3)))
+        record["viewer"] = np.append(view.camera.eye, 1.0) if view.perspective else np.append(-forward, 0.0)
+        record["width"], record["height"] = view.width, view.height
+        record["first"], record["count"] = self.loaded.first[number], count
+        record["tie"] = _TIE * (self.loaded.reach + float(np.abs(view.camera.eye).max()))
+        return record
+
+    def _read(self, image: dict[str, slangpy.Buffer]) -> Layer:
+        read = self.loaded.device.read
+        owner, status = read(image["owner"], np.uint32), read(image["status"], np.uint32).astype(np.uint8)
+        nowhere = np.flatnonzero(owner == NOBODY)
+        values = {name: read(image[name], np.float64).reshape((-1, size)[:size]) for name, size in _VALUES.items()}
+        for array in values.values():
+            array[nowhere] = np.nan
+        return Layer(owner=owner, depth=read(image["depth"], np.float64), status=status, **values)
+
+
+def _binned(pieces: NDArray[Any], view: View) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Numbers of the pieces in each tile of the picture, tile by tile; and the tiles: column, row, range of these."""
+    aligned = pieces.copy()
+    aligned["least"][:, :2] &= ~(TILE - 1)
+    pairs = tiles_of(aligned, _TILES)
+    pairs = pairs[np.argsort(pairs["y"].astype(np.int64) * view.width + pairs["x"], kind="stable")]
+    new = np.flatnonzero(np.append(True, (np.diff(pairs["x"]) != 0) | (np.diff(pairs["y"]) != 0)))
+    ends = np.append(new[1:], len(pairs))
+    tiles = np.column_stack([pairs["x"][new], pairs["y"][new], new, ends]).astype(np.uint32)
+    return pairs["section"], tiles
+
+
+def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:
+    """What lies on an edge before all else is seen or not: such pixels are ambiguous."""
+    # steps of one pixel along the longer direction of each edge
+    steep = np.abs(edges.ends[1, :, 1] - edges.ends[0, :, 1]) > np.abs(edges.ends[1, :, 0] - edges.ends[0, :, 0])
+    (x0, y0), (x1, y1) = np.moveaxis(np.where(steep[:, None], edges.ends[..., ::-1], edges.ends), -1, 1)
+    first, last = np.ceil(np.minimum(x0, x1) - THIN), np.floor(np.maximum(x0, x1) + THIN)
+    counts = np.maximum(last - first + 1, 0).astype(np.int64)
+    edge = np.repeat(np.arange(len(counts)), counts)
+    x = first[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+    # centres of pixels that the edge goes through
+    slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
+    y = y0[edge] + slope[edge] * (x - x0[edge])
+    column, row = np.where(steep[edge], np.rint([y, x]), np.rint([x, y])).astype(np.int64)
+    held = (
+        (np.abs(y - np.rint(y)) <= 4 * THIN) & (column >= 0) & (column < view.width) & (row >= 0) & (row < view.height)
+    )
+    pixel, edge = (row * view.width + column)[held], edge[held]
+    near, far = edges.depth[:, edge]
+    before = (near <= layer.depth[pixel]) & (far >= after[pixel]) & (layer.status[pixel] != Status.FAILED)
+    layer.status[pixel[before]] = Status.AMBIGUOUS
