@@ -178,7 +178,7 @@ def test_version_1_holds_the_same_mesh(session, tmp_path):
     for share in (0.2, 0.6, 0.95):
         path, raw = tmp_path / "cut.msh", paths[0].read_bytes()
         path.write_bytes(raw[: int(share * len(raw))])
-        with pytest.raises(FormatError, match="expected .*, found the end"):
+        with pytest.raises(FormatError, match=r"expected .*, found the end"):
             Gmsh([path])
 
 

@@ -296,7 +296,153 @@ def test_files_that_do_not_belong_together(solvers, tmp_path):
         Mfem([folder / "escher_p3.mesh", folder / "tinyzoo.u.gf"])
     with pytest.raises(FormatError, match="expected one mesh, found 0"):
         Mfem([folder / "tinyzoo.u.gf"])
-    piece = tmp_path / "case.000000"
-    piece.write_text((folder / "tinyzoo.mesh").read_text() + "\ncommunication_groups\nnumber_of_groups 1\n")
-    with pytest.raises(FormatError, match="found a piece of a parallel one"):
-        Mfem([piece])
+
+
+class Wave(mfem.PyCoefficient):
+    """Something smooth."""
+
+    def EvalValue(self, x):  # noqa: N802
+        return np.sin(x[0] + 2 * x[1]) * (1 + x[-1])
+
+
+class Interpolated:
+    """Of that, the interpolant by continuous cubics, with all that it needs to live."""
+
+    def __init__(self, mesh):
+        self.mesh, self.wave, self.collection = mesh, Wave(), mfem.H1_FECollection(3, mesh.Dimension())
+        self.space = mfem.FiniteElementSpace(mesh, self.collection)
+        self.made = mfem.GridFunction(self.space)
+        self.made.ProjectCoefficient(self.wave)
+
+
+def parted(folder, mesh, count):
+    """Pieces of a mesh in the form for parallel runs, as the library writes them, each with its own interpolant."""
+    partitioner = mfem.MeshPartitioner(mesh, count, mesh.CartesianPartitioning([count] + [1] * (mesh.Dimension() - 1)))
+    for number in range(count):
+        part = mfem.MeshPart()
+        partitioner.ExtractPart(number, part)
+        path = folder / f"mesh.{number:06d}"
+        part.Print(str(path))
+        own = Interpolated(mfem.Mesh(str(path), 1, 0, False))
+        own.made.Save(str(folder / f"u.{number:06d}"), 17)
+
+
+def cut(folder, mesh, count):
+    """Pieces of a mesh in the form for one process, shared faces among the borders, with a part of the interpolant."""
+    for element in range(mesh.GetNE()):
+        mesh.SetAttribute(element, 1 + element % count)
+    mesh.SetAttributes()
+    whole = Interpolated(mesh)
+    for number in range(count):
+        part = mfem.SubMesh.CreateFromDomain(mesh, mfem.intArray([number + 1]))
+        space = mfem.FiniteElementSpace(part, whole.collection)
+        own = mfem.GridFunction(space)
+        mfem.SubMesh.Transfer(whole.made, own)
+        part.Save(str(folder / f"mesh.{number:06d}"), 17)
+        own.Save(str(folder / f"u.{number:06d}"), 17)
+
+
+@pytest.mark.parametrize("form", [parted, cut])
+@pytest.mark.parametrize("name", ["fichera-mixed-p2", "escher-p2", "star-mixed-p2", "inline-hex"])
+def test_pieces_of_parallel_runs_are_one(tmp_path, near, form, name):
+    mesh = mfem.Mesh(str(MESHES / f"{name}.mesh"), 1, 0, False)
+    form(tmp_path, mesh, 2)
+    conversion = check(Mfem, [tmp_path / "mesh.000000", tmp_path / "u.000001"])
+    (measure,) = conversion.report.fields
+    assert measure.is_exact
+    assert measure.is_continuous
+    assert sum(conversion.report.elements.values()) == mesh.GetNE()
+    own = Interpolated(mesh)
+    whole = convert(Mfem(save(tmp_path, mesh, u=own.made))).dataset
+    points = inner(conversion)
+    found, wanted = (values_found(each, "u", points) for each in (conversion.dataset, whole))
+    near(found, wanted, 1e-12 if form is cut else 1e-10)
+    sizes = [_border_size(each) for each in (conversion.dataset, whole)]
+    assert sizes[0] == sizes[1]
+
+
+def inner(conversion):
+    """A point in every element."""
+    blocks = enumerate(conversion.blocks)
+    places = ((i, np.arange(len(b)), np.full((len(b), b.shape.dimension), 0.22)) for i, b in blocks)
+    return np.concatenate([positions_at(conversion, *each) for each in places])
+
+
+def _border_size(dataset):
+    domain = set(dataset.mesh.domains[0])
+    return sum(len(ids) for c in dataset.mesh.composites if c.id not in domain for _, ids in c.parts)
+
+
+def test_missing_pieces_are_named(tmp_path):
+    mesh = mfem.Mesh(str(MESHES / "inline-hex.mesh"), 1, 0, False)
+    parted(tmp_path, mesh, 3)
+    (tmp_path / "u.000002").unlink()
+    with pytest.raises(FormatError, match="expected a piece of u for every piece of the mesh, found 2 of the 3"):
+        Mfem([tmp_path / "mesh.000000", tmp_path / "u.000000"])
+    (tmp_path / "mesh.000002").unlink()
+    with pytest.raises(FormatError, match="expected the pieces of processes 0 to 2, found 0, 1"):
+        Mfem([tmp_path / "mesh.000000"])
+
+
+def stream(solvers, name, field):
+    return "".join((solvers / "mfem" / f"{name}.{end}").read_text() for end in ("mesh", f"{field}.gf"))
+
+
+@pytest.mark.parametrize(("name", "field"), [("stream_laghos", "f"), ("escher_p3", "v"), ("pipe_nurbs", "u")])
+def test_streams_hold_what_their_files_hold(solvers, tmp_path, name, field):
+    path = tmp_path / "case.saved"
+    path.write_text(f"solution\n{stream(solvers, name, field)}keys RRj\nwindow_title 'case'\n")
+    assert Mfem.opens([path])
+    found = convert(Mfem([path]))
+    wanted = convert(Mfem([solvers / "mfem" / f"{name}.mesh", solvers / "mfem" / f"{name}.{field}.gf"]))
+    assert np.array_equal(found.dataset.mesh.vertices, wanted.dataset.mesh.vertices)
+    for one, other in zip(found.dataset.fields, wanted.dataset.fields, strict=True):
+        assert one.name == other.name.replace(field, "solution", 1)
+        for mine, its in zip(one.blocks, other.blocks, strict=True):
+            assert np.array_equal(mine.coefficients, its.coefficients)
+
+
+def test_streams_of_several_processes(solvers, tmp_path):
+    mesh = mfem.Mesh(str(MESHES / "fichera-mixed-p2.mesh"), 1, 0, False)
+    cut(tmp_path, mesh, 2)
+    texts = [
+        f"parallel 2 {n}\nsolution\n" + "".join((tmp_path / f"{what}.{n:06d}").read_text() for what in ("mesh", "u"))
+        for n in range(2)
+    ]
+    path = tmp_path / "case.saved"
+    path.write_text("".join(texts))
+    report = check(Mfem, [path]).report
+    assert [measure.is_continuous for measure in report.fields] == [True]
+    assert sum(report.elements.values()) == mesh.GetNE()
+    path.write_text(texts[1])
+    with pytest.raises(FormatError, match="expected the pieces of 2 processes, found those of 1"):
+        Mfem([path])
+
+
+def test_of_several_streams_the_last_counts(solvers, tmp_path):
+    first, second = (stream(solvers, name, "u") for name in ("escher_p3", "tinyzoo"))
+    path = tmp_path / "case.saved"
+    path.write_text(f"solution\n{first}solution\n{second}")
+    assert sum(map(len, Mfem([path]).blocks)) == 4
+    path.write_text("mesh\n" + (solvers / "mfem" / "pipe_nurbs.mesh").read_text())
+    assert not Mfem([path]).fields
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("FiniteElementSpace\n", "ComplexGridFunction\nFiniteElementSpace\n", "found a Complex"),
+        ("solution\n", "quadrature\n", "expected a mesh and a function, found 'quadrature'"),
+        ("FiniteElementCollection: H1_3D_P3", "FiniteElementCollection: H1_3D_P2", "expected .* numbers, found"),
+        ("Ordering: 0", "", "expected the description of a space, found none that ends"),
+    ],
+)  # fmt: skip
+def test_bad_streams_are_refused_in_a_sentence(solvers, tmp_path, old, new, message):
+    text = "solution\n" + stream(solvers, "tinyzoo", "u")
+    assert old in text
+    path = tmp_path / "case.saved"
+    path.write_text(text.replace(old, new, 1))
+    assert Mfem.opens([path])
+    with pytest.raises(FormatError, match=message) as caught:
+        Mfem([path])
+    assert str(path) in str(caught.value)

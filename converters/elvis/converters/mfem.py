@@ -7,28 +7,23 @@ everything else (NURBS, H(div), H(curl), integral L2) is asked of the library el
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from elvis.converters.mfem_files import (
-    check_mesh,
-    field_name,
-    is_field,
-    is_mesh,
-    load,
-    named_attributes,
-    rounding,
-    values_after_header,
-)
+from elvis.converters.mfem_files import check_mesh, is_field, is_mesh, named_attributes, rounding, values_after_header
+from elvis.converters.mfem_pieces import Piece, Source, is_stream, pieces
 from elvis.converters.names import components
 from elvis.converters.unit import UNIT
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.projection.vertices import clusters
 
 #: by dimension and number of vertices
 _SHAPES = {(shape.dimension, len(shape.vertices)): shape for shape in Shape}
@@ -42,124 +37,158 @@ _IS_VECTOR, _IS_INTEGRAL, _IS_CONTINUOUS = 1, 1, 0
 #: the library's number of pyramids; how near to the apex discontinuous functions still have one value
 _PYRAMID, _NEAR_APEX = 7, 1e-13
 
+#: vertices of several parts that are as near as this, as a share of the largest coordinate, are one
+_TOGETHER = 1e-10
+
 
 class Mfem(Converter):
     """A mesh, with the grid functions that live on it."""
 
-    format = "MFEM mesh and grid functions (.mesh, .gf)"
+    format = "MFEM meshes and grid functions (.mesh, .gf, .saved; pieces of parallel ones)"
     keeps = "elements of all shapes and orders, H1 and L2 fields exactly; NURBS, H(div), H(curl) with a measured error"
-    loses = "pieces of parallel meshes are refused; hanging nodes make fields discontinuous"
+    loses = "hanging nodes make fields discontinuous; complex functions and functions at quadrature points are refused"
     needs = ("mfem",)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
-        """Whether every file is a mesh or a grid function."""
-        return all(is_mesh(path) or is_field(path) for path in paths)
+        """Whether every file is a mesh, a grid function, or a stream of both."""
+        return bool(paths) and all(is_mesh(path) or is_field(path) or is_stream(path) for path in paths)
 
     def __init__(self, paths: Sequence[Path]) -> None:
         import mfem.ser as mfem
 
-        meshes, functions = [p for p in paths if is_mesh(p)], [p for p in paths if not is_mesh(p)]
-        if len(meshes) != 1:
-            raise FormatError(f"expected one mesh, found {len(meshes)}", file=None if meshes else paths[0])
         mfem.out.Disable()
         mfem.err.Disable()
-        path, text = meshes[0], load(meshes[0])
-        check_mesh(path, text)
-        self._mesh = mesh = _guarded(path, lambda: mfem.Mesh(str(path), 1, 0, False))
-        self._is_nurbs = mesh.NURBSext is not None
-        is_rational = self._is_nurbs and not _has_unit_weights(text)
-        linear = mfem.LinearFECollection()
-        straight = _guarded(path, lambda: mfem.FiniteElementSpace(mesh, linear))
-        self._kept = [linear, straight]
-        self._corners = _Table(straight)
-        self._geometry = self._map(path, text, straight)
-        self._functions = [_read(mfem, mesh, each) for each in functions]
-        self.is_conforming = straight.GetTrueVSize() == straight.GetVSize()
-        self.precision = rounding(text)
-        self._make_blocks(text, is_rational)
-        self._make_fields([field_name(path, each) for each in functions], is_rational)
-        self.boundaries = self._sides(text)
+        with TemporaryDirectory() as folder:
+            self._parts = [_Part(piece, Path(folder)) for piece in pieces(paths)]
+        self.is_conforming = all(part.is_conforming for part in self._parts)
+        self.precision = max(part.precision for part in self._parts)
+        vertices = _numbered([part.vertices() for part in self._parts])
+        self.blocks, self._orders, first = [], [], 0
+        for part, numbers in zip(self._parts, vertices, strict=True):
+            for block, orders in part.blocks(numbers, first):
+                self.blocks.append(block)
+                self._orders.append(orders)
+            first += part.mesh.GetNE()
+        self._make_fields()
+        self.boundaries = _joined(self._parts, vertices)
 
     def positions(self, block: Elements, points: Floats) -> Floats:
         """The library's map, at points in its own coordinates."""
-        elements = block.key[block.rows]
-        if self._geometry.is_nodal:
-            return self._geometry.values(elements, points)
-        return self._each(elements, points, self._mesh.SpaceDimension(), self._places)
+        part, rows = block.key
+        return np.asarray(part.positions(rows[block.rows], points))
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
         """The library's functions, at points in its own coordinates."""
-        function, component = field.key
-        own, elements = self._functions[function], block.key[block.rows]
-        if own.is_nodal:
-            return np.asarray(own.values(elements, points, component))
-        return np.asarray(self._each(elements, points, own.count, own.evaluate)[:, :, component])
+        (part, rows), (function, component) = block.key, field.key
+        return np.asarray(part.sample(rows[block.rows], function, component, points))
 
-    def _map(self, path: Path, text: str, straight: Any) -> _Function:
-        import mfem.ser as mfem
-
-        nodes = self._mesh.GetNodes()
-        if nodes is not None:
-            if "FiniteElementCollection:" in text:
-                values_after_header(path, text, nodes.Size(), is_last=False)
-            return _Function(nodes, nodes.FESpace())
-        vertices = mfem.Vector()
-        self._mesh.GetVertices(vertices)
-        return _Function(vertices, straight, self._mesh.SpaceDimension())
-
-    def _make_blocks(self, text: str, is_rational: bool) -> None:
-        """Elements by shape, region and the orders of all functions on them."""
-        dimension = self._mesh.Dimension()
-        numbers = np.asarray(self._mesh.GetAttributeArray(), np.int64)
-        if not len(numbers):
-            raise FormatError("expected elements, found none", place="elements")
-        names = named_attributes(text, "attribute_sets")
-        regions = np.array([names.get(int(n), f"attribute{n}") for n in np.unique(numbers)])
-        if len(regions) == 1 and not names:
-            regions[:] = ""
-        of = np.unique(regions, return_inverse=True)[1][np.searchsorted(np.unique(numbers), numbers)]
-        functions = [self._geometry, *self._functions]
-        columns = [self._corners.sizes, of, *(each.orders(self._corners.sizes) for each in functions)]
-        kinds, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
-        self.blocks, self._orders = [], kinds[:, 3:]
-        for number, kind in enumerate(kinds):
-            rows = np.flatnonzero(which.reshape(-1) == number)
-            shape = _SHAPES[dimension, int(kind[0])]
-            block = Elements(
-                shape,
-                len(rows),
-                max(int(kind[2]), 1) + (_RATIONAL if is_rational else 0),
-                vertices=self._corners.rows(rows)[:, UNIT[shape].corners],
-                frame=UNIT[shape].frame,
-                ids=rows,
-                region=str(np.unique(regions)[kind[1]]),
-                pyramid=PyramidSpace.TENSOR,
-                is_polynomial=not is_rational,
-                key=rows,
-            )
-            self.blocks.append(block)
-
-    def _make_fields(self, names: Sequence[str], is_rational: bool) -> None:
-        fields = []
-        is_bent = self._geometry.highest > 1 or any(len(b.shape.vertices) > b.shape.dimension + 1 for b in self.blocks)
-        for number, (name, own) in enumerate(zip(names, self._functions, strict=True)):
-            is_exact = own.is_nodal or (own.is_nurbs and not is_rational)
+    def _make_fields(self) -> None:
+        fields, part = [], self._parts[0]
+        is_bent = any(each.geometry.highest > 1 for each in self._parts)
+        is_bent |= any(len(b.shape.vertices) > b.shape.dimension + 1 for b in self.blocks)
+        for number, (name, own) in enumerate(zip(part.names, part.functions, strict=True)):
+            is_exact = own.is_nodal or (own.is_nurbs and not part.is_rational)
             raised = 0 if is_exact else _RATIONAL if own.is_nurbs else _VECTOR * is_bent
-            orders = [int(order) + raised for order in self._orders[:, number]]
+            orders = [int(order[number]) + raised for order in self._orders]
             for i, component in enumerate(components(name, own.count)):
                 fields.append(SourceField(component, orders, own.is_continuous, is_exact, (number, i)))
         self.fields = fields
 
-    def _sides(self, text: str) -> list[Boundary]:
-        """Faces on the border by the name or number of their attribute."""
-        names = named_attributes(text, "bdr_attribute_sets")
-        found: dict[str, dict[int, list[list[int]]]] = {}
-        for i in range(self._mesh.GetNBE()):
-            number, corners = self._mesh.GetBdrAttribute(i), self._mesh.GetBdrElementVertices(i)
-            name = names.get(number, f"boundary{number}")
-            found.setdefault(name, {}).setdefault(len(corners), []).append(corners)
-        return [Boundary(n, vertices=[np.array(f, np.int64) for f in of.values()]) for n, of in sorted(found.items())]
+
+class _Part:
+    """One mesh of the library with the functions on it."""
+
+    def __init__(self, piece: Piece, folder: Path) -> None:
+        import mfem.ser as mfem
+
+        self.path, text = piece.mesh.named, piece.mesh.text
+        check_mesh(self.path, piece.mesh.file(folder), text)
+        self.mesh = mesh = _guarded(self.path, lambda: mfem.Mesh(str(piece.mesh.file(folder)), 1, 0, False))
+        self.is_rational = mesh.NURBSext is not None and not _has_unit_weights(text)
+        self._linear = mfem.LinearFECollection()
+        self._straight = _guarded(self.path, lambda: mfem.FiniteElementSpace(mesh, self._linear))
+        self._corners = _Table(self._straight)
+        self.geometry = self._map(text)
+        self.names = list(piece.functions)
+        self.functions = [_read(mfem, mesh, each, folder) for each in piece.functions.values()]
+        self.is_conforming = self._straight.GetTrueVSize() == self._straight.GetVSize()
+        self.precision = rounding(text)
+        self._regions, self._borders = (named_attributes(text, f"{w}attribute_sets") for w in ("", "bdr_"))
+
+    def _map(self, text: str) -> _Function:
+        import mfem.ser as mfem
+
+        nodes = self.mesh.GetNodes()
+        if nodes is not None:
+            if "FiniteElementCollection:" in text:
+                values_after_header(self.path, text, nodes.Size(), is_last=False)
+            return _Function(nodes, nodes.FESpace())
+        vertices = mfem.Vector()
+        self.mesh.GetVertices(vertices)
+        return _Function(vertices, self._straight, self.mesh.SpaceDimension())
+
+    def vertices(self) -> Floats:
+        """(n, d) where the library has its vertices."""
+        import mfem.ser as mfem
+
+        found = mfem.Vector()
+        self.mesh.GetVertices(found)
+        return np.array(found.GetDataArray(), np.float64).reshape(-1, self.mesh.GetNV()).T
+
+    def blocks(self, numbers: Ints, first: int) -> Iterator[tuple[Elements, Ints]]:
+        """Elements by shape, region and the orders of all functions on them, with these orders.
+
+        numbers  (n,) of the vertices, over all parts
+        first    number of the first element
+        """
+        attributes = np.asarray(self.mesh.GetAttributeArray(), np.int64)
+        if not len(attributes):
+            raise FormatError("expected elements, found none", file=self.path, place="elements")
+        own = np.unique(attributes)
+        regions = np.array([self._regions.get(int(n), f"attribute{n}") for n in own])
+        if len(regions) == 1 and not self._regions:
+            regions[:] = ""
+        of = np.unique(regions, return_inverse=True)[1][np.searchsorted(own, attributes)]
+        functions = [self.geometry, *self.functions]
+        columns = [self._corners.sizes, of, *(each.orders(self._corners.sizes) for each in functions)]
+        kinds, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+        for number, kind in enumerate(kinds):
+            rows = np.flatnonzero(which.reshape(-1) == number)
+            shape = _SHAPES[self.mesh.Dimension(), int(kind[0])]
+            block = Elements(
+                shape,
+                len(rows),
+                max(int(kind[2]), 1) + (_RATIONAL if self.is_rational else 0),
+                vertices=numbers[self._corners.rows(rows)[:, UNIT[shape].corners]],
+                frame=UNIT[shape].frame,
+                ids=first + rows,
+                region=str(np.unique(regions)[kind[1]]),
+                pyramid=PyramidSpace.TENSOR,
+                is_polynomial=not self.is_rational,
+                key=(self, rows),
+            )
+            yield block, kind[3:]
+
+    def borders(self, numbers: Ints) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """Name or number of the attribute, and vertices, of every face on the border; ``numbers`` of the vertices."""
+        for i in range(self.mesh.GetNBE()):
+            attribute = self.mesh.GetBdrAttribute(i)
+            name = self._borders.get(attribute, f"boundary{attribute}")
+            yield name, tuple(numbers[list(self.mesh.GetBdrElementVertices(i))].tolist())
+
+    def positions(self, elements: Ints, points: Floats) -> Floats:
+        """(n, n_points, d) where points of elements lie."""
+        if self.geometry.is_nodal:
+            return self.geometry.values(elements, points)
+        return self._each(elements, points, self.mesh.SpaceDimension(), self._places)
+
+    def sample(self, elements: Ints, function: int, component: int, points: Floats) -> Floats:
+        """(n, n_points) values of a component of a function."""
+        own = self.functions[function]
+        if own.is_nodal:
+            return own.values(elements, points, component)
+        return np.asarray(self._each(elements, points, own.count, own.evaluate)[:, :, component])
 
     def _each(self, elements: Ints, points: Floats, count: int, evaluate: Any) -> Floats:
         """(n, n_points, count) from a function of the map of one element and a rule."""
@@ -168,16 +197,36 @@ class Mfem(Converter):
         result = np.empty((len(elements), len(points), count))
         if not len(elements):
             return result
-        rule = _rule(points, self._mesh.GetElementBaseGeometry(int(elements[0])))
+        rule = _rule(points, self.mesh.GetElementBaseGeometry(int(elements[0])))
         table = mfem.DenseMatrix()
         for row, element in enumerate(elements.tolist()):
-            evaluate(element, self._mesh.GetElementTransformation(element), rule, table)
+            evaluate(element, self.mesh.GetElementTransformation(element), rule, table)
             result[row] = np.asarray(table.GetDataArray()).T
         return result
 
     @staticmethod
     def _places(element: int, transformation: Any, rule: Any, table: Any) -> None:
         transformation.Transform(rule, table)
+
+
+def _numbered(places: Sequence[Floats]) -> list[Ints]:
+    """Numbers of the vertices of each part, places (n, d): those of several parts are one where they lie together."""
+    if len(places) == 1:
+        return [np.arange(len(places[0]))]
+    stacked = np.concatenate([np.pad(own, ((0, 0), (0, 3 - own.shape[1]))) for own in places])
+    which = clusters(stacked, _TOGETHER * float(np.abs(stacked).max(initial=0)))
+    return np.split(which, np.cumsum([len(own) for own in places])[:-1])
+
+
+def _joined(parts: Sequence[_Part], vertices: Sequence[Ints]) -> list[Boundary]:
+    """Faces on the border by name; those that two parts have are inside."""
+    found: dict[str, dict[int, list[tuple[int, ...]]]] = {}
+    faces = [face for part, numbers in zip(parts, vertices, strict=True) for face in set(part.borders(numbers))]
+    counts = Counter(tuple(sorted(face)) for _, face in faces)
+    for name, face in sorted(faces):
+        if counts[tuple(sorted(face))] == 1 or len(parts) == 1:
+            found.setdefault(name, {}).setdefault(len(face), []).append(face)
+    return [Boundary(n, vertices=[np.array(f, np.int64) for f in of.values()]) for n, of in sorted(found.items())]
 
 
 class _Table:
@@ -257,11 +306,11 @@ class _Function:
         return self._tables[key][1]
 
 
-def _read(mfem: Any, mesh: Any, path: Path) -> _Function:
-    """A grid function from its file."""
-    text = load(path)
-    function = _guarded(path, lambda: mfem.GridFunction(mesh, str(path)))
-    values_after_header(path, text, function.Size(), is_last=True)
+def _read(mfem: Any, mesh: Any, source: Source, folder: Path) -> _Function:
+    """A grid function from its text."""
+    file = source.file(folder)
+    function = _guarded(source.named, lambda: mfem.GridFunction(mesh, str(file)))
+    values_after_header(source.named, source.text, function.Size(), is_last=True)
     return _Function(function, function.FESpace())
 
 

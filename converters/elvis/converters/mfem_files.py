@@ -65,12 +65,10 @@ def load(path: Path) -> str:
     return re.sub(r"(?m)^\s*#.*$", "", text)
 
 
-def check_mesh(path: Path, text: str) -> None:
-    """FormatError where elements name vertices that aren't there, or the mesh is a piece of one."""
-    if "communication_groups" in text:
-        raise FormatError("expected the mesh of one process, found a piece of a parallel one", file=path)
+def check_mesh(path: Path, file: Path, text: str) -> None:
+    """FormatError, naming ``path``, where the elements of a mesh in a file name vertices that aren't there."""
     if not text.startswith("MFEM mesh"):
-        _try(path)
+        _try(path, file)
     if not text.startswith(("MFEM mesh", "MFEM NURBS mesh")) or "\npatches" in text:
         return
     vertices = _words(text, "vertices")
@@ -88,11 +86,16 @@ def values_after_header(path: Path, text: str, count: int, is_last: bool) -> Flo
 
     is_last  whether nothing may follow
     """
+    words = text[header_end(path, text) :].split()
+    return _numbers(path, words if is_last else words[:count], count, "values")
+
+
+def header_end(path: Path, text: str) -> int:
+    """Where the last description of a space in a text ends; FormatError where there is none."""
     header = list(re.finditer(r"(?m)^(Ordering: *\d+|End: MFEM FiniteElementSpace v1\.0) *$", text))
     if not header:
         raise FormatError("expected the description of a space, found none that ends", file=path)
-    words = text[header[-1].end() :].split()
-    return _numbers(path, words if is_last else words[:count], count, "values")
+    return header[-1].end()
 
 
 def named_attributes(text: str, section: str) -> dict[int, str]:
@@ -105,12 +108,6 @@ def named_attributes(text: str, section: str) -> dict[int, str]:
     return names
 
 
-def field_name(mesh: Path, field: Path) -> str:
-    """The name of a field's file without what it has in common with the mesh's, and without its ending."""
-    name = field.name.removesuffix(".gf")
-    return name.removeprefix(mesh.name.removesuffix(".mesh")).strip("._-") or name
-
-
 def rounding(text: str) -> float:
     """Relative precision of the numbers of a text: by the digits of the longest of the last ones."""
     numbers = re.findall(r"\d*\.\d+", text[-30 * _LOOKED_AT :])
@@ -118,9 +115,9 @@ def rounding(text: str) -> float:
     return EIGHT_DIGITS if 5 < digits <= _FEW_DIGITS else DOUBLE
 
 
-def _try(path: Path) -> None:
-    """FormatError where the library dies of a file; what it says of others comes from reading them."""
-    done = subprocess.run([sys.executable, "-c", _TRIAL, str(path)], capture_output=True, check=False)
+def _try(path: Path, file: Path) -> None:
+    """FormatError, naming ``path``, where the library dies of a file; what it says of others comes with reading."""
+    done = subprocess.run([sys.executable, "-c", _TRIAL, str(file)], capture_output=True, check=False)
     if done.returncode < 0:
         raise FormatError("expected data that MFEM reads, found some on which it crashes", file=path)
 

@@ -1,0 +1,169 @@
+"""Which texts of MFEM belong together: a mesh with its functions, pieces of parallel ones, streams that hold both.
+
+A stream is what GLVis saves and shows: a word, a mesh, a function.  Pieces are files whose names end in the number of a
+process; a mesh among them may end in the list of what it shares with others, which is left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from elvis.converters.mfem_files import first_line, header_end, is_mesh, load
+from elvis.formats.errors import FormatError
+
+#: first words of streams with functions and without; ``keys`` follow the numbers of some
+_STREAM = re.compile(r"(?:parallel +(\d+) +(\d+)\s+)?(solution|v?fem[23]d_gf_data(?:_keys)?|mesh)\s*")
+
+#: how those begin that hold something else
+_REFUSED = ("ComplexGridFunction", "QuadratureSpace")
+
+_SHARED = re.compile(r"(?m)^(mfem_serial_mesh_end|communication_groups)\s*$")
+_SPACE = re.compile(r"(?m)^(FiniteElementSpace|MFEM FiniteElementSpace v1\.0)\s*$")
+_GROUP = re.compile(r"(?m)^\d+((?: \d+)+)\s*$")
+
+#: names of pieces; how meshes of some versions end
+_NUMBERED, _END = re.compile(r"(.*)\.(\d{6})"), "mfem_mesh_end"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A text of the library: ``named`` is the file that it came from, ``is_whole`` whether it is all of that."""
+
+    named: Path
+    text: str
+    is_whole: bool
+
+    def file(self, folder: Path) -> Path:
+        """A file with this text alone; made in ``folder`` where there is none."""
+        if self.is_whole:
+            return self.named
+        path = folder / sha256(self.text.encode()).hexdigest()
+        if not path.exists():
+            path.write_text(self.text)
+        return path
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A mesh, and functions on it by name."""
+
+    mesh: Source
+    functions: Mapping[str, Source]
+
+
+def is_stream(path: Path) -> bool:
+    """Whether a file begins as streams do."""
+    line = first_line(path)
+    return re.fullmatch(r"parallel +\d+ +\d+|quadrature", line) is not None or _STREAM.fullmatch(line) is not None
+
+
+def pieces(paths: Sequence[Path]) -> list[Piece]:
+    """What files hold; FormatError where they don't belong together, or hold what can't be represented."""
+    streams = [path for path in paths if is_stream(path)]
+    if streams:
+        return list(_streamed(paths, streams))
+    meshes, functions = [p for p in paths if is_mesh(p)], [p for p in paths if not is_mesh(p)]
+    if not meshes:
+        raise FormatError("expected one mesh, found 0", file=paths[0])
+    if all(_NUMBERED.fullmatch(path.name) for path in meshes):
+        return _parallel(meshes, functions)
+    if len(meshes) > 1:
+        raise FormatError(f"expected one mesh, found {len(meshes)}")
+    return [_piece(meshes[0], functions)]
+
+
+def _piece(mesh: Path, functions: Sequence[Path]) -> Piece:
+    """A mesh and its functions, from files of their own."""
+    text = load(mesh)
+    shared = _SHARED.search(text)
+    end = f"{_END}\n" if _END in text else ""
+    source = Source(mesh, text[: shared.start()] + end if shared else text, shared is None)
+    named = {_name(mesh, path): Source(path, load(path), True) for path in functions}
+    for each in named.values():
+        _refuse(each.named, each.text)
+    return Piece(source, named)
+
+
+def _name(mesh: Path, field: Path) -> str:
+    """The name of a field's file without what it has in common with the mesh's, and without its ending."""
+    numbered = _NUMBERED.fullmatch(field.name)
+    if numbered and _NUMBERED.fullmatch(mesh.name):
+        return numbered[1].removesuffix(".gf")
+    name = field.name.removesuffix(".gf")
+    return name.removeprefix(mesh.name.removesuffix(".mesh")).strip("._-") or name
+
+
+def _siblings(path: Path) -> dict[int, Path]:
+    """Files beside one of a number, of the same name but for the number."""
+    own = _NUMBERED.fullmatch(path.name)
+    assert own is not None
+    found = [(each, _NUMBERED.fullmatch(each.name)) for each in path.parent.iterdir()]
+    return {int(match[2]): each for each, match in found if match and match[1] == own[1] and match[2]}
+
+
+def _processes(path: Path) -> int:
+    """How many pieces there must be, from the groups of processes that share something of a piece."""
+    _, _, groups = load(path).partition("\nnumber_of_groups")
+    own = groups.partition("\ntotal_shared")[0]
+    return 1 + max((int(rank) for found in _GROUP.findall(own) for rank in found.split()), default=0)
+
+
+def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
+    """One piece a process: those that are named and all beside them."""
+    whole = _siblings(meshes[0])
+    for path in (*meshes, *functions):
+        if not _NUMBERED.fullmatch(path.name):
+            raise FormatError("expected a name that ends in the number of a process, found another", file=path)
+    fields = {_name(meshes[0], path): _siblings(path) for path in functions}
+    numbers = sorted(whole)
+    last = max(numbers[-1], *(_processes(path) - 1 for path in whole.values()))
+    if numbers != list(range(last + 1)):
+        found = ", ".join(map(str, numbers))
+        raise FormatError(f"expected the pieces of processes 0 to {last}, found {found}", file=meshes[0])
+    for name, own in fields.items():
+        if sorted(own) != numbers:
+            found = f"{len(own)} of the {len(numbers)} pieces"
+            raise FormatError(f"expected a piece of {name} for every piece of the mesh, found {found}", file=meshes[0])
+    return [_piece(whole[n], [own[n] for own in fields.values()]) for n in numbers]
+
+
+def _streamed(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Piece]:
+    """What streams hold: one mesh, or the pieces of one; of several in a row the last."""
+    if len(streams) != len(paths):
+        other = next(path for path in paths if path not in streams)
+        raise FormatError("expected streams alone, found another file beside them", file=other)
+    last: dict[int, tuple[Path, str, bool]] = {}
+    total = 1
+    for path in streams:
+        text, word = load(path), re.compile(rf"(?m)^{_STREAM.pattern}(?=MFEM )")
+        found = list(word.finditer(text))
+        if not found:
+            raise FormatError(f"expected a mesh and a function, found {first_line(path)!r}", file=path)
+        for one, following in zip(found, [*(each.start() for each in found[1:]), len(text)], strict=True):
+            last[int(one[2] or 0)] = (path, text[one.end() : following], one[3] != "mesh")
+            total = int(one[1] or 1)
+    if sorted(last) != list(range(total)):
+        raise FormatError(f"expected the pieces of {total} processes, found those of {len(last)}", file=streams[0])
+    return (_of_stream(*last[number]) for number in range(total))
+
+
+def _of_stream(path: Path, text: str, has_function: bool) -> Piece:
+    """A mesh and the function that follows, whose space is the last; then may come commands, which begin with words."""
+    _refuse(path, text)
+    spaces = list(_SPACE.finditer(text)) if has_function else []
+    if not spaces:
+        return Piece(Source(path, text, False), {})
+    start = spaces[-1].start()
+    command = re.compile(r"(?m)^(?!nan|inf)[a-zA-Z]").search(text, header_end(path, text))
+    function = Source(path, text[start : command.start() if command else len(text)], False)
+    return Piece(Source(path, text[:start], False), {"solution": function})
+
+
+def _refuse(path: Path, text: str) -> None:
+    for word in _REFUSED:
+        if re.search(rf"(?m)^{word}\s*$", text):
+            raise FormatError(f"expected a real grid function, found a {word}", file=path)
