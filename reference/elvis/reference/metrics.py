@@ -40,7 +40,8 @@ class Errors:
     missing         seen in the exact picture alone
     spurious        seen in the other alone
     position_max, position_mean       distance of the two positions, in parts of the diagonal of what is seen
-    pixel_max       the same in pixels across the view, None where it isn't known how large a pixel is
+    pixel           size of a pixel in world units, None where it isn't known
+    pixel_max       greatest distance of the two positions in pixels, None likewise
     normal_max      greatest angle between the normals, degrees
     elements        pixels of another element
     contours        how far each is displaced
@@ -57,6 +58,7 @@ class Errors:
     spurious: int
     position_max: float
     position_mean: float
+    pixel: float | None
     pixel_max: float | None
     normal_max: float
     elements: int
@@ -113,6 +115,7 @@ def errors(
         int(missing.sum()),
         int((other.seen & ~exact.seen).sum()),
         *_summary(moved / diagonal),
+        pixel,
         None if pixel is None else _summary(moved / pixel)[0],
         _summary(_angles(exact.normal[both], other.normal[both]))[0],
         int((exact.element != other.element)[both].sum()),

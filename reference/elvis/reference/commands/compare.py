@@ -1,0 +1,147 @@
+"""``elvis compare``: the accuracy report, and records against one another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from elvis.renderer.commands.render import OPTIONS
+
+if TYPE_CHECKING:
+    from elvis.reference.study import Study
+
+EPILOG = """\b
+Examples:
+  elvis compare wing.xml wing.fld --field p --plane 0,0,0.2:0,0,1 -o report/
+  elvis compare wing.toml -o report/ --refinements 0,1,2
+  elvis compare wing.toml -o report/ --require pixel-exact
+  elvis compare exact.npz other.npz --json
+  elvis compare exact.npz other.npz -o difference/
+
+Exit status 1 where --require pixel-exact is not met; the report is written all the same.
+"""
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+_UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "": 1}
+
+
+def _levels(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, ...]:
+    """``0,1,2``: numbers of refinements, each once, in ascending order."""
+    parts = [part.strip() for part in value.split(",")]
+    if not all(part.isdecimal() and int(part) <= 10 for part in parts):
+        raise click.BadParameter(f"expected numbers from 0 to 10 with commas between them, found {value!r}")
+    return tuple(sorted({int(part) for part in parts}))
+
+
+def _bytes(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
+    """``4G``, ``500M``: a number of bytes."""
+    if value is None:
+        return None
+    text = value.removesuffix("B").strip()
+    number, unit = (text[:-1], text[-1]) if text[-1:] in _UNITS and not text[-1:].isdigit() else (text, "")
+    try:
+        found = float(number) * _UNITS[unit.replace("K", "k")]
+    except ValueError:
+        found = -1.0
+    if not 0 <= found < float("inf"):
+        raise click.BadParameter(f"expected bytes such as 500M or 4G, found {value!r}")
+    return int(found)
+
+
+def _scene_options(command: _Command) -> _Command:
+    """The command with the options of ``elvis render`` that say what is seen."""
+    kept = {key: options for key, options in OPTIONS.items() if key not in ("outputs", "stats", "plain", "samples")}
+    every = [option for options in kept.values() for option in (options if isinstance(options, list) else [options])]
+    for option in reversed(every):
+        command = option(command)
+    return command
+
+
+@click.command(epilog=EPILOG, short_help="Report how accurate pictures are, and what linear ones would show.")
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...|A.npz B.npz")
+@_scene_options
+@click.option("--output", "-o", type=click.Path(path_type=Path), metavar="FOLDER", help="The report; opens from disk.")
+@click.option(
+    "--refinements", default="0,1,2,3", show_default=True, callback=_levels, help="Linear pictures to compare with."
+)
+@click.option(
+    "--memory-limit",
+    metavar="BYTES",
+    callback=_bytes,
+    help="Of a linear mesh, such as 4G.  [default: half of the free]",
+)
+@click.option("--judge", type=click.IntRange(0, 4096), default=300, show_default=True, metavar="PIXELS",
+              help="Longest side of the picture that the reference checks; 0: none.")  # fmt: skip
+@click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a bar is not passed.")
+@click.option("--json", "as_json", is_flag=True, help="Print the numbers of summary.json.")
+def compare(data: tuple[Path, ...], output: Path | None, require: str | None, as_json: bool, **options: Any) -> None:
+    """Report how exact the picture of a scene is, and what linear elements would have shown of it.
+
+    A scene is given as for elvis render: by a scene file, or DATA and options.  Two records that elvis render has
+    written as .npz are compared with one another, the first held for true.
+    """
+    from elvis.formats.terminal import print_json
+    from elvis.reference.report.summary import summary
+    from elvis.reference.report.writing import check_folder, plain, write_report
+
+    if output is not None:
+        check_folder(output)
+    study = _study(data, options)
+    numbers = summary(study)
+    if output is not None:
+        write_report(study, output)
+    if as_json:
+        print_json(plain(numbers))
+    else:
+        click.echo(numbers["verdict"])
+    _check(require, study)
+
+
+def _study(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
+    """The comparison of two records, or of a scene with its linear pictures."""
+    records = [path for path in data if path.suffix.lower() == ".npz"]
+    if not records:
+        return _of_scene(data, options)
+    if len(data) != 2 or len(records) != 2:
+        raise click.UsageError("expected two records (.npz), or data and a scene, found both or another number")
+    from elvis.reference.record import Record
+    from elvis.reference.study import compare_records
+
+    return compare_records(Record.load(records[0]), Record.load(records[1]), records[1].name)
+
+
+def _of_scene(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
+    """The exact picture of a scene against linear ones."""
+    from elvis.formats.commands.arguments import read_data
+    from elvis.formats.terminal import stage
+    from elvis.reference.study import compare_scene
+    from elvis.renderer import SceneError
+    from elvis.renderer.commands.composing import composed
+    from elvis.renderer.scene import MeshLines
+
+    levels, limit, judged = (options.pop(name) for name in ("refinements", "memory_limit", "judge"))
+    options["mesh_lines"] = MeshLines() if options.get("mesh_lines") else None
+    scene = composed(data, options, ())
+    if not scene.data:
+        raise SceneError("the scene names no data: give the mesh and field files too")
+    if scene.plugin is not None:
+        raise SceneError("linear meshes are made of the native format only: leave the plugin out")
+    dataset = read_data(tuple(map(Path, scene.data)))
+    with stage("comparing"):
+        return compare_scene(dataset, scene, levels, limit, judged=judged)
+
+
+def _check(require: str | None, study: Study) -> None:
+    """ElvisError where the picture must be exact and isn't, or nothing says so."""
+    from elvis.formats.errors import ElvisError
+    from elvis.reference.report.verdict import failure
+
+    if require is None:
+        return
+    if study.judgement is None:
+        raise ElvisError("--require pixel-exact: nothing was judged: draw with another device than the reference")
+    for bar in study.judgement.bars:
+        if not bar.passed:
+            raise ElvisError(f"--require pixel-exact: {failure(bar)}")

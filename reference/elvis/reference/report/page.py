@@ -1,0 +1,174 @@
+"""The page of a report, and the files that it shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from elvis.reference.extras import needed
+from elvis.reference.report import pictures as drawn
+from elvis.reference.report import plots
+from elvis.reference.report.summary import summary
+from elvis.reference.report.tables import every_table, facts, times_table
+from elvis.reference.report.verdict import how_wrong
+from elvis.reference.report.words import some
+from elvis.reference.study import Rival, Study
+
+Files = dict[str, Any]
+
+
+def page(study: Study, scene_text: str = "") -> tuple[str, Files]:
+    """The HTML text, and the files by name: pictures as arrays, plots as text; ``scene_text`` is shown."""
+    files: Files = {}
+    numbers = summary(study)
+    told = {
+        "title": _title(study),
+        "numbers": numbers,
+        "mood": _mood(study),
+        "facts": facts(study, numbers),
+        "width": max(study.exact.shape[1], 320),
+        "pictures": _pictures(study, files),
+        "bar": _bar(study, files),
+        "maps": _maps(study, files),
+        "tables": every_table(study),
+        "plots": _plots(study, files),
+        "scene_text": scene_text,
+        "times": _times(study, files),
+    }
+    jinja2 = needed("jinja2")
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
+    template = (Path(__file__).parent / "page.html").read_text(encoding="utf-8")
+    return str(environment.from_string(template).render(told)), files
+
+
+def _title(study: Study) -> str:
+    if study.scene is None:
+        return f"Comparison with {study.rivals[0].name}"
+    names = ", ".join(Path(name).name for name in study.scene.data)
+    return f"Accuracy of pictures of {study.scene.field}" + (f" in {names}" if names else "")
+
+
+def _mood(study: Study) -> str:
+    if study.judgement is None:
+        return ""
+    return "good" if study.judgement.passed else "bad"
+
+
+def _pictures(study: Study, files: Files) -> list[dict[str, str]]:
+    """The exact picture and all others."""
+    exact = "exact" if study.scene is not None else "first record"
+    files["pictures/exact.png"] = drawn.shown(study.exact)
+    found = [{"file": "pictures/exact.png", "name": exact, "words": ""}]
+    for rival in _seen(study):
+        assert rival.record is not None
+        files[f"pictures/{rival.key}.png"] = drawn.shown(rival.record)
+        found.append({"file": f"pictures/{rival.key}.png", "name": rival.name, "words": how_wrong(rival)})
+    return found
+
+
+def _seen(study: Study) -> list[Rival]:
+    return [rival for rival in study.rivals if rival.record is not None]
+
+
+def _bar(study: Study, files: Files) -> dict[str, str] | None:
+    """The colour bar of the scene's field."""
+    if study.scene is None:
+        return None
+    files["pictures/colors.png"] = drawn.color_bar(study.scene.palette)
+    low, high = (f"{end:.4g}" for end in study.ends)
+    return {"file": "pictures/colors.png", "low": low, "high": high, "name": study.scene.field}
+
+
+def _maps(study: Study, files: Files) -> list[dict[str, Any]]:
+    """Maps of errors: values, positions where they differ, contours, and the worst places."""
+    found = [_value_maps(study, files), _position_maps(study, files), _contour_maps(study, files), _worst(study, files)]
+    return [own for own in found if own["pictures"]]
+
+
+def _value_maps(study: Study, files: Files) -> dict[str, Any]:
+    pictures: list[Any] = []
+    legend: list[drawn.Legend] = []
+    for rival in _seen(study):
+        assert rival.record is not None
+        assert rival.errors is not None
+        name = f"pictures/{rival.key}-error.png"
+        files[name], legend = drawn.error_map(study.exact, rival.record, study.ends)
+        words = (
+            f"up to {some(100 * rival.errors.value_max)} % of the range, mean {some(100 * rival.errors.value_mean)} %"
+        )
+        pictures.append({"file": name, "name": rival.name, "words": words})
+    words = "How far the value at each pixel is off, in steps of the colour map (1/256 of the range)."
+    return {"title": "Where values are wrong", "words": words, "legend": legend, "pictures": pictures}
+
+
+def _position_maps(study: Study, files: Files) -> dict[str, Any]:
+    """Where surfaces lie beside the exact ones; on planes they don't."""
+    pictures: list[Any] = []
+    legend: list[drawn.Legend] = []
+    for rival in _seen(study):
+        assert rival.record is not None
+        assert rival.errors is not None
+        if not rival.errors.pixel_max or rival.errors.position_max < 1e-9:
+            continue
+        name = f"pictures/{rival.key}-position.png"
+        pixel = _pixel(rival)
+        files[name], legend = drawn.position_map(study.exact, rival.record, pixel)
+        pictures.append({"file": name, "name": rival.name, "words": f"up to {some(rival.errors.pixel_max)} pixels"})
+    words = "How far the point that a pixel shows lies from the exact one, in pixels."
+    return {"title": "Where surfaces are misplaced", "words": words, "legend": legend, "pictures": pictures}
+
+
+def _pixel(rival: Rival) -> float:
+    """The size of a pixel in world units."""
+    assert rival.errors is not None
+    return rival.errors.pixel or 1.0
+
+
+def _contour_maps(study: Study, files: Files) -> dict[str, Any]:
+    pictures = []
+    for rival in _seen(study) if study.contours else ():
+        assert rival.record is not None
+        assert rival.errors is not None
+        name = f"pictures/{rival.key}-contours.png"
+        files[name] = drawn.contour_map(study.exact, rival.record, study.contours)
+        words = f"off by up to {some(rival.errors.contour_max)} pixels"
+        lost = f", {rival.errors.lost} lost or invented" if rival.errors.lost else ""
+        pictures.append({"file": name, "name": rival.name, "words": words + lost})
+    words = "The exact contours in black, those of the other picture in red."
+    return {"title": "Where contours are displaced", "words": words, "legend": [], "pictures": pictures}
+
+
+def _worst(study: Study, files: Files) -> dict[str, Any]:
+    """The neighbourhood of each picture's worst pixel, exact and other."""
+    pictures = []
+    for rival in _seen(study):
+        assert rival.record is not None
+        if rival.errors is None or rival.errors.worst is None:
+            continue
+        place, names = rival.errors.worst, (f"pictures/{rival.key}-worst-exact.png", f"pictures/{rival.key}-worst.png")
+        files[names[0]], files[names[1]] = drawn.around(study.exact, place), drawn.around(rival.record, place)
+        at = ", ".join(f"{x:.4g}" for x in place.position)
+        words = f"{place.other:.4g} instead of {place.exact:.4g} at ({at}), element {place.element}"
+        pictures.append({"pair": names, "name": rival.name, "words": words})
+    words = "The pixel of each picture that is most wrong, framed: the exact picture on the left."
+    return {"title": "The worst pixels", "words": words, "legend": [], "pictures": pictures}
+
+
+def _plots(study: Study, files: Files) -> list[dict[str, str]]:
+    """Errors against refinement and memory, where there are several refinements."""
+    if sum(rival.level is not None and rival.errors is not None for rival in study.rivals) < 2:
+        return []
+    files["plots/refinement.svg"] = plots.against_refinement(study)
+    files["plots/memory.svg"] = plots.against_memory(study)
+    return [{"file": f"plots/{name}.svg", "name": f"error against {name}"} for name in ("refinement", "memory")]
+
+
+def _times(study: Study, files: Files) -> dict[str, Any] | None:
+    """Seconds, as a table and a plot."""
+    if not study.seconds:
+        return None
+    told = times_table(study)
+    if sum(bool(rival.seconds) for rival in study.rivals) > 1:
+        files["times.svg"] = plots.against_time(study)
+        told["plot"] = "times.svg"
+    return {"plot": None, **told}

@@ -1,0 +1,103 @@
+"""Plots of a report: error against refinement, memory and time, as SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from io import StringIO
+from typing import Any
+
+from elvis.reference.extras import needed
+from elvis.reference.report.words import size
+from elvis.reference.study import Rival, Study
+
+_STYLE = {
+    "svg.hashsalt": "elvis",
+    "svg.fonttype": "path",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.35,
+    "legend.frameon": False,
+}
+#: what is plotted: a word, the number of a rival, a colour, a marker
+_CURVES: tuple[tuple[str, Callable[[Rival], float | None], str, str], ...] = (
+    ("greatest error, % of the range", lambda own: _part(own, "value_max"), "#bd0026", "o"),
+    ("mean error, % of the range", lambda own: _part(own, "value_mean"), "#fd8d3c", "s"),
+    ("pixels off by a colour step, %", lambda own: own.errors.off if own.errors else None, "#253494", "^"),
+    ("contours off by, pixels", lambda own: own.errors.contour_max if own.errors else None, "#238b45", "D"),
+)
+
+
+def _part(rival: Rival, name: str) -> float | None:
+    return 100 * float(getattr(rival.errors, name)) if rival.errors else None
+
+
+def against_refinement(study: Study) -> str:
+    """Errors of linear pictures by the number of cuts."""
+    drawn = [rival for rival in study.rivals if rival.level is not None and rival.errors]
+
+    def draw(axes: Any) -> None:
+        _curves(axes, drawn, [float(rival.level or 0) for rival in drawn])
+        axes.set_xticks([rival.level for rival in drawn])
+        axes.set_xlabel("refinements of every element")
+
+    return _plotted(draw)
+
+
+def against_memory(study: Study) -> str:
+    """Errors by the bytes of the linear mesh; a line where the exact picture's coefficients are."""
+    drawn = [rival for rival in study.rivals if rival.errors and rival.counts.get("bytes")]
+
+    def draw(axes: Any) -> None:
+        _curves(axes, drawn, [rival.counts["bytes"] / 1e6 for rival in drawn])
+        _exact(axes, study.stored / 1e6, f"exact: {size(study.stored)}")
+        axes.set_xlabel("memory, MB")
+
+    return _plotted(draw)
+
+
+def against_time(study: Study) -> str:
+    """Errors by the seconds for mesh and picture; a line where the exact picture is."""
+    drawn = [rival for rival in study.rivals if rival.errors and rival.seconds]
+
+    def draw(axes: Any) -> None:
+        _curves(axes, drawn, [sum(rival.seconds.values()) for rival in drawn])
+        seconds = study.seconds.get("exact", 0.0)
+        _exact(axes, seconds, f"exact: {seconds:.2g} s")
+        axes.set_xlabel("time, seconds")
+
+    return _plotted(draw)
+
+
+def _curves(axes: Any, rivals: Sequence[Rival], places: Sequence[float]) -> None:
+    """All curves that have numbers, on a logarithmic scale of errors."""
+    order = sorted(range(len(rivals)), key=lambda i: places[i])
+    for word, number, color, marker in _CURVES:
+        found = [(places[i], number(rivals[i])) for i in order]
+        points = [(x, y) for x, y in found if y is not None and 0 < y < float("inf")]
+        if points:
+            axes.plot(*zip(*points, strict=True), marker=marker, color=color, label=word, markersize=5, linewidth=1.4)
+    axes.set_yscale("log")
+    if axes.lines:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8)
+
+
+def _exact(axes: Any, place: float, word: str) -> None:
+    """The exact picture has no error: a line, on a logarithmic scale."""
+    axes.set_xscale("log")
+    if place > 0:
+        axes.axvline(place, color="black", linestyle="--", linewidth=1)
+        axes.annotate(word, (place, 1.0), xycoords=("data", "axes fraction"), xytext=(4, -2), va="top",
+                      textcoords="offset points", rotation=90, fontsize=8)  # fmt: skip
+
+
+def _plotted(draw: Callable[[Any], None]) -> str:
+    """The SVG text of one plot; the same bytes for the same numbers."""
+    matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
+    with matplotlib.rc_context(_STYLE):
+        figure = figures.Figure(figsize=(5.2, 3.6), layout="constrained")
+        draw(figure.add_subplot())
+        text = StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    return text.getvalue()

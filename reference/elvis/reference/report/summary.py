@@ -1,0 +1,69 @@
+"""The numbers of a report as plain data: summary.json, and what the page shows."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from elvis.formats.summary import summary as facts
+from elvis.reference.bars import Bar
+from elvis.reference.report.verdict import is_right, verdict
+from elvis.reference.study import Rival, Study
+from elvis.renderer.scene.tables import table_of
+
+
+def summary(study: Study) -> dict[str, Any]:
+    """All numbers but times: the same for the same input."""
+    judgement = study.judgement
+    return {
+        "verdict": verdict(study),
+        "pixel_exact": judgement.passed if judgement else None,
+        "scene": table_of(study.scene) if study.scene else None,
+        "data": _data(study),
+        "picture": {
+            "size": [study.exact.shape[1], study.exact.shape[0]],
+            "pixels_seen": int(study.exact.seen.sum()),
+            "range": list(study.ends),
+            "contours": list(study.contours),
+            "coefficients_bytes": study.stored,
+        },
+        "judgement": judgement
+        and {"size": list(judgement.size), "passed": judgement.passed, "bars": [bar_facts(b) for b in judgement.bars]},
+        "rivals": [rival_facts(rival) for rival in study.rivals],
+        "next": study.next and {"level": study.next[0], "bytes": study.next[1]},
+        "remarks": list(study.remarks),
+    }
+
+
+def times(study: Study) -> dict[str, Any]:
+    """Seconds, and the devices that took them; these differ from run to run."""
+    return {
+        "device": study.device,
+        "seconds": {"exact": dict(study.seconds), **{rival.key: dict(rival.seconds) for rival in study.rivals}},
+    }
+
+
+def bar_facts(bar: Bar) -> dict[str, Any]:
+    """One bar."""
+    return {**asdict(bar), "passed": bar.passed}
+
+
+def rival_facts(rival: Rival) -> dict[str, Any]:
+    """One picture that is held against the exact one."""
+    found: dict[str, Any] = {"key": rival.key, "name": rival.name, "level": rival.level, "skipped": rival.skipped}
+    found["counts"] = dict(rival.counts)
+    if rival.errors is not None:
+        found |= {"right": is_right(rival), **asdict(rival.errors)}
+        found |= {"contour_max": rival.errors.contour_max, "contours_lost": rival.errors.lost}
+    found["surfaces"] = {name: own and asdict(own) for name, own in rival.surfaces.items()}
+    return found
+
+
+def _data(study: Study) -> dict[str, Any] | None:
+    """Elements, orders and sizes of the dataset."""
+    if study.dataset is None or study.scene is None:
+        return None
+    every = facts(study.dataset)
+    fields = [field for field in every["fields"] if field["name"] == study.scene.field]
+    kept = {key: every[key] for key in ("dimension", "mesh", "bytes", "time")}
+    return {**kept, "geometry": every["geometry"]["expansions"], "box": every["geometry"]["box"], "fields": fields}

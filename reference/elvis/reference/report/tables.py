@@ -1,0 +1,198 @@
+"""The tables of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from elvis.reference.bars import Bar
+from elvis.reference.report.words import size, some
+from elvis.reference.study import Rival, Study
+
+Table = dict[str, Any]
+
+
+def facts(study: Study, numbers: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """What the scene and the data are, in a few lines each."""
+    if study.scene is None:
+        return []
+    return [("Scene", _scene(study)), ("Data", _data(study, numbers["data"] or {}))]
+
+
+def _scene(study: Study) -> list[tuple[str, str]]:
+    scene = study.scene
+    assert scene is not None
+    height, width = study.exact.shape
+    low, high = study.ends
+    shown = [str(item) for item in (_said(own) for own in scene.every_object)]
+    return [
+        ("field", scene.field),
+        ("shown", "; ".join(shown)),
+        ("picture", f"{width} x {height} pixels, {int(study.exact.seen.sum()):,} of them show something"),
+        ("colour range", f"{low:.6g} to {high:.6g}"),
+        ("contours", ", ".join(f"{value:.4g}" for value in study.contours) or "none"),
+    ]
+
+
+def _said(shown: Any) -> str:
+    """An object of a scene in words: its kind, and what it is made of."""
+    kind = type(shown).__name__
+    inner = getattr(shown, "surface", None)
+    if inner is not None:
+        told = ", ".join(f"{key} {_value(value)}" for key, value in vars(inner).items())
+        return f"{type(inner).__name__.lower()} ({told})"
+    values: Any = getattr(shown, "values", None) or getattr(shown, "select", ())
+    return f"{kind.lower()} {', '.join(map(_value, values))}"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " ".join(map(_value, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _data(study: Study, data: Mapping[str, Any]) -> list[tuple[str, str]]:
+    assert study.scene is not None
+    elements = ", ".join(f"{count:,} {shape}{'s' * (count != 1)}" for shape, count in data["mesh"]["elements"].items())
+    elements = elements.replace("hexahedrons", "hexahedra").replace("tetrahedrons", "tetrahedra")
+    fields = [expansion for field in data["fields"] for expansion in field["expansions"]]
+    return [
+        ("files", ", ".join(Path(name).name for name in study.scene.data) or "in memory"),
+        ("elements", elements),
+        ("degree of the field", _degrees(fields)),
+        ("degree of the map", _degrees(data["geometry"])),
+        ("coefficients", size(study.stored)),
+    ]
+
+
+def _degrees(expansions: Sequence[Mapping[str, Any]]) -> str:
+    """Least and greatest polynomial degree."""
+    degrees = [modes - 1 for expansion in expansions for modes in expansion["modes"]]
+    if not degrees:
+        return "unknown"
+    return str(min(degrees)) if min(degrees) == max(degrees) else f"{min(degrees)} to {max(degrees)}"
+
+
+def every_table(study: Study) -> list[Table]:
+    """Bars, errors, what the meshes cost, contours, isosurfaces; those that have rows."""
+    found = [_bars(study), _errors(study), _costs(study), _contours(study), _surfaces(study)]
+    return [table for table in found if table["rows"]]
+
+
+def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], words: str = "", wide: Any = ()) -> Table:
+    return {"title": title, "heads": heads, "rows": rows, "words": words, "wide": wide}
+
+
+def _errors(study: Study) -> Table:
+    heads = [
+        "picture",
+        "greatest error, % of range",
+        "mean, % of range",
+        "pixels off, %",
+        "missing pixels",
+        "spurious pixels",
+        "contours off by up to, pixels",
+        "contours lost",
+        "surface off by up to, % of size",
+        "normals off by up to, °",
+    ]
+    rows = []
+    for rival in study.rivals:
+        found = rival.errors
+        if found is None:
+            rows.append([rival.name, *["–"] * (len(heads) - 1)])
+            continue
+        value, mean = some(100 * found.value_max), some(100 * found.value_mean)
+        counts = [f"{found.missing:,}", f"{found.spurious:,}", some(found.contour_max), str(found.lost)]
+        surface = [some(_visible(100 * found.position_max)), some(_visible(found.normal_max))]
+        rows.append([rival.name, value, mean, some(found.off), *counts, *surface])
+    return _table("Errors", heads, rows)
+
+
+def _visible(number: float) -> float:
+    """The number, or zero where it is nothing but rounding."""
+    return number if number > 1e-7 else 0.0
+
+
+def _costs(study: Study) -> Table:
+    """Elements and memory, also of pictures that were not drawn."""
+    rows = [[rival.name, *_cost(rival), rival.skipped or "drawn"] for rival in study.rivals if rival.counts]
+    if study.next and rows:
+        rows.append([f"{study.next[0]} refinements", "", "", "", size(study.next[1]), "not asked for"])
+    if rows:
+        rows.insert(0, ["exact", "", "", size(study.stored), "", "drawn"])
+    heads = ["picture", "simplices", "points", "memory of the mesh", "memory while it is made and drawn", ""]
+    words = "The exact picture is drawn from the coefficients of the data themselves."
+    return _table("What the pictures cost", heads, rows, words, (5,))
+
+
+def _cost(rival: Rival) -> list[str]:
+    counts = rival.counts
+    numbers = [f"{counts[name]:,}" if name in counts else "" for name in ("simplices", "points")]
+    return [*numbers, *(size(counts[name]) if name in counts else "" for name in ("bytes", "needed"))]
+
+
+def _contours(study: Study) -> Table:
+    """Displacements by value, greatest and mean, for each picture."""
+    drawn = [rival for rival in study.rivals if rival.errors is not None]
+    rows = []
+    for number, value in enumerate(study.contours):
+        found = [rival.errors.contours[number] for rival in drawn if rival.errors]
+        cells = [
+            "lost or invented" if own.greatest is None else f"{some(own.greatest)} ({some(own.mean)})" for own in found
+        ]
+        rows.append([f"{value:.4g}", *cells])
+    words = "Greatest displacement, and the mean in brackets."
+    return _table("Contours, displacement in pixels", ["value", *(rival.name for rival in drawn)], rows, words)
+
+
+def _surfaces(study: Study) -> Table:
+    """Distances and topology of isosurfaces."""
+    rows = []
+    for rival in study.rivals:
+        for name, own in rival.surfaces.items():
+            if own is None:
+                rows.append([name, rival.name, "–", "–", "lost or invented", ""])
+                continue
+            pieces, handles = (f"{first} / {other}" for first, other in (own.components, own.handles))
+            rows.append([name, rival.name, some(own.hausdorff), some(own.chamfer), pieces, handles])
+    heads = ["isosurface", "picture", "Hausdorff distance", "Chamfer distance", "components, exact / other", "handles"]
+    words = "Distances between the exact isosurface and the linear one in units of the data; what both are made of."
+    return _table("Isosurfaces", heads, sorted(rows, key=lambda row: row[0]), words)
+
+
+def _bars(study: Study) -> Table:
+    if study.judgement is None:
+        return _table("Exactness", (), ())
+    width, height = study.judgement.size
+    heads = ["bar", "", "at most", "found", "pixels above", "worst pixel"]
+    who = "this picture" if study.scene is None else f"the same picture of {width} x {height} pixels"
+    words = f"Every pixel of {who} against the reference, which computes it by other means in float64."
+    if study.scene is None:
+        words = f"Every pixel of {study.judgement.device} against the first record."
+    return _table("Exactness", heads, [_bar(bar) for bar in study.judgement.bars], words, (5,))
+
+
+def _bar(bar: Bar) -> list[str]:
+    limit, found = (f"{bar.limit:.0e}", f"{bar.found:.1e}") if bar.limit else ("0", f"{bar.found:.0f}")
+    place = ""
+    if bar.worst:
+        at = ", ".join(f"{x:.6g}" for x in bar.worst.position)
+        values = f"{bar.worst.other:.10g} instead of {bar.worst.exact:.10g}"
+        place = f"column {bar.worst.column}, row {bar.worst.row}; element {bar.worst.element} at ({at}): {values}"
+    return [bar.name, "pass" if bar.passed else "FAIL", limit, found, f"{bar.failed:,}", place]
+
+
+def times_table(study: Study) -> dict[str, Any]:
+    """Seconds by picture."""
+    names = ("mesh", "cut", "draw")
+    rows = [["exact", "", "", "", f"{study.seconds.get('exact', 0.0):.3g}"]]
+    for rival in study.rivals:
+        if rival.seconds:
+            parts = [f"{rival.seconds[name]:.3g}" if name in rival.seconds else "" for name in names]
+            rows.append([rival.name, *parts, f"{sum(rival.seconds.values()):.3g}"])
+    words = (
+        f"Seconds; the exact picture on {study.device or 'this device'}, with reading data to the device and compiling."
+    )
+    return {"heads": ["picture", "mesh", "cut", "draw", "all"], "rows": rows, "words": words}

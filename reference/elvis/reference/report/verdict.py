@@ -1,0 +1,95 @@
+"""The verdict in a sentence or two, and the numbers that it is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from elvis.reference.bars import Bar
+from elvis.reference.report.words import counted, size, some
+from elvis.reference.study import Rival, Study
+
+#: a linear picture is right where no contour is off by more pixels, and no more percent of the pixels by a colour step
+PIXELS, PERCENT = 1.0, 0.1
+
+
+def is_right(rival: Rival) -> bool:
+    """Whether a picture is right to within one pixel and one step of colour."""
+    found = rival.errors
+    if found is None:
+        return False
+    strange = 100.0 * found.spurious / max(1, found.pixels)
+    moved = found.contour_max or 0.0
+    return found.off <= PERCENT and strange <= PERCENT and moved <= PIXELS and not found.lost
+
+
+def verdict(study: Study) -> str:
+    """What the numbers say."""
+    said = [_judged(study)] if study.judgement else []
+    levels = [rival for rival in study.rivals if rival.level is not None]
+    if levels:
+        said.append(_linear(study, levels))
+    elif study.rivals and study.rivals[0].errors is not None:
+        said.append(f"{_upper(how_wrong(study.rivals[0]))}.")
+    return " ".join(said)
+
+
+def _judged(study: Study) -> str:
+    """Whether the picture is exact, or where it is not."""
+    assert study.judgement is not None
+    width, height = study.judgement.size
+    failed = [bar for bar in study.judgement.bars if not bar.passed]
+    if not failed:
+        return f"Exact: all {width * height:,} pixels pass every bar."
+    return "Not exact: " + "; ".join(map(failure, failed)) + "."
+
+
+def failure(bar: Bar) -> str:
+    """A failed bar in words, with its worst pixel."""
+    words = f"{bar.name} fails at {counted(bar.failed, 'pixel')}"
+    if bar.limit:
+        words += f", off by up to {bar.found:.2g} (bar {bar.limit:.0e})"
+    if bar.worst is None:
+        return words
+    at = ", ".join(f"{x:.6g}" for x in bar.worst.position)
+    return f"{words}, worst at column {bar.worst.column}, row {bar.worst.row}: element {bar.worst.element}, ({at})"
+
+
+def _linear(study: Study, levels: Sequence[Rival]) -> str:
+    """At which refinement linear pictures are right, or how wrong the finest one is and what the next would cost."""
+    drawn = [rival for rival in levels if rival.errors is not None]
+    first = next((rival for rival in drawn if is_right(rival)), None)
+    skipped = [rival for rival in levels if rival.skipped]
+    if first is not None:
+        before = [rival for rival in drawn if (rival.level or 0) < (first.level or 0)]
+        said = f"Linear elements are right to within one pixel after {first.name}"
+        return f"{said}; after {before[-1].name} {how_wrong(before[-1])}." if before else f"{said}."
+    if not drawn:
+        return f"No linear picture fits into memory: {_cost(skipped[0])}."
+    said = f"Linear elements after {drawn[-1].name}: {how_wrong(drawn[-1])}"
+    if skipped:
+        return f"{said}; {_cost(skipped[0])}."
+    return f"{said}; {study.next[0]} would need {size(study.next[1])}." if study.next else f"{said}."
+
+
+def _cost(rival: Rival) -> str:
+    return f"{rival.name} would need {size(rival.counts['needed'])}"
+
+
+def how_wrong(rival: Rival) -> str:
+    """The errors of a picture in words."""
+    found = rival.errors
+    assert found is not None
+    said = []
+    if found.lost:
+        said.append(f"{counted(found.lost, 'contour')} lost or invented")
+    if found.contour_max:
+        said.append(f"contours off by up to {some(found.contour_max)} pixels")
+    if found.off:
+        said.append(f"{some(found.off)} % of the pixels off by more than one colour step")
+    if found.missing + found.spurious:
+        said.append(f"{counted(found.missing + found.spurious, 'pixel')} missing or spurious")
+    return ", ".join(said) or "the pictures are the same"
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]

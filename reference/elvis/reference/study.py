@@ -1,0 +1,272 @@
+"""A comparison: the exact picture, its judge, and the linear pictures of the same scene with what they cost."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.formats.patch import Patch, patches
+from elvis.reference.bars import Bar, bars
+from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
+from elvis.reference.baseline.drawing import Baseline, affordable
+from elvis.reference.baseline.exact import FINE, exact_isosurface
+from elvis.reference.baseline.lines import contour_values
+from elvis.reference.baseline.mesh import LinearMesh, Quantity, estimate
+from elvis.reference.metrics import Errors, check_comparable, errors
+from elvis.reference.quantities import at_corners, names_of
+from elvis.reference.record import Record
+from elvis.renderer.frame import Frame
+from elvis.renderer.scene import Isosurface, Scene
+from elvis.renderer.view import View
+
+#: longest side of the picture that the reference checks, in pixels
+JUDGED = 300
+#: contours that are compared where the scene draws none
+CONTOURS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A picture that is held against the exact one.
+
+    key        short, for file names
+    name       as tables call it
+    level      cuts of each element, None where that has no meaning
+    counts     simplices, points and bytes
+    seconds    by name
+    surfaces   distances of its isosurfaces, by value
+    skipped    why there is no picture
+    """
+
+    key: str
+    name: str
+    level: int | None = None
+    record: Record | None = None
+    errors: Errors | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    surfaces: Mapping[str, SurfaceDistance | None] = field(default_factory=dict)
+    skipped: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """The bars for a picture against the reference, at a size of (width, height) pixels."""
+
+    size: tuple[int, int]
+    bars: Sequence[Bar]
+    device: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether every pixel passes every bar."""
+        return all(bar.passed for bar in self.bars)
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """All that a report tells.
+
+    scene      settled: with camera and size
+    exact      the picture that is held for true
+    ends       of the colour range
+    contours   values whose displacement is measured
+    next       cuts beyond the last ones, and the bytes they would need
+    stored     bytes of the coefficients that the exact picture is drawn from
+    """
+
+    exact: Record
+    rivals: Sequence[Rival]
+    ends: tuple[float, float]
+    contours: Sequence[float]
+    scene: Scene | None = None
+    dataset: Dataset | None = None
+    judgement: Judgement | None = None
+    device: str = ""
+    stored: int = 0
+    next: tuple[int, int] | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    remarks: Sequence[str] = ()
+
+
+def compare_records(exact: Record, other: Record, name: str) -> Study:
+    """Two records of one picture; ElvisError where they can't be compared."""
+    check_comparable(exact, other)
+    found = errors(exact, other, contours=spread(exact.field))
+    rival = Rival("other", name, record=other, errors=found)
+    judgement = Judgement((exact.shape[1], exact.shape[0]), bars(exact, other), name)
+    return Study(exact, [rival], found.range, [own.value for own in found.contours], judgement=judgement)
+
+
+def spread(values: Floats) -> tuple[float, ...]:
+    """Values of contours, evenly between least and greatest of the finite values."""
+    finite = values[np.isfinite(values)]
+    low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 0.0)
+    return tuple(np.linspace(low, high, CONTOURS + 2)[1:-1].tolist()) if high > low else ()
+
+
+def memory_limit() -> int:
+    """Half of the memory that is free now, in bytes; 2 GB where the system doesn't tell."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as lines:
+            free = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration):
+        names = os.sysconf_names if hasattr(os, "sysconf_names") else {}
+        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if "SC_AVPHYS_PAGES" in names else 4 << 30
+    return free // 2
+
+
+def compare_scene(
+    dataset: Dataset,
+    scene: Scene,
+    levels: Sequence[int] = (0, 1, 2, 3),
+    limit: int | None = None,
+    draw: Callable[..., Frame] | None = None,
+    judged: int = JUDGED,
+) -> Study:
+    """The exact picture of a scene against the linear ones.
+
+    limit   bytes that a linear mesh may take while it is made and drawn; by default half of what is free
+    draw    the renderer, ``elvis.renderer.render`` by default
+    judged  longest side of the picture that the reference checks; 0 checks nothing
+    """
+    draw = draw or _renderer()
+    start = perf_counter()
+    frame = draw(dataset, scene, device=scene.device)
+    seconds = {"exact": perf_counter() - start}
+    exact, settled = Record.of(frame), _settled(frame)
+    names = names_of(settled)
+    chosen = patches(dataset, names)
+    values = _contours(settled, exact, frame.range)
+    quantities, allowed = at_corners(names), memory_limit() if limit is None else limit
+    surfaces = exact_surfaces(dataset, settled, chosen, quantities, allowed)
+    rivals = Rivals(dataset, settled, frame.view, exact, frame.range, values, chosen, quantities, surfaces)
+    fine = max(levels) + 1
+    return Study(
+        exact,
+        [rivals.at(level, allowed) for level in levels],
+        frame.range,
+        values,
+        settled,
+        dataset,
+        _judged(dataset, settled, draw, judged),
+        str(frame.stats.get("device", {}).get("label", "")),
+        sum(_stored(patch) for patch in chosen),
+        (fine, estimate(chosen, fine, len(names))[2]),
+        seconds,
+        tuple(frame.stats.get("remarks", ())),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """What the linear pictures of a scene have in common."""
+
+    dataset: Dataset
+    scene: Scene
+    view: View
+    exact: Record
+    ends: tuple[float, float]
+    contours: Sequence[float]
+    patches: Sequence[Patch]
+    quantities: Mapping[str, Quantity]
+    surfaces: Mapping[str, tuple[Isosurface, LinearMesh]]
+
+    def at(self, level: int, limit: int) -> Rival:
+        """The picture of elements cut ``level`` times; skipped where it would exceed the limit."""
+        name = f"{level} refinement{'s' * (level != 1)}"
+        fits, needed = affordable(self.patches, level, len(self.quantities), limit)
+        simplices, points, _ = estimate(self.patches, level, len(self.quantities))
+        counts = {"simplices": simplices, "points": points, "needed": needed}
+        if not fits:
+            return Rival(f"n{level}", name, level, counts=counts, skipped="more than the memory limit")
+        made = Baseline.of(self.dataset, self.patches, level, self.quantities)
+        record = made.draw(self.scene, self.view, self.ends)
+        return Rival(
+            f"n{level}",
+            name,
+            level,
+            record,
+            errors(self.exact, record, self.ends, self.contours, _pixel(self.view)),
+            {**counts, **made.counts},
+            dict(made.seconds),
+            self._surfaces(made),
+        )
+
+    def _surfaces(self, made: Baseline) -> dict[str, SurfaceDistance | None]:
+        """How far each isosurface is from the exact one."""
+        return {
+            name: surface_distance(exact, made.triangles(shown, self.scene.field))
+            for name, (shown, exact) in self.surfaces.items()
+        }
+
+
+def exact_surfaces(
+    dataset: Dataset, scene: Scene, patches: Sequence[Patch], quantities: Mapping[str, Quantity], limit: int
+) -> dict[str, tuple[Isosurface, LinearMesh]]:
+    """By name, each isosurface of a scene at one value, and its exact triangles, as fine as the memory limit allows."""
+    level = max(
+        level for level in range(FINE + 1) if level == 0 or affordable(patches, level, len(quantities), limit)[0]
+    )
+    found = {}
+    for shown in scene.objects:
+        for value in shown.values if isinstance(shown, Isosurface) else ():
+            quantity = (shown.quantity if isinstance(shown, Isosurface) else None) or scene.field
+            number = list(quantities).index(quantity)
+            mesh = exact_isosurface(dataset, patches, quantities, number, value, level)
+            found[f"{quantity} = {value:g}"] = Isosurface((value,), quantity), mesh
+    return found
+
+
+def _renderer() -> Callable[..., Frame]:
+    from elvis.renderer import render
+
+    return render
+
+
+def _settled(frame: Frame) -> Scene:
+    """The scene with the camera, size and field that the frame was drawn with."""
+    return replace(frame.scene, camera=frame.view.camera, size=(frame.view.width, frame.view.height))
+
+
+def _judged(dataset: Dataset, scene: Scene, draw: Callable[..., Frame], longest: int) -> Judgement | None:
+    """The bars of the same picture, smaller, against the reference; None where the reference drew it itself."""
+    if not longest or scene.device == "reference" or scene.size is None:
+        return None
+    width, height = scene.size
+    part = min(1.0, longest / max(width, height))
+    size = (max(1, round(width * part)), max(1, round(height * part)))
+    small = replace(scene, size=size, samples=1)
+    frame, true = draw(dataset, small, device=scene.device), draw(dataset, small, device="reference")
+    judge = Record.of(true)
+    return Judgement(size, bars(judge, Record.of(frame)), str(frame.stats.get("device", {}).get("label", "")))
+
+
+def _contours(scene: Scene, exact: Record, ends: tuple[float, float]) -> tuple[float, ...]:
+    """The values of the scene's contours, else some that are spread over what is seen."""
+    styles = [shown.style for shown in scene.every_object if hasattr(shown, "style")]
+    drawn = sorted({value for style in styles for value in contour_values(style, ends)})
+    return tuple(drawn) or spread(exact.field)
+
+
+def _pixel(view: View) -> float | None:
+    """The size of a pixel in world units, where it is the same at all depths."""
+    return None if view.perspective else float(np.linalg.norm(view.column))
+
+
+def _stored(patch: Patch) -> int:
+    """Bytes of a patch's coefficients."""
+    return patch.geometry_coefficients.nbytes + sum(own.nbytes for own in patch.coefficients if own is not None)
+
+
+def refuse_empty(scene: Scene) -> None:
+    """ElvisError for a scene that shows nothing."""
+    if not scene.every_object and not scene.data:
+        raise ElvisError("the scene has no objects: name a plane, faces or isosurfaces")
