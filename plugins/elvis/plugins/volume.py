@@ -36,11 +36,13 @@ class Quantity:
     type     the type that implements IVolume
     source   Slang text that stands before the type is used, in place of the part's
     buffers  the module's global buffers that differ from the part's, or that the part doesn't have
+    degree   as Part.degree, of the part's map and the quantity's values
     """
 
     type: str
     source: str = ""
     buffers: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    degree: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,10 @@ class Part:
     evaluate     optional twin of the type in NumPy, to compare it with: elements (n,) of this part and reference points
                  (n, 3) to world positions (n, 3) and values (n,)
     quantities   other fields of the same elements, by name
+    degree       greatest degree of map and field in any one reference coordinate, where they are polynomials on
+                 [-1, 1]^3; 0 where they aren't: isosurfaces are then found without proof
+    collapsed    the coordinates that ``degree`` speaks of are those of a collapsed cube, (a, b, c) with
+                 r = ((1 + a) (1 - c) / 2 - 1, (1 + b) (1 - c) / 2 - 1, c), in place of the reference coordinates
     """
 
     module: str
@@ -72,6 +78,8 @@ class Part:
     evaluate: Callable[[Ints, Floats], tuple[Floats, Floats]] | None = None
     bends: Callable[[Ints], Bools] | None = None
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
+    degree: int = 0
+    collapsed: bool = False
 
     def __len__(self) -> int:
         return len(self.element_ids)

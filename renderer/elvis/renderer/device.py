@@ -27,11 +27,13 @@ if TYPE_CHECKING:
 
 SHADERS = Path(__file__).parent / "shaders"
 #: stages whose waves work on one element at a time
-TOGETHER = ("cut_draw",)
+TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw")
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
 #: groups of a row, as in shaders/dispatch.slang
 GROUPS_IN_ROW = 32768
+#: degree of the polynomials that stand for what isn't one, over a piece of an element
+STAND_IN = 4
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
 SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
@@ -147,26 +149,28 @@ class Device:
         DeviceError with the compiler's own words where the part's module does not compile.
         """
         chosen = part if quantity is None else part.quantities[quantity]
-        key = (str(self._folders[-1]), stage, part.module, chosen.type, chosen.source)
+        key = (str(self._folders[-1]), stage, part.module, chosen.type, chosen.source, str(chosen.degree))
         if key not in self._kernels:
             with compiling():
-                self._kernels[key] = self._link(stage, part.module, chosen)
+                self._kernels[key] = self._link(stage, part, chosen)
         return self._kernels[key]
 
-    def _link(self, stage: str, module: str, chosen: Part | Quantity) -> Kernel:
+    def _link(self, stage: str, part: Part, chosen: Part | Quantity) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
         if self._session is None:
             self._session = _session(self._device, self._folders)
         together = str(stage in TOGETHER).lower()
         source = (
-            f"import volume; import {module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
+            f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
             f"export static const bool lanes_together = {together};"
             f"export static const int rows = {ROWS[self.adapter.software]};"
+            f"export static const int cube_degree = {chosen.degree or STAND_IN};"
+            f"export static const bool cube_collapsed = {str(part.collapsed).lower()};"
         )
         program = self._session.link_program(
             [
                 entry := self._session.load_module(stage),
-                self._session.load_module_from_source(_unique(f"{stage}_{module}_{chosen.type}", source), source),
+                self._session.load_module_from_source(_unique(f"{stage}_{part.module}_{chosen.type}", source), source),
             ],
             [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])],
         )

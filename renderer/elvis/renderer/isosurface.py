@@ -1,0 +1,185 @@
+"""Isosurfaces in object order: elements are halved until rays meet each piece once at most (stages: shaders/iso_*)."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats
+from elvis.renderer.device import STAND_IN, Kernel
+from elvis.renderer.errors import SceneError
+from elvis.renderer.frame import Status
+from elvis.renderer.layer import Layer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.tiles import TILE
+from elvis.renderer.view import View
+
+if TYPE_CHECKING:
+    import slangpy
+
+#: what becomes of a piece, as in shaders/iso.slang
+SPLIT, PROVED, TINY, FLAT, UNDEFINED = range(5)
+#: pieces that are halved at once; beyond it nothing more is proved
+MOST_PIECES = 1 << 19
+#: rounds of halving
+_ROUNDS = 48
+
+
+class IsosurfaceDrawer:
+    """A loaded volume, ready for any level of any of its quantities from any view.
+
+    counts  of the last picture: elements left out because their field has the level all over them (``flat``) or is not
+            a number (``undefined``), and the pieces that were drawn
+    """
+
+    def __init__(self, loaded: Loaded) -> None:
+        self.loaded, self.device = loaded, loaded.device
+        self.counts: dict[str, int] = {}
+
+    def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> Layer:
+        """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) where they are given.
+
+        quantity  one of the parts' quantities; None is their own field
+
+        Status: ambiguous where roots could not be told apart down to a thousandth of a pixel, on borders of elements,
+        and without a hit where something may have been overlooked.
+        """
+        if self.loaded.dimension != 3:
+            raise SceneError("isosurfaces are drawn of 3D data: draw contours of 2D data")
+        self.counts = {"flat": 0, "undefined": 0, "pieces": 0}
+        hits: slangpy.Buffer | None = None
+        for number in range(len(self.loaded.parts)):
+            split = self._kernel("iso_split", number, quantity)
+            draw = self._kernel("iso_draw", number, quantity)
+            pieces = self._pieces(split, view, number, quantity, value)
+            if not len(pieces):
+                continue
+            if hits is None:
+                hits = self.device.buffer(np.zeros(view.count, draw.dtype("hits")))
+            self._draw_part(draw, view, number, quantity, value, beyond, pieces, hits)
+        if hits is None:
+            return _layer(np.zeros(view.count, self._kernel("iso_draw", 0, quantity).dtype("hits")))
+        return _layer(self.device.read(hits, draw.dtype("hits")))
+
+    def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
+        return self.device.kernel(stage, self.loaded.parts[number], quantity)
+
+    def _degree(self, number: int, quantity: str | None) -> int:
+        """See Part.degree."""
+        part = self.loaded.parts[number]
+        return part.degree if quantity is None else part.quantities[quantity].degree
+
+    def _pieces(self, split: Kernel, view: View, number: int, quantity: str | None, value: float) -> NDArray[Any]:
+        """Pieces of a part that are to be drawn, in order of depth."""
+        part, dtype = self.loaded.parts[number], split.dtype("pieces")
+        parents = np.zeros(len(part), dtype)
+        parents["element"], parents["half"] = np.arange(len(part)), 1.0
+        degree = self._degree(number, quantity) or STAND_IN
+        nodes, transform = (self.device.buffer(array) for array in _series(degree))
+        done = []
+        for level in range(_ROUNDS):
+            last = len(parents) > MOST_PIECES or level == _ROUNDS - 1
+            ask = self._ask(split, view, number, value, count=len(parents), last=last)
+            buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform, "ask": ask}
+            buffers["parents"] = self.device.buffer(parents)
+            found = self.device.listed("pieces", split, partial(_dispatched, split, len(parents), buffers))
+            done.append(found[found["fate"] != SPLIT])
+            parents = found[found["fate"] == SPLIT]
+            if not len(parents):
+                break
+        return self._sorted(np.concatenate(done))
+
+    def _sorted(self, pieces: NDArray[Any]) -> NDArray[Any]:
+        for name, fate in (("flat", FLAT), ("undefined", UNDEFINED)):
+            self.counts[name] += len(np.unique(pieces["element"][pieces["fate"] == fate]))
+        pieces = pieces[np.isin(pieces["fate"], (PROVED, TINY))]
+        self.counts["pieces"] += len(pieces)
+        centre = pieces["centre"]
+        return pieces[np.lexsort([*centre.T, pieces["element"], pieces["near"]])]
+
+    def _draw_part(
+        self,
+        draw: Kernel,
+        view: View,
+        number: int,
+        quantity: str | None,
+        value: float,
+        beyond: Floats | None,
+        pieces: NDArray[Any],
+        hits: slangpy.Buffer,
+    ) -> None:
+        bins, order = _binned(pieces, draw.dtype("bins"))
+        buffers = {**self.loaded.bound(number, quantity), "hits": hits}
+        buffers["ask"] = self._ask(
+            draw, view, number, value, count=len(bins), certified=self._degree(number, quantity) > 0
+        )
+        buffers["bins"], buffers["order"] = self.device.buffer(bins), self.device.buffer(order)
+        buffers["pieces"] = self.device.buffer(pieces)
+        buffers["beyond"] = self.device.buffer(np.zeros(view.count) if beyond is None else beyond)
+        draw(len(bins), buffers, groups=True)
+
+    def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> slangpy.Buffer:
+        """The Ask record of the stages (shaders/iso.slang)."""
+        record = np.zeros(1, kernel.dtype("ask"))
+        eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]
+        record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
+        record["to_depth"] = np.append(forward, -forward @ eye)
+        record["eye"], record["forward"], record["level"] = eye, forward, value
+        record["across"] = 1 / np.linalg.norm(view.column)
+        record["width"], record["height"], record["perspective"] = view.width, view.height, view.perspective
+        record["first"] = self.loaded.first[number]
+        for name, number_of in other.items():
+            record[name] = number_of
+        return self.device.buffer(record)
+
+
+def _dispatched(
+    kernel: Kernel, groups: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]
+) -> None:
+    kernel(groups, {**buffers, **lists}, groups=True)
+
+
+def _series(degree: int) -> tuple[Floats, Floats]:
+    """Chebyshev points (n,), n = degree + 1, and the matrix (n, n) from values there to those of T_0 to T_degree."""
+    n = degree + 1
+    angles = np.pi * (2 * np.arange(n) + 1) / (2 * n)
+    transform = 2 / n * np.cos(np.outer(np.arange(n), angles))
+    transform[0] /= 2
+    return np.cos(angles), transform
+
+
+def _binned(pieces: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    """Tiles of pixels in which pieces are seen, and the pieces of one tile after another, in the order given."""
+    bounds = pieces["bounds"] // TILE
+    across, along = (bounds[:, 2:] - bounds[:, :2] + 1).T
+    counts = across * along
+    owner = np.repeat(np.arange(len(pieces)), counts)
+    index = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    x, y = bounds[owner, 0] + index % across[owner], bounds[owner, 1] + index // across[owner]
+
+    # the pieces of a tile keep their order
+    tile = y.astype(np.int64) << 16 | x
+    order = np.argsort(tile, kind="stable")
+    tiles, first = np.unique(tile[order], return_index=True)
+    bins = np.zeros(len(tiles), dtype)
+    bins["x"], bins["y"] = TILE * (tiles & 0xFFFF), TILE * (tiles >> 16)
+    bins["first"], bins["end"] = first, np.append(first[1:], len(order))
+    return bins, owner[order].astype(np.uint32)
+
+
+def _layer(hits: NDArray[Any]) -> Layer:
+    """The record of the kernels, in the layout of layers."""
+    missed = hits["owner"] == 0
+    owner = np.where(missed, NOBODY, hits["owner"] - 1).astype(np.uint32)
+    depth = np.where(missed, np.inf, hits["depth"])
+    doubtful = (hits["doubt"] > 0) & (hits["doubt"] <= depth) | (hits["ambiguous"] != 0)
+    status = np.where(missed, Status.MISS, Status.CERTAIN)
+    status[doubtful] = Status.AMBIGUOUS
+    field = np.where(missed, np.nan, hits["field"])
+    nowhere = missed[:, None]
+    reference, normal = (np.where(nowhere, np.nan, hits[name]) for name in ("reference", "normal"))
+    return Layer(owner, field, reference, depth, normal, status.astype(np.uint8))
