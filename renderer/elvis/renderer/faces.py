@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,8 +60,35 @@ class FaceDrawer:
             _mark(view, layer, edges, after)
         return layer
 
+    def hits(self, view: View, select: Sequence[str] = ("all",), rows: tuple[int, int] | None = None) -> NDArray[Any]:
+        """All hits on the faces that ``select`` names, for the pixels of some rows of a picture: by pixel and depth.
+
+        rows  the first row and the one after the last, all by default
+        The records are those of shaders/face_list.slang.  A face appears as often as a ray meets it.  A ray within the
+        tolerance of an edge may meet the faces on both sides of it, at one depth.
+        """
+        found = [np.empty(0, self.loaded.device.kernel("face_list", self.loaded.parts[0]).dtype("hits"))]
+        for number, kernel, buffers, tiles in self._work("face_list", view, select, None, rows):
+            own = {**self.loaded.bound(number), **buffers}
+            run = partial(_run, kernel, tiles, own)
+            found.append(self.loaded.device.listed("hits", kernel, run))
+        every = np.concatenate(found, dtype=found[0].dtype)
+
+        # pieces of a face share their borders
+        every = every[np.lexsort((every["depth"], every["face"], every["pixel"]))]
+        same = (np.diff(every["face"].astype(np.int64)) == 0) & (np.diff(every["pixel"].astype(np.int64)) == 0)
+        every = every[~np.append(False, same & (np.diff(every["depth"]) <= self._tie(view)))[: len(every)]]
+        every = every[np.lexsort((every["element"], every["depth"], every["pixel"]))]
+        first, last = (0, view.height) if rows is None else rows
+        held: NDArray[Any] = every[(every["pixel"] >= first * view.width) & (every["pixel"] < last * view.width)]
+        return held
+
+    def _tie(self, view: View) -> float:
+        """Difference of depth up to which two hits are at one place."""
+        return _TIE * (self.loaded.reach + float(np.abs(view.camera.eye).max()))
+
     def _work(
-        self, stage: str, view: View, select: Sequence[str], quantity: str | None
+        self, stage: str, view: View, select: Sequence[str], quantity: str | None, rows: tuple[int, int] | None = None
     ) -> Iterator[tuple[int, Kernel, dict[str, slangpy.Buffer], int]]:
         """For each part that is seen its number, a kernel, the buffers that say what is where, and how many tiles."""
         every, device = self._pieces(view, select), self.loaded.device
@@ -73,6 +101,8 @@ class FaceDrawer:
             pieces = np.concatenate(records, dtype=kernel.dtype("pieces"))
             pieces = pieces[np.argsort(pieces["near"], kind="stable")]
             listed, tiles = _binned(pieces, view)
+            if rows is not None:
+                tiles = tiles[(tiles[:, 1] + TILE > rows[0]) & (tiles[:, 1] < rows[1])]
             data = {"pieces": pieces, "listed": listed, "tiles": tiles}
             data["view"] = self._record(kernel.dtype("view"), view, number, len(tiles))
             yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, len(tiles)
@@ -110,7 +140,7 @@ class FaceDrawer:
         record["viewer"] = np.append(view.camera.eye, 1.0) if view.perspective else np.append(-forward, 0.0)
         record["width"], record["height"] = view.width, view.height
         record["first"], record["count"] = self.loaded.first[number], count
-        record["tie"] = _TIE * (self.loaded.reach + float(np.abs(view.camera.eye).max()))
+        record["tie"] = self._tie(view)
         return record
 
     def _read(self, image: dict[str, slangpy.Buffer]) -> Layer:
@@ -121,6 +151,10 @@ class FaceDrawer:
         for array in values.values():
             array[nowhere] = np.nan
         return Layer(owner=owner, depth=read(image["depth"], np.float64), status=status, **values)
+
+
+def _run(kernel: Kernel, tiles: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
+    kernel(tiles, {**buffers, **lists}, groups=True)
 
 
 def _binned(pieces: NDArray[Any], view: View) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:

@@ -1,0 +1,171 @@
+"""Faces of elements: every hit against closed forms and against brute force, from every side, folded or not."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.bernstein import bernstein_values
+from elvis.formats.dataset import Dataset, Field
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, one_element
+from elvis.plugins.faces import faces_of
+from elvis.plugins.native import NativeVolume
+from elvis.renderer import Camera, Status
+from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.view import View
+
+DEVICES = ("vulkan", "cpu")
+
+
+def cameras(at, distance, height):
+    """Cameras of both kinds from all sides, some along axes, looking at a place."""
+    ways = [(1, 0, 0), (0, 0, 1), (0.3, -0.5, 0.8), (-0.7, 0.7, 0.1), (-1, -1, -1)]
+    for k, way in enumerate(np.array(ways, float)):
+        eye = tuple(np.array(at) + distance * way / np.linalg.norm(way))
+        up = (0.0, 1.0, 0.0) if k == 1 else (0.1, 0.2, 1.0)
+        size = {"height": height} if k % 2 else {"fov": float(2 * np.degrees(np.arctan(0.5 * height / distance)))}
+        yield Camera(eye, at, up, **size)
+
+
+def mapped(mesh, function, modes, field=lambda p: p[:, 0] - 2 * p[:, 1] * p[:, 2]):
+    """A mesh carried away by a polynomial function of its straight points, with a field of these."""
+    plain = Dataset(mesh)
+    names = {f"map_{axis}": lambda p, i=i: function(p)[:, i] for i, axis in enumerate("xyz")} | {"u": field}
+    fields = tuple(Field(name, tuple(approximated(plain, name, f, modes).blocks)) for name, f in names.items())
+    return Dataset(mesh, fields, metadata={"GeometryMap": "map_x,map_y,map_z"})
+
+
+@pytest.fixture(scope="module")
+def drawer(renderer):
+    """The faces of a dataset on a device."""
+
+    def make(dataset, device="vulkan"):
+        volume = NativeVolume.of(dataset, "u")
+        return FaceDrawer(Loaded(renderer(device).device, volume), faces_of(dataset, volume))
+
+    return make
+
+
+def paraboloid(points):
+    """The top of the cube [-1, 1]^3 becomes z = 1 - x^2 - y^2 / 2, the sides stay upright, the bottom flat."""
+    x, y, z = points.T
+    return np.stack([x, y, (1 + z) / 2 * (1 - x**2 - y**2 / 2) - (1 - z)], axis=1)
+
+
+def roots_on_paraboloid(view):
+    """(pixels, 2) depths of a view's rays on the paraboloid over [-1, 1]^2, infinite where there are none."""
+    pixels = np.arange(view.count)
+    origin, way = view.rays(pixels % view.width, pixels // view.width)
+    scale = np.array([1.0, 0.5, 0.0])
+    a, b = (way**2) @ scale, 2 * (origin * way) @ scale + way[:, 2]
+    c = (origin**2) @ scale + origin[:, 2] - 1
+    with np.errstate(invalid="ignore"):
+        q = -0.5 * (b + np.where(b < 0, -1.0, 1.0) * np.sqrt(b**2 - 4 * a * c))
+        depths = np.stack([np.divide(q, a, out=np.full_like(q, np.inf), where=a != 0), c / q], axis=1)
+        places = origin[:, None] + depths[..., None] * way[:, None]
+        held = (np.abs(places[..., :2]) <= 1).all(axis=2) & (depths > 0)
+    return np.sort(np.where(held, depths, np.inf), axis=1)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_paraboloid_is_hit_where_its_equation_says(drawer, device):
+    mesh = one_element(Shape.HEXAHEDRON)
+    dataset = mapped(mesh, paraboloid, 3)
+    drawn = drawer(dataset, device)
+    top = [k for k in range(6) if abs(mesh.vertices[[*Shape.HEXAHEDRON.faces[k]]][:, 2] - 1).max() == 0]
+    for block in drawn.faces.blocks:
+        drawn.faces.boundaries["top"] = block.entity[np.isin(block.local, top)]
+    folded = 0
+    for camera in cameras((0.0, 0.1, 0.2), 6.0, 3.0):
+        view = View.through(camera, (150, 120))
+        truth = roots_on_paraboloid(view)
+        first = drawn.draw(view, ["top"])
+        second = drawn.draw(view, ["top"], beyond=first.depth)
+        hits = drawn.hits(view, ["top"])
+        certain = first.status != Status.AMBIGUOUS
+        assert (~certain).sum() < 4
+        for layer, depths in ((first, truth[:, 0]), (second, truth[:, 1])):
+            found = layer.owner != NOBODY
+            assert np.array_equal(found[certain], np.isfinite(depths[certain]))
+            both = found & np.isfinite(depths)
+            assert np.abs(layer.depth[both] - depths[both]).max(initial=0) < 1e-10
+            check_layer(view, layer, found)
+        assert np.array_equal(
+            np.bincount(hits["pixel"], minlength=view.count)[certain], np.isfinite(truth[certain]).sum(1)
+        )
+        folded += np.isfinite(truth[:, 1]).sum()
+    assert folded > 1000
+
+
+def check_layer(view, layer, found):
+    """Positions on the paraboloid, normals along its gradient and towards the viewer, fields of the straight places."""
+    pixels = np.flatnonzero(found)
+    origin, way = view.rays(pixels % view.width, pixels // view.width)
+    place = origin + layer.depth[pixels, None] * way
+    assert np.abs(place[:, 2] - 1 + place[:, 0] ** 2 + place[:, 1] ** 2 / 2).max(initial=0) < 1e-10
+    gradient = np.column_stack([2 * place[:, 0], place[:, 1], np.ones(len(place))])
+    gradient /= -np.linalg.norm(gradient, axis=1, keepdims=True) * np.sign((gradient * way).sum(1, keepdims=True))
+    assert np.abs(layer.normal[pixels] - gradient).max(initial=0) < 1e-9
+    assert np.abs(layer.reference[pixels, :2] - place[:, :2]).max(initial=0) < 1e-10
+    assert np.abs(layer.field[pixels] - place[:, 0] + 2 * place[:, 1]).max(initial=0) < 1e-10
+    assert np.isnan(layer.field[~found]).all()
+    assert np.isinf(layer.depth[~found]).all()
+
+
+def crossings(net, space, view, steps=900):
+    """(pixels,) how often rays meet a face, counted on a fine grid of plane triangles."""
+    line = np.linspace(-1, 1, steps + 1)
+    s, t = (part.reshape(-1) for part in np.meshgrid(line, line, indexing="ij"))
+    values = np.concatenate([bernstein_values(space.space, p) for p in np.array_split(np.column_stack([s, t]), 20)])
+    screen = values @ (net @ view.to_pixel.T)
+    corners = (screen[:, :2] / screen[:, 2:]).reshape(steps + 1, steps + 1, 2)
+    lower = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[:-1, 1:]], axis=2)
+    upper = np.stack([corners[1:, 1:], corners[1:, :-1], corners[:-1, 1:]], axis=2)
+    if space.shape is Shape.TRIANGLE:
+        i, j = np.indices((steps, steps))
+        lower, upper = lower[i + j < steps], upper[i + j < steps - 1]
+    triangles = np.concatenate([lower.reshape(-1, 3, 2), upper.reshape(-1, 3, 2)])
+
+    # those that are small hold one centre of a pixel at most
+    centre = np.rint(triangles.mean(axis=1))
+    assert np.abs(triangles - triangles.mean(axis=1, keepdims=True)).max() < 0.45
+    a, b, c = (triangles - centre[:, None]).transpose(1, 0, 2)
+    turns = np.stack([x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0] for x, y in ((a, b), (b, c), (c, a))])
+    inside = (turns > 0).all(axis=0) | (turns < 0).all(axis=0)
+    inside &= (centre >= 0).all(axis=1) & (centre < [view.width, view.height]).all(axis=1)
+    pixel = (centre[:, 1] * view.width + centre[:, 0])[inside].astype(np.int64)
+    return np.bincount(pixel, minlength=view.count)
+
+
+def wild(seed, shape):
+    """An element whose faces fold and cross one another."""
+    mesh = one_element(shape)
+    rng = np.random.default_rng(seed)
+    powers = rng.normal(size=(3, 3, 3, 3)) * (np.indices((3, 3, 3)).sum(axis=0) <= 3)
+
+    def function(p):
+        x, y, z = (part[:, None] ** np.arange(3) for part in p.T)
+        return p + 0.5 * np.einsum("ni,nj,nk,dijk->nd", x, y, z, powers)
+
+    return mapped(mesh, function, 4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+def test_brute_force_counts_as_many_hits(drawer, shape, seed):
+    drawn = drawer(wild(seed, shape))
+    nets = [(block.space, net) for block in drawn.faces.blocks for net in block.nets(np.arange(len(block)))]
+    points = np.concatenate([net[:, :3] for _, net in nets])
+    middle, reach = points.mean(axis=0), np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    camera = list(cameras(tuple(middle), 3 * reach, 1.5 * reach))[2 + seed]
+    view = View.through(camera, (90, 80))
+    hits = drawn.hits(view)
+    counted = sum(crossings(net, space, view) for space, net in nets)
+    found = np.bincount(hits["pixel"], minlength=view.count)
+    assert counted.max() >= 4
+    assert (found != counted).sum() <= 2  # the grid's triangles are not the faces
+    assert (hits["verdict"] == 1).all()
+    assert (found % 2 == 0).mean() > 0.999
+    layer = drawn.draw(view)
+    assert (layer.status[found != counted] == Status.AMBIGUOUS).all() or (found != counted).sum() <= 2
