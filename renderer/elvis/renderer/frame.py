@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
-from elvis.renderer.scene import Scene
-from elvis.renderer.view import PlaneView
+from elvis.renderer.scene import Scene, Vector
+from elvis.renderer.view import PlaneView, View
 
 
 class Status(IntEnum):
@@ -28,6 +28,32 @@ class Status(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class Legend:
+    """What colours or lines mean.
+
+    palette  None for lines of what nothing is coloured by
+    marks    values of contour lines and their colours
+    """
+
+    title: str
+    palette: Palette | None
+    marks: tuple[tuple[float, Vector], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """What several surfaces show together; arrays as in Frame.
+
+    color  (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
+    """
+
+    depth: Floats
+    normal: Floats
+    color: Floats | NDArray[np.uint8]
+    legends: tuple[Legend, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Frame:
     """A picture; row 0 is the top.
 
@@ -37,15 +63,17 @@ class Frame:
                           asked for
     status     (h, w)     see Status
     stats      seconds, bytes and counts by name
+    drawing    None for a single unlit plane, whose colours, depths and normals follow from the rest
     """
 
     scene: Scene
-    view: PlaneView
+    view: View
     field: Floats
     element: Ints
     reference: Floats | None
     status: NDArray[np.uint8]
     stats: dict[str, Any] = default(default_factory=dict)
+    drawing: Drawing | None = None
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
@@ -57,38 +85,65 @@ class Frame:
         """(h, w, 3) world position of what is seen, NaN elsewhere."""
         position = np.full((*self.element.shape, 3), np.nan)
         rows, columns = np.nonzero(self.seen)
-        position[rows, columns] = self.view.points_of(columns, rows)
+        if self.drawing is None:
+            position[rows, columns] = self._plane.points_of(columns, rows)
+        else:
+            origins, directions = self.view.rays(columns, rows)
+            position[rows, columns] = origins + self.drawing.depth[rows, columns, None] * directions
         return position
 
     @cached_property
     def depth(self) -> Floats:
         """(h, w) distance from the eye's plane along the view, infinite where nothing is seen."""
+        if self.drawing is not None:
+            return self.drawing.depth
         return np.where(self.seen, self.view.depth_of(self.position), np.inf)
 
     @cached_property
     def normal(self) -> Floats:
         """(h, w, 3) unit normal of the surface that is seen, turned to the viewer; NaN elsewhere."""
-        return np.where(self.seen[..., None], self.view.normal(), np.nan)
+        if self.drawing is not None:
+            return self.drawing.normal
+        return np.where(self.seen[..., None], self._plane.normal(), np.nan)
+
+    @property
+    def _plane(self) -> PlaneView:
+        assert isinstance(self.view, PlaneView)
+        return self.view
 
     @cached_property
     def range(self) -> tuple[float, float]:
-        """Values at the ends of the colour map."""
-        return self.scene.range if isinstance(self.scene.range, tuple) else automatic_range(self.field)
+        """Values at the ends of the first colour map."""
+        return self.palette.low, self.palette.high
 
     @cached_property
     def palette(self) -> Palette:
-        """The colour map over the picture's range."""
-        return Palette.named(self.scene.palette, *self.range)
+        """The first colour map; that of the scene's field where nothing is coloured by a map."""
+        if self.drawing is not None:
+            maps = [legend.palette for legend in self.drawing.legends if legend.palette]
+            if maps:
+                return maps[0]
+        asked = self.scene.range
+        return Palette.named(self.scene.palette, *(asked if isinstance(asked, tuple) else automatic_range(self.field)))
+
+    @property
+    def legends(self) -> tuple[Legend, ...]:
+        """What the colours and lines of the picture mean."""
+        return (Legend(self.scene.field, self.palette),) if self.drawing is None else self.drawing.legends
 
     @cached_property
     def color(self) -> Floats:
         """(h, w, 3) colours in [0, 1]."""
-        return self._colors.take(self._steps, axis=0)
+        if self.drawing is None:
+            return self._colors.take(self._steps, axis=0)
+        return np.asarray(self.drawing.color / (255.0 if self.drawing.color.dtype == np.uint8 else 1.0))
 
     @cached_property
     def rgb(self) -> NDArray[np.uint8]:
         """(h, w, 3) colours in [0, 255]."""
-        return np.rint(255 * self._colors).astype(np.uint8).take(self._steps, axis=0)
+        if self.drawing is None:
+            return np.rint(255 * self._colors).astype(np.uint8).take(self._steps, axis=0)
+        return whole(self.drawing.color)
 
     @cached_property
     def _steps(self) -> NDArray[np.uint16]:
@@ -110,3 +165,8 @@ class Frame:
         from elvis.renderer.saving import save
 
         save(self, Path(path), plain=plain)
+
+
+def whole(color: Floats | NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Colours in [0, 1], or already in [0, 255], in [0, 255]."""
+    return color if color.dtype == np.uint8 else np.rint(255 * color).astype(np.uint8)  # type: ignore[return-value]

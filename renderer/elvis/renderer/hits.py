@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -70,13 +71,14 @@ def triangles(file: str) -> Floats:
     import trimesh
 
     try:
-        mesh = trimesh.load(file, force="mesh", process=False)
-        corners = np.asarray(mesh.triangles, dtype=np.float64)
+        corners = np.asarray(trimesh.load_mesh(file, process=False).triangles, dtype=np.float64)
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise SceneError(f"{file}: cannot be read as STL, PLY, OBJ or GLB: {reason}") from error
     if not len(corners) or not np.isfinite(corners).all():
-        raise SceneError(f"{file}: expected triangles with finite corners, found {len(corners) and 'others' or 'none'}")
+        raise SceneError(
+            f"{file}: expected triangles with finite corners, found {'others' if len(corners) else 'none'}"
+        )
     corners.setflags(write=False)
     return corners
 
@@ -127,7 +129,24 @@ def _gradient(surface: Plane | Sphere | Cylinder | Cone, points: Floats) -> Floa
 
 
 def _triangle_hits(corners: Floats, view: View) -> tuple[Ints, Floats, Floats]:
-    """Pixels, depths and normals of all hits with triangles (m, 3, 3), in object order; one hit where triangles join."""
+    """Pixels, depths and normals of all hits with triangles (m, 3, 3), in object order; one hit where two join."""
+    found = []
+    for triangle, column, row in _pairs(corners, view):
+        depth = _triangle_depths(corners[triangle], *view.rays(column, row))
+        met = np.flatnonzero(depth > 0.0)
+        found.append((row[met] * view.width + column[met], depth[met], triangle[met]))
+    pixel, depth, triangle = (np.concatenate(parts) for parts in zip(_NONE, *found, strict=True))
+    order = np.lexsort([depth, pixel])
+    pixel, depth, triangle = pixel[order], depth[order], triangle[order]
+    again = (np.diff(pixel) == 0) & (np.diff(depth) <= 1e-9 * np.abs(depth[1:]))
+    kept = np.flatnonzero(np.append(True, ~again)[: len(pixel)])
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return pixel[kept], depth[kept], normal[triangle[kept]]
+
+
+def _pairs(corners: Floats, view: View) -> Iterator[tuple[Ints, Ints, Ints]]:
+    """Triangles, columns and rows: for every triangle the pixels within its bounds, some at a time."""
     placed = corners @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
     front = placed[..., 2] > 0.0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -140,28 +159,16 @@ def _triangle_hits(corners: Floats, view: View) -> tuple[Ints, Floats, Floats]:
     first = np.ceil(np.clip(least - 1e-6, 0.0, whole + 1)).astype(np.int64)
     sides = np.maximum(np.floor(np.clip(most + 1e-6, -1.0, whole)).astype(np.int64) - first + 1, 0)
     counts = sides.prod(axis=1) * front.any(axis=1)
-    found = []
     ends = np.cumsum(counts)
     for start in range(0, int(ends[-1]), _AT_ONCE):
         pair = np.arange(start, min(start + _AT_ONCE, int(ends[-1])))
         triangle = np.searchsorted(ends, pair, side="right")
         place = pair - (ends - counts)[triangle]
-        column = first[triangle, 0] + place % sides[triangle, 0]
-        row = first[triangle, 1] + place // sides[triangle, 0]
-        depth = _triangle_depths(corners[triangle], *view.rays(column, row))
-        met = np.flatnonzero(depth > 0.0)
-        found.append((row[met] * view.width + column[met], depth[met], triangle[met]))
-    pixel, depth, triangle = (np.concatenate(parts) for parts in zip(*found, strict=True)) if found else _NONE
-    order = np.lexsort([depth, pixel])
-    pixel, depth, triangle = pixel[order], depth[order], triangle[order]
-    again = (np.diff(pixel) == 0) & (np.diff(depth) <= 1e-9 * np.abs(depth[1:]))
-    kept = np.flatnonzero(np.append(True, ~again)[: len(pixel)])
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    return pixel[kept], depth[kept], normal[triangle[kept]]
+        across = sides[triangle, 0]
+        yield triangle, first[triangle, 0] + place % across, first[triangle, 1] + place // across
 
 
-_NONE = np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64)
+_NONE = (np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64))
 
 
 def _triangle_depths(corners: Floats, origins: Floats, directions: Floats) -> Floats:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
-from elvis.renderer.pixels import Pixels
+from elvis.formats.arrays import Bools, Floats
+from elvis.renderer.pixels import NOBODY, Pixels
 from elvis.renderer.view import PlaneView
 
 
@@ -30,6 +30,25 @@ class Layer:
     depth: Floats
     normal: Floats
     status: NDArray[np.uint8]
+
+    @staticmethod
+    def empty(count: int) -> Layer:
+        """A layer without hits."""
+        vectors = np.full((2, count, 3), np.nan)
+        owner, status = np.full(count, NOBODY, np.uint32), np.zeros(count, np.uint8)
+        return Layer(owner, np.full(count, np.nan), vectors[0], np.full(count, np.inf), vectors[1], status)
+
+    def without(self, gone: Bools) -> Layer:
+        """The layer without its hits in the pixels ``gone`` (n,)."""
+        wide = gone[:, None]
+        return Layer(
+            np.where(gone, np.uint32(NOBODY), self.owner),
+            np.where(gone, np.nan, self.field),
+            np.where(wide, np.nan, self.reference),
+            np.where(gone, np.inf, self.depth),
+            np.where(wide, np.nan, self.normal),
+            np.where(gone, np.uint8(0), self.status),
+        )
 
     @staticmethod
     def of_cut(view: PlaneView, pixels: Pixels) -> Layer:

@@ -26,12 +26,14 @@ if TYPE_CHECKING:
 class Places:
     """Where n points are; of several elements that hold a point, the one with the greatest margin, then the first.
 
+    owner      (n,)    running element number (see Loaded), NOBODY where no element holds the point
     element    (n,)    global id, -1 where no element holds the point
     reference  (n, 3)  reference coordinates, NaN outside
     field      (n,)    NaN outside
     status     (n,)    see Status; FAILED where an element may hold the point but its map did not invert
     """
 
+    owner: NDArray[np.uint32]
     element: Ints
     reference: Floats
     field: Floats
@@ -126,4 +128,4 @@ def _places(found: NDArray[Any], ids: Ints, failed: Ints) -> Places:
     status[failed[outside[failed]]] = Status.FAILED
     reference = np.where(outside[:, None], np.nan, found["reference"])
     field = np.where(outside, np.nan, found["field"])
-    return Places(element, reference, field, status.astype(np.uint8))
+    return Places(found["element"].copy(), element, reference, field, status.astype(np.uint8))

@@ -159,10 +159,10 @@ def seen(scene: Scene) -> PlaneView:
 
     Raises SceneError where the camera looks along the plane.
     """
-    assert scene.plane is not None
+    assert scene.only_plane is not None
     assert scene.size is not None
     assert isinstance(scene.camera, Camera)
-    view = PlaneView.of(scene.camera, scene.plane, scene.size)
+    view = PlaneView.of(scene.camera, scene.only_plane, scene.size)
     if view.edge_on:
         raise SceneError("the camera looks along the plane, so that nothing of it can be seen: choose another view")
     return view

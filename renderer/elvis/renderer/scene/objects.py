@@ -99,8 +99,8 @@ class CutSurface:
 class Faces:
     """Element faces.
 
-    select  any of: ``all`` (the outer faces), the name or id of a boundary or composite, ``element:ID``,
-            ``shape:NAME`` and ``region:NAME`` (every face of these elements)
+    select  any of: ``all`` (the outer faces), ``inner`` (those between elements), the name or id of a boundary or
+            composite, ``element:ID``, ``shape:NAME`` and ``region:NAME`` (every face of these elements)
     """
 
     select: tuple[str, ...] = ("all",)

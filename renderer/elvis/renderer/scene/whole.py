@@ -144,3 +144,9 @@ class Scene:
         objects = self.every_object
         only = objects[0] if len(objects) == 1 else None
         return only.surface if isinstance(only, CutSurface) and isinstance(only.surface, Plane) else None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the colours of one unlit plane are all that is shown, one sample a pixel."""
+        usual = None if self.only_plane is None else (CutSurface(self.only_plane),)
+        return self.every_object == usual and not self.clip and self.samples == 1

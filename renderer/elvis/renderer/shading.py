@@ -1,0 +1,155 @@
+"""From layers to colours: the colour map of each sheet, its range and its lines, and how all of them add up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.renderer.compositing import Coat, composite, lit
+from elvis.renderer.frame import Legend, Status
+from elvis.renderer.layer import Layer
+from elvis.renderer.lines import levels
+from elvis.renderer.palette import Palette, automatic_range
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.scene import Scene, Vector
+from elvis.renderer.stages import Sheet, Stages
+from elvis.renderer.view import View
+
+#: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
+Key: TypeAlias = tuple[str, str, object]
+Drawn: TypeAlias = list[tuple[Sheet, Layer]]
+
+
+def record_of(drawn: Drawn, view: View) -> Layer:
+    """The surface that counts at each pixel: of the most opaque ones the nearest; a failed search anywhere is told."""
+    best, opacity = Layer.empty(view.count), np.zeros(view.count)
+    failed, doubt = np.zeros((2, view.count), bool)
+    for sheet, layer in drawn:
+        failed |= layer.status == Status.FAILED
+        doubt |= layer.status == Status.AMBIGUOUS
+        nearer = (sheet.style.opacity == opacity) & (layer.depth < best.depth)
+        better = np.flatnonzero((layer.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
+        opacity[better] = sheet.style.opacity
+        for name, values in vars(best).items():
+            values[better] = getattr(layer, name)[better]
+    best.status[doubt & (best.owner == NOBODY)] = Status.AMBIGUOUS
+    best.status[failed] = Status.FAILED
+    return best
+
+
+class Painter:
+    """The colours of one scene.
+
+    bounds  certified least and greatest value of a quantity over the whole volume, by the scene's name for it
+    """
+
+    def __init__(self, scene: Scene, stages: Stages, bounds: Callable[[str], tuple[float, float]]) -> None:
+        self.scene, self.stages, self.bounds = scene, stages, bounds
+        self._seen: dict[str, tuple[float, float]] = {}
+        self._palettes: dict[Key, Palette] = {}
+
+    def note(self, drawn: Drawn) -> None:
+        """Let the ranges of what is seen hold the values of some layers."""
+        for sheet, layer in drawn:
+            self._note(sheet.quantity, layer.field)
+            contours = sheet.style.contours
+            if contours and contours.count and self._of_contours(sheet) != sheet.quantity:
+                other = replace(layer)
+                self._note(self._of_contours(sheet), self.stages.resampled(other, "", self._of_contours(sheet)).field)
+
+    def _note(self, quantity: str | None, values: Floats) -> None:
+        """Of all finite values the least and the greatest are kept."""
+        values = values[np.isfinite(values)]
+        if len(values):
+            low, high = self._seen.get(quantity or "", (np.inf, -np.inf))
+            self._seen[quantity or ""] = min(low, float(values.min())), max(high, float(values.max()))
+
+    def _of_contours(self, sheet: Sheet) -> str | None:
+        contours = sheet.style.contours
+        if contours is None or contours.quantity is None:
+            return sheet.quantity
+        return self.stages.named(contours.quantity, self.scene)
+
+    def range_of(self, quantity: str | None, asked: object) -> tuple[float, float]:
+        """The ends of a colour map."""
+        if isinstance(asked, tuple):
+            return asked
+        if asked == "all":
+            return automatic_range(np.array(self.bounds(quantity or self.scene.field)))
+        return automatic_range(np.array(self._seen.get(quantity or "", ())))
+
+    def paint(self, drawn: Drawn, view: View) -> Floats:
+        """(n, 3) colours of all layers of a view over the background."""
+        coats = [self._coat(view, sheet, layer) for sheet, layer in drawn]
+        if not coats:
+            return np.tile(np.asarray(self.scene.background, dtype=np.float64), (view.count, 1))
+        return composite(coats, self.scene.background)
+
+    def _coat(self, view: View, sheet: Sheet, layer: Layer) -> Coat:
+        style, hit = sheet.style, layer.owner != NOBODY
+        colors = np.zeros((view.count, 3))
+        if style.color is None:
+            colors[hit] = self._palette(sheet).colors(layer.field[hit])
+        else:
+            colors[hit] = style.color
+        if sheet.lit:
+            colors = lit(view, layer, colors, self.scene.lights, self.scene.ambient)
+        return Coat.of(layer, colors, style.opacity, list(self._lines(view, sheet, layer)))
+
+    def _palette(self, sheet: Sheet) -> Palette:
+        """A sheet's colour map, made when it is first used."""
+        key = sheet.quantity or "", sheet.style.palette or self.scene.palette, self._asked(sheet)
+        if key not in self._palettes:
+            self._palettes[key] = Palette.named(key[1], *self.range_of(sheet.quantity, key[2]))
+        return self._palettes[key]
+
+    def _asked(self, sheet: Sheet) -> object:
+        """The range of a sheet's colour map as the scene has it: two values are meant for the scene's own field."""
+        general = self.scene.range if sheet.quantity is None or isinstance(self.scene.range, str) else None
+        return sheet.style.range or general or "seen"
+
+    def _lines(self, view: View, sheet: Sheet, layer: Layer) -> Iterator[tuple[Floats, tuple[float, float, float]]]:
+        """Coverages (n,) and colours of the lines on a layer, in the order in which they are drawn."""
+        mesh, contours = sheet.style.mesh_lines, sheet.style.contours
+        if mesh is not None:
+            yield self.stages.lines.mesh(view, layer, mesh.width), mesh.color
+        if contours is not None:
+            quantity = self._of_contours(sheet)
+            of = self.stages.resampled(replace(layer), sheet.quantity, quantity)
+            values = self.values(sheet)
+            yield self.stages.lines.contours(view, of, values, contours.width, quantity).coverage, contours.color
+
+    def values(self, sheet: Sheet) -> Floats:
+        """(k,) ascending values of a sheet's contours."""
+        contours = sheet.style.contours
+        assert contours is not None
+        if contours.count is None:
+            return np.unique(np.asarray(contours.values, dtype=np.float64))
+        quantity = self._of_contours(sheet)
+        asked = self._asked(sheet) if quantity == sheet.quantity else "seen"
+        return levels(*self.range_of(quantity, asked), contours.count)
+
+    def legends(self, sheets: Sequence[Sheet]) -> tuple[Legend, ...]:
+        """What the colours and contours of all sheets mean, each said once."""
+        marks: dict[str | None, dict[tuple[float, Vector], None]] = {}
+        for sheet in sheets:
+            contours = sheet.style.contours
+            if contours is not None:
+                own = marks.setdefault(self._of_contours(sheet), {})
+                own.update(dict.fromkeys((float(value), contours.color) for value in self.values(sheet)))
+        found = []
+        for key, palette in self._palettes.items():
+            found.append(Legend(key[0] or self.scene.field, palette, tuple(marks.pop(key[0] or None, ()))))
+        return (*found, *(Legend(name or self.scene.field, None, tuple(own)) for name, own in marks.items()))
+
+    def settled(self, sheets: Sequence[Sheet]) -> bool:
+        """Whether nothing depends on the range of what is seen."""
+        return all(
+            (sheet.style.color is not None or self._asked(sheet) != "seen")
+            and (sheet.style.contours is None or sheet.style.contours.count is None)
+            for sheet in sheets
+        )

@@ -1,0 +1,83 @@
+"""Cuts by spheres, cylinders, cones and triangles: rays meet the surface, then points are looked up in the volume."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.renderer.frame import Status
+from elvis.renderer.hits import Hits, hits
+from elvis.renderer.layer import Layer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.probing import Finder, Places
+from elvis.renderer.scene.surfaces import Solid
+from elvis.renderer.view import View
+
+
+class SolidDrawer:
+    """A loaded volume, ready to be cut by any surface that rays meet without its data."""
+
+    def __init__(self, loaded: Loaded, finder: Finder) -> None:
+        self.loaded, self.finder = loaded, finder
+        self._seen: tuple[View | None, Solid | None, Hits | None, Places | None] = None, None, None, None
+
+    def draw(self, view: View, surface: Solid, beyond: Floats | None = None, quantity: str | None = None) -> Layer:
+        """The nearest point of the surface that some element holds, behind the depths ``beyond`` (n,) where given."""
+        if self._seen[0] is not view or self._seen[1] != surface:
+            self._seen = view, surface, *self._found(view, surface)
+        met, places = self._seen[2:]
+        assert met is not None
+        assert places is not None
+        behind = met.depth > (0.0 if beyond is None else beyond[met.pixel])
+        chosen = np.flatnonzero(behind & (places.owner != NOBODY))
+        chosen = chosen[np.unique(met.pixel[chosen], return_index=True)[1]]
+        layer = _layer(view, met, places, chosen)
+        failed = met.pixel[behind & (places.status == Status.FAILED)]
+        layer.status[failed[layer.owner[failed] == NOBODY]] = Status.FAILED
+        return layer if quantity is None else replace(layer, field=sampled(self.loaded, layer, quantity))
+
+    def _found(self, view: View, surface: Solid) -> tuple[Hits, Places]:
+        """All hits within the box of the volume, and where they are in it."""
+        met = hits(surface, view)
+        points = _points(view, met.pixel, met.depth)
+        boxes = [part.boxes for part in self.loaded.parts if len(part)]
+        low = np.min([some[:, :3].min(axis=0) for some in boxes], axis=0)
+        high = np.max([some[:, 3:].max(axis=0) for some in boxes], axis=0)
+        near = ((points >= low) & (points <= high)).all(axis=1)
+        return Hits(met.pixel[near], met.depth[near], met.normal[near]), self.finder.find(points[near])
+
+
+def _points(view: View, pixel: Ints, depth: Floats) -> Floats:
+    origins, directions = view.rays(pixel % view.width, pixel // view.width)
+    return np.asarray(origins + depth[:, None] * directions)
+
+
+def _layer(view: View, met: Hits, places: Places, chosen: Ints) -> Layer:
+    """The layer of some hits, one a pixel at most."""
+    layer, pixel = Layer.empty(view.count), met.pixel[chosen]
+    directions = view.rays(pixel % view.width, pixel // view.width)[1]
+    away = np.einsum("ni,ni->n", directions, met.normal[chosen]) > 0.0
+    layer.owner[pixel], layer.field[pixel] = places.owner[chosen], places.field[chosen]
+    layer.reference[pixel], layer.depth[pixel] = places.reference[chosen], met.depth[chosen]
+    layer.normal[pixel] = np.where(away, -1.0, 1.0)[:, None] * met.normal[chosen]
+    layer.status[pixel] = places.status[chosen]
+    return layer
+
+
+def sampled(loaded: Loaded, layer: Layer, quantity: str | None) -> Floats:
+    """(n,) a quantity (None: the parts' own field) at the hits of a layer, NaN elsewhere (shaders/sample.slang)."""
+    values, hit = np.full(len(layer.owner), np.nan), np.flatnonzero(layer.owner != NOBODY)
+    part = np.searchsorted(loaded.first, layer.owner[hit], side="right") - 1
+    for number in np.unique(part):
+        own, device = hit[part == number], loaded.device
+        kernel = device.kernel("sample", loaded.parts[number], quantity)
+        places = np.zeros(len(own), kernel.dtype("places"))
+        places["element"] = layer.owner[own] - np.uint32(loaded.first[number])
+        places["reference"] = layer.reference[own]
+        held = device.empty(np.float64, len(own))
+        kernel(len(own), {**loaded.bound(number, quantity), "places": device.buffer(places), "values": held})
+        values[own] = device.read(held, np.float64)[: len(own)]
+    return values

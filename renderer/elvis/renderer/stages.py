@@ -1,0 +1,195 @@
+"""Which stage draws which object of a scene: objects become sheets, and sheets layers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats
+from elvis.formats.dataset import Dataset
+from elvis.formats.ranges import field_range
+from elvis.plugins.faces import faces_of
+from elvis.plugins.opening import Opened
+from elvis.plugins.volume import Volume
+from elvis.renderer.cut import Cutter
+from elvis.renderer.errors import SceneError
+from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.hits import inside
+from elvis.renderer.isosurface import IsosurfaceDrawer
+from elvis.renderer.layer import Layer
+from elvis.renderer.lines import Lines
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.probing import Finder
+from elvis.renderer.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, Style, VolumeRendering
+from elvis.renderer.scene.surfaces import Surface
+from elvis.renderer.solids import SolidDrawer, sampled
+from elvis.renderer.view import PlaneView, View
+
+#: what lies behind surfaces that together let less than this through is not looked for
+FAINT = 1e-3
+
+Draw = Callable[[View, Floats | None], Layer]
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A surface of a scene that one stage draws.
+
+    quantity  what its layers' field is; None is the parts' own
+    draw      as every stage: the nearest hits in a view behind given depths
+    once      whether a ray meets it once at most
+    """
+
+    style: Style
+    quantity: str | None
+    draw: Draw
+    lit: bool
+    once: bool = False
+
+
+class Stages:
+    """The stages over a loaded volume, each made when it is first needed.
+
+    data  what the volume was made of
+    """
+
+    def __init__(self, loaded: Loaded, volume: Volume, data: Dataset | Opened | None) -> None:
+        self.loaded, self.volume = loaded, volume
+        self.dataset = data if isinstance(data, Dataset) else None
+        self.cutter, self.lines = Cutter(loaded), Lines(loaded)
+
+    @cached_property
+    def finder(self) -> Finder:
+        """Points in the volume."""
+        return Finder(self.loaded.device, self.volume, self.loaded.buffers)
+
+    @cached_property
+    def solids(self) -> SolidDrawer:
+        """Cuts by surfaces that aren't plane."""
+        return SolidDrawer(self.loaded, self.finder)
+
+    @cached_property
+    def faces(self) -> FaceDrawer:
+        """Element faces."""
+        return FaceDrawer(self.loaded, faces_of(self.dataset, self.volume))
+
+    @cached_property
+    def isosurfaces(self) -> IsosurfaceDrawer:
+        """Isosurfaces."""
+        return IsosurfaceDrawer(self.loaded)
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""
+        blocks = [field.blocks for field in (self.dataset.fields if self.dataset else ()) if field.name == name]
+        found = field_range(blocks[0]) if blocks else None
+        if found is None:
+            raise SceneError(f"no bounds of {name!r} over all data are known: give two values for the range, or seen")
+        return found.lower, found.upper
+
+    def named(self, name: str | None, scene: Scene) -> str | None:
+        """The parts' quantity that a name in a scene means; None is the parts' own field, the scene's."""
+        return None if name in (None, scene.field) else name
+
+    def sheets(self, scene: Scene) -> list[Sheet]:
+        """All surfaces of a scene, in its order."""
+        found: list[Sheet] = []
+        for item in scene.every_object:
+            if isinstance(item, VolumeRendering):
+                continue
+            style, own = item.style, self.named(item.style.quantity, scene)
+            if isinstance(item, CutSurface):
+                once = isinstance(item.surface, Plane)
+                draw = partial(self.cut, item.surface, own)
+                found.append(Sheet(style, own, draw, bool(style.lit), once))
+            elif isinstance(item, Faces):
+                found.append(self._faces(item, own))
+            else:
+                found += [self._level(item, value, scene) for value in item.values]
+        return found
+
+    def _faces(self, item: Faces, own: str | None) -> Sheet:
+        """Element faces."""
+
+        def draw(view: View, beyond: Floats | None) -> Layer:
+            return self.faces.draw(view, item.select, beyond, own)
+
+        return Sheet(item.style, own, draw, item.style.lit is not False)
+
+    def _level(self, item: Isosurface, value: float, scene: Scene) -> Sheet:
+        """One value of an isosurface, which its style may colour by another quantity."""
+        of = self.named(item.quantity, scene)
+        own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
+
+        def draw(view: View, beyond: Floats | None) -> Layer:
+            return self.resampled(self.isosurfaces.draw(view, of, value, beyond), of, own)
+
+        return Sheet(item.style, own, draw, item.style.lit is not False)
+
+    def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> Layer:
+        """What a surface meets of the volume."""
+        if isinstance(surface, Implicit):
+            layer = self.isosurfaces.draw(view, surface.expression, 0.0, beyond)
+            return self.resampled(layer, surface.expression, quantity)
+        if not isinstance(surface, Plane):
+            return self.solids.draw(view, surface, beyond, quantity)
+        sight = PlaneView.on(view, surface)
+        if sight.edge_on:
+            return Layer.empty(view.count)
+        layer = self.resampled(Layer.of_cut(sight, self.cutter.draw(sight)), None, quantity)
+        return layer if beyond is None else layer.without(~(layer.depth > beyond))
+
+    def resampled(self, layer: Layer, known: str | None, wanted: str | None) -> Layer:
+        """The layer with another quantity as its field."""
+        if known != wanted:
+            layer.field = sampled(self.loaded, layer, wanted)
+        return layer
+
+    def layers(self, sheet: Sheet, view: View, clips: Sequence[Clip]) -> Iterator[Layer]:
+        """What is seen of a sheet, from near to far: the hits that no clip takes away, and all that shine through."""
+        beyond, through = None, 1.0
+        while through > FAINT:
+            layer = sheet.draw(view, beyond)
+            hit = layer.owner != NOBODY
+            gone = self.clipped(layer, view, clips)
+            yield layer.without(gone) if gone.any() else layer
+            through *= 1.0 - sheet.style.opacity if not gone.any() else 1.0
+            further = hit if sheet.style.opacity < 1.0 else gone
+            if sheet.once or not further.any():
+                return
+            beyond = np.where(further, layer.depth, np.inf)
+
+    def clipped(self, layer: Layer, view: View, clips: Sequence[Clip]) -> Bools:
+        """(n,) hits that lie where nothing is to be shown."""
+        gone = np.zeros(view.count, bool)
+        hit = np.flatnonzero(layer.owner != NOBODY)
+        if not clips or not len(hit):
+            return gone
+        origins, directions = view.rays(hit % view.width, hit // view.width)
+        points = origins + layer.depth[hit, None] * directions
+        for clip in clips:
+            if isinstance(clip.surface, Implicit):
+                within = sampled(self.loaded, layer, clip.surface.expression)[hit] < 0.0
+            else:
+                within = inside(clip.surface, points)
+            gone[hit] |= within == (clip.away == "inside")
+        return gone
+
+
+def quantities(scene: Scene) -> tuple[str, ...]:
+    """Names of all that the scene evaluates, its field first, each once."""
+    names: list[str | None] = [scene.field]
+    surfaces: list[Surface] = [clip.surface for clip in scene.clip]
+    for item in scene.every_object:
+        if isinstance(item, CutSurface):
+            surfaces.append(item.surface)
+        if isinstance(item, Isosurface | VolumeRendering):
+            names.append(item.quantity)
+        if not isinstance(item, VolumeRendering):
+            contours = item.style.contours
+            names += [item.style.quantity, contours.quantity if contours else None]
+    names += [surface.expression for surface in surfaces if isinstance(surface, Implicit)]
+    return tuple(dict.fromkeys(name for name in names if name))
