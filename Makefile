@@ -18,6 +18,7 @@ demo: $(READY)
 	@$(RUN) examples/demo.py
 
 test: lint
+	@sh tools/browser.sh
 	@$(RUN) -m pytest
 
 lint: $(READY)

@@ -23,13 +23,14 @@ def same_camera(first: Record, second: Record) -> bool:
     pixels, points, depths = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if len(points) < 8:
         return True
+    depths = (depths - depths.mean()) / (np.abs(points - points.mean(axis=0)).max() or 1.0)
     pixels, points = _normalised(pixels), np.column_stack([_spanned(_normalised(points)), np.ones(len(points))])
     still = np.zeros_like(points)
     rows = [
         np.hstack([points, still, -pixels[:, :1] * points]),
         np.hstack([still, points, -pixels[:, 1:] * points]),
     ]
-    return _singular(np.concatenate(rows)) and _singular(np.column_stack([points, _normalised(depths[:, None])]))
+    return _singular(np.concatenate(rows)) and _singular(np.column_stack([points, depths]))
 
 
 def _sampled(record: Record) -> tuple[Floats, Floats, Floats]:

@@ -88,6 +88,7 @@ class Study:
     contours: Sequence[float]
     scene: Scene | None = None
     dataset: Dataset | None = None
+    patches: Sequence[Patch] = ()
     judgement: Judgement | None = None
     device: str = ""
     stored: int = 0
@@ -156,6 +157,7 @@ def compare_scene(
         values,
         settled,
         dataset,
+        chosen,
         _judged(dataset, settled, draw, judged),
         str(frame.stats.get("device", {}).get("label", "")),
         sum(_stored(patch) for patch in chosen),

@@ -88,7 +88,7 @@ def _exact(axes: Any, place: float, word: str) -> None:
     axes.set_xscale("log")
     if place > 0:
         axes.axvline(place, color="black", linestyle="--", linewidth=1)
-        axes.annotate(word, (place, 1.0), xycoords=("data", "axes fraction"), xytext=(4, -2), va="top",
+        axes.annotate(word, (place, 0.0), xycoords=("data", "axes fraction"), xytext=(4, 3), va="bottom",
                       textcoords="offset points", rotation=90, fontsize=8)  # fmt: skip
 
 

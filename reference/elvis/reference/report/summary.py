@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from elvis.formats.summary import summary as facts
+from elvis.formats.dataset import Expansion
 from elvis.reference.bars import Bar
 from elvis.reference.report.verdict import is_right, verdict
 from elvis.reference.study import Rival, Study
@@ -25,7 +26,6 @@ def summary(study: Study) -> dict[str, Any]:
             "pixels_seen": int(study.exact.seen.sum()),
             "range": list(study.ends),
             "contours": list(study.contours),
-            "coefficients_bytes": study.stored,
         },
         "judgement": judgement
         and {"size": list(judgement.size), "passed": judgement.passed, "bars": [bar_facts(b) for b in judgement.bars]},
@@ -60,10 +60,20 @@ def rival_facts(rival: Rival) -> dict[str, Any]:
 
 
 def _data(study: Study) -> dict[str, Any] | None:
-    """Elements, orders and sizes of the dataset."""
-    if study.dataset is None or study.scene is None:
+    """Elements, polynomial degrees and size of what the exact picture is drawn from."""
+    if study.dataset is None:
         return None
-    every = facts(study.dataset)
-    fields = [field for field in every["fields"] if field["name"] == study.scene.field]
-    kept = {key: every[key] for key in ("dimension", "mesh", "bytes", "time")}
-    return {**kept, "geometry": every["geometry"]["expansions"], "box": every["geometry"]["box"], "fields": fields}
+    patches = study.patches
+    return {
+        "elements": {shape.label.lower(): len(own) for shape, own in study.dataset.mesh.elements.items()},
+        "elements_drawn": sum(map(len, patches)),
+        "degrees": _degrees(own for patch in patches for own in patch.fields if own is not None),
+        "map_degrees": _degrees(patch.geometry for patch in patches),
+        "bytes": study.stored,
+    }
+
+
+def _degrees(expansions: Iterable[Expansion]) -> list[int]:
+    """Least and greatest degree; empty where there is none."""
+    found = {modes - 1 for expansion in expansions for modes in expansion.modes}
+    return [min(found), max(found)] if found else []

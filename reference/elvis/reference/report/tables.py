@@ -54,24 +54,25 @@ def _value(value: Any) -> str:
 
 def _data(study: Study, data: Mapping[str, Any]) -> list[tuple[str, str]]:
     assert study.scene is not None
-    elements = ", ".join(f"{count:,} {shape}{'s' * (count != 1)}" for shape, count in data["mesh"]["elements"].items())
-    elements = elements.replace("hexahedrons", "hexahedra").replace("tetrahedrons", "tetrahedra")
-    fields = [expansion for field in data["fields"] for expansion in field["expansions"]]
+    elements = ", ".join(f"{count:,} {_named(shape, count)}" for shape, count in data["elements"].items())
     return [
         ("files", ", ".join(Path(name).name for name in study.scene.data) or "in memory"),
         ("elements", elements),
-        ("degree of the field", _degrees(fields)),
-        ("degree of the map", _degrees(data["geometry"])),
+        ("degree of the field", _ends(data["degrees"])),
+        ("degree of the map", _ends(data["map_degrees"])),
         ("coefficients", size(study.stored)),
     ]
 
 
-def _degrees(expansions: Sequence[Mapping[str, Any]]) -> str:
-    """Least and greatest polynomial degree."""
-    degrees = [modes - 1 for expansion in expansions for modes in expansion["modes"]]
-    if not degrees:
-        return "unknown"
-    return str(min(degrees)) if min(degrees) == max(degrees) else f"{min(degrees)} to {max(degrees)}"
+def _named(shape: str, count: int) -> str:
+    """The name of a shape, in the plural where there are several."""
+    if count == 1:
+        return shape
+    return shape.replace("hedron", "hedra") if shape.endswith("hedron") else f"{shape}s"
+
+
+def _ends(degrees: Sequence[int]) -> str:
+    return " to ".join(str(degree) for degree in sorted(set(degrees))) or "unknown"
 
 
 def every_table(study: Study) -> list[Table]:
@@ -175,7 +176,7 @@ def _bars(study: Study) -> Table:
 
 
 def _bar(bar: Bar) -> list[str]:
-    limit, found = (f"{bar.limit:.0e}", f"{bar.found:.1e}") if bar.limit else ("0", f"{bar.found:.0f}")
+    limit, found = (f"{bar.limit:.0e}", some(bar.found)) if bar.limit else ("0", f"{bar.found:.0f}")
     place = ""
     if bar.worst:
         at = ", ".join(f"{x:.6g}" for x in bar.worst.position)

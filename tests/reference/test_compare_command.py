@@ -1,0 +1,103 @@
+"""``elvis compare`` from the command line."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from elvis.plugins.command import main
+from elvis.reference.commands.compare import compare
+from elvis.reference.picture import render
+from elvis.reference.record import Record
+from elvis.renderer import Plane, Scene
+
+PLANE = ["--plane", "1.5,0.5,0.45:0.1,0.2,1", "--size", "60x40", "--device", "reference"]
+
+
+@pytest.fixture(scope="module")
+def records(blocks, tmp_path_factory):
+    """A record, and one with a wrong value at column 30, row 20."""
+    folder = tmp_path_factory.mktemp("records")
+    scene = Scene("wave", Plane((1.5, 0.5, 0.45), (0.1, 0.2, 1.0)), size=(60, 40))
+    record = Record.of(render(blocks, scene))
+    record.save(folder / "exact.npz")
+    field = record.field.copy()
+    field[20, 30] += 1.0
+    np.savez(folder / "other.npz", **{**vars(record), "field": field})
+    return folder / "exact.npz", folder / "other.npz"
+
+
+def run(*arguments):
+    return CliRunner().invoke(compare, list(map(str, arguments)))
+
+
+def failed(capsys, *arguments):
+    """The sentence with which the whole command fails."""
+    with pytest.raises(SystemExit) as stopped:
+        main(["compare", *map(str, arguments)])
+    assert stopped.value.code == 1
+    return capsys.readouterr().err
+
+
+def test_a_report_of_a_scene(block_files, tmp_path):
+    done = run(*block_files, *PLANE, "--refinements", "1,0", "-o", tmp_path / "report")
+    assert done.exit_code == 0, done.output
+    assert re.match(r"Linear elements after 1 refinement: .* 2 would need \d+ kB\.\n$", done.stdout)
+    told = json.loads((tmp_path / "report" / "summary.json").read_text())
+    assert [rival["level"] for rival in told["rivals"]] == [0, 1]
+    assert told["verdict"] == done.stdout.strip()
+
+    # the scene that lies in the report makes it again
+    again = run(tmp_path / "report" / "scene.toml", "--device", "reference", "--refinements", "0,1", "--json")
+    assert again.exit_code == 0, again.output
+    numbers = json.loads(again.stdout)
+    assert numbers["rivals"] == told["rivals"]
+    assert numbers["picture"] == told["picture"]
+
+
+def test_records_are_compared(records, tmp_path):
+    exact, other = records
+    same = run(exact, exact, "--require", "pixel-exact")
+    assert (same.exit_code, same.stdout) == (0, "Exact: all 2,400 pixels pass every bar. The pictures are the same.\n")
+    told = json.loads(run(exact, other, "--json").stdout)
+    assert told["pixel_exact"] is False
+    assert (told["rivals"][0]["worst"]["row"], told["rivals"][0]["worst"]["column"]) == (20, 30)
+
+
+def test_what_is_required_decides_the_exit_status(records, tmp_path, capsys):
+    said = failed(capsys, *records, "--require", "pixel-exact", "-o", tmp_path / "report")
+    assert re.search(r"--require pixel-exact: field value fails at 1 pixel, off by up to .* column 30, row 20", said)
+    assert (tmp_path / "report" / "index.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--refinements", "0,many"), "expected numbers from 0 to 10 with commas between them"),
+        (("--memory-limit", "much"), "expected bytes such as 500M or 4G"),
+        (("--require", "beauty"), "pixel-exact"),
+    ],
+)
+def test_options_are_checked(records, arguments, sentence):
+    done = run(*records, *arguments)
+    assert done.exit_code == 2
+    assert sentence in done.output
+
+
+def test_a_limit_is_kept(block_files):
+    numbers = json.loads(run(*block_files, *PLANE, "--memory-limit", "20k", "--json").stdout)
+    assert [rival["skipped"] for rival in numbers["rivals"]] == [None, *3 * ["more than the memory limit"]]
+
+
+def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys):
+    exact, other = records
+    assert run(exact).exit_code == run(exact, other, exact).exit_code == run(exact, block_files[0]).exit_code == 2
+    np.savez(tmp_path / "empty.npz")
+    assert "empty.npz: expected the channels" in failed(capsys, exact, tmp_path / "empty.npz")
+    assert "there is no folder" in failed(capsys, exact, other, "-o", tmp_path / "no" / "report")
+    assert "nothing was judged" in failed(
+        capsys, *block_files, *PLANE, "--refinements", "0", "--require", "pixel-exact"
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.npz"]
