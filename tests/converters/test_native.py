@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from elvis.converters.native import Native
-from elvis.formats import FormatError, read, write
-from elvis.formats.dataset import Dataset
+from elvis.formats import Basis, ElvisError, read, write
+from elvis.formats.dataset import Dataset, Field, Homogeneous
+from elvis.formats.norms import norms
 from elvis.formats.sampling import sample
 from elvis.formats.strict import findings
 from elvis.formats.testing import approximated, curved, mixed_plane, mixed_volume, ripple, shuffled
@@ -104,14 +105,105 @@ def test_the_command_takes_parts_and_forms(elvis, volume, tmp_path, form):
     assert [path.read_bytes() for path in written] == first
 
 
-def test_composites_keep_their_names(tmp_path):
-    mesh = mixed_plane(1)
+def arrays(mesh):
+    """All that a mesh holds."""
+    yield from (mesh.vertex_ids, mesh.vertices)
+    for shape in mesh.entities:
+        yield from (mesh.of(shape).ids, mesh.of(shape).members)
+    for curves in (mesh.edge_curves, mesh.face_curves):
+        yield from (curves.rows, curves.kinds, curves.offsets, curves.points)
+    for composite in mesh.composites:
+        yield from (np.array([composite.id]), *(ids for _, ids in composite.parts))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_mesh_stays_as_it_is(case):
+    if not DATA.is_dir():
+        pytest.skip(f"there is no {DATA}")
+    before = read(*files(case)).mesh
+    conversion = convert(Native(files(case)), Settings(order=3))
+    after = conversion.dataset.mesh
+    assert all(np.array_equal(one, other) for one, other in zip(arrays(before), arrays(after), strict=True))
+    assert [(c.id, c.name) for c in after.composites] == [(c.id, c.name) for c in before.composites]
+    assert (after.domains, after.dimension, after.space) == (before.domains, before.dimension, before.space)
+    assert not conversion.report.has_map
+
+
+def test_blends_of_strongly_curved_elements_stay(tmp_path):
+    """Of tetrahedra the blend of curves depends on the order of vertices, which stays."""
+    mesh = curved(shuffled(mixed_volume(2), 1), ripple(0.1), 6)
+    conversion = check(Native, write(Dataset(mesh), tmp_path / "a.xml"))
+    assert conversion.report.geometry.max < 1e-14
+    assert not conversion.report.has_map
+
+
+def test_composites_can_be_chosen(tmp_path, elvis):
+    mesh = mixed_plane(2)
     named = tuple(replace(c, name=f"part {c.id}") for c in mesh.composites)
-    paths = write(Dataset(replace(mesh, composites=named)), tmp_path / "plane.xml")
-    found = convert(Native(paths)).dataset.mesh
-    assert {c.name for c in found.composites} == {c.name for c in named}
-    sizes = {c.name: sum(len(ids) for _, ids in c.parts) for c in found.composites}
-    assert sizes == {c.name: sum(len(ids) for _, ids in c.parts) for c in named}
+    plane = replace(mesh, composites=named)
+    field = approximated(Dataset(plane), "u", lambda x: x[:, 0] - x[:, 1], 2)
+    paths = write(Dataset(plane, (field,)), tmp_path / "plane.xml")
+    for choice in (["part 0"], ["0"], ["part 1"], ["part 0", "1"]):
+        elvis("convert", *paths, "-o", tmp_path / "some.xml", "--composites", ",".join(choice))
+        found = read(tmp_path / "some.xml", tmp_path / "some.fld")
+        ids = {int(name.removeprefix("part ")) for name in choice}
+        wanted = [ids_ for c in named if c.id in ids for _, ids_ in c.parts]
+        assert sum(map(len, found.mesh.elements.values())) == sum(map(len, wanted))
+        same_values_of(Dataset(plane, (field,)), found, "u")
+    with pytest.raises(ElvisError, match="there is no composite 'wing' in the domain; there are: 0 part 0"):
+        Native(paths, composites="wing")
+
+
+def same_values_of(whole, part, name):
+    """Values of a field, wherever the part has any."""
+    points = np.random.default_rng(4).uniform(*(end(whole.mesh.vertices, axis=0) for end in (np.min, np.max)), (200, 3))
+    found, wanted = (sample(each, [name], points).values.reshape(-1) for each in (part, whole))
+    inside = np.isfinite(found)
+    assert inside.any()
+    assert np.abs(found - wanted)[inside].max() <= 1e-12 * np.nanmax(np.abs(wanted))
+
+
+FOURIER = [("triquad_h1d", "*.fld"), ("chan3dh1d", "chan3DH1D.fld"), ("naca_h1d_line", "*.fld")]
+
+
+@pytest.mark.parametrize(("case", "pattern"), FOURIER)
+def test_fourier_planes_come_back(tmp_path, case, pattern):
+    if not DATA.is_dir():
+        pytest.skip(f"there is no {DATA}")
+    paths = [path for end in ("*.xml", pattern) for path in sorted(DATA.joinpath(case).glob(end))]
+    before = read(*paths)
+    conversion = convert(Native(paths))
+    assert {measure.state for measure in (conversion.report.geometry, *conversion.report.fields)} == {"exact"}
+    assert [measure.name for measure in conversion.report.fields] == [field.name for field in before.fields]
+    highest = max(max(b.expansion.modes) for field in before.fields for b in field.blocks)
+    for order in (None, highest + 1):
+        written = write(convert(Native(paths), Settings(order=order)).dataset, tmp_path / f"{order}.xml")
+        assert findings(*written) == ()
+        after = read(*written)
+        waves = [{b.expansion.homogeneous for f in each.fields for b in f.blocks} for each in (before, after)]
+        assert waves[0] == waves[1] != {None}
+        if order is None:  # at another order other quadrature points hold
+            found, wanted = ({name: norm.l2 for name, norm in norms(each).items()} for each in (after, before))
+            assert found == pytest.approx(wanted, rel=1e-12, abs=1e-13)
+
+
+def test_tolerances_of_fourier_planes_are_those_of_the_field(tmp_path):
+    mesh = mixed_plane(2)
+    wave = Homogeneous((Basis.FOURIER,), (2.0,), (0, 1, 2, 3))
+    planes = [approximated(Dataset(mesh), "u", lambda x, k=k: np.sin(x[:, 0] * k) * 10.0**-k, 7) for k in range(4)]
+    blocks = tuple(
+        replace(
+            each[0],
+            expansion=replace(each[0].expansion, homogeneous=wave),
+            coefficients=np.concatenate([b.coefficients for b in each], axis=1),
+        )
+        for each in zip(*(plane.blocks for plane in planes), strict=True)
+    )
+    paths = write(Dataset(mesh, (Field("u", blocks),)), tmp_path / "a.xml")
+    report = convert(Native(paths), Settings(tolerance=1e-3)).report
+    (measure,) = report.fields
+    assert measure.order < 6
+    assert 0 < measure.relative <= 1e-3
 
 
 def test_a_geometry_map_stays_the_map(solvers, tmp_path):
@@ -136,6 +228,3 @@ def test_what_it_does_not_take(tmp_path):
     (tmp_path / "other.xml").write_text("<VTKFile/>")
     assert not Native.opens([tmp_path / "other.xml"])
     assert not Native.opens([tmp_path / "missing.xml"])
-    if DATA.is_dir():
-        with pytest.raises(FormatError, match="Fourier"):
-            Native(files("triquad_h1d"))

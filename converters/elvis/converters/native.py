@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +14,16 @@ from elvis.formats import read
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.bases import Basis
 from elvis.formats.dataset import Dataset, Expansion
-from elvis.formats.errors import FormatError
+from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.evaluation import evaluate
+from elvis.formats.expansion import mode_count
 from elvis.formats.geometry import MAP_FIELDS
 from elvis.formats.mesh import Composite, Mesh
 from elvis.formats.nektar.sources import GZIP_SIGNATURE, HDF5_SIGNATURE
 from elvis.formats.orientation import local_vertices
 from elvis.formats.patch import Patch, patches
 from elvis.formats.shapes import Shape
-from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 
 _ROOT = re.compile(rb"<NEKTAR[\s>/]")
 _PIECE = re.compile(r"(P\d+\.(xml(\.gz)?|fld)|Info\.xml)")
@@ -39,30 +40,38 @@ class _Part:
     patch: Patch
     rows: Ints
 
+    def plane(self, field: int, number: int) -> tuple[Expansion, Floats] | None:
+        """A Fourier plane of a field, the field itself where it has none; None where the patch lacks the field."""
+        expansion, coefficients = self.patch.fields[field], self.patch.coefficients[field]
+        if expansion is None or coefficients is None:
+            return None
+        flat = replace(expansion, homogeneous=None)
+        count = mode_count(flat)
+        return flat, coefficients[:, number * count : (number + 1) * count]
+
 
 class Native(Converter):
     """A mesh with the fields of any number of files."""
 
     format = "Nektar++ meshes and fields (.xml, .nekg, .fld)"
-    keeps = "all shapes, bases and orders, curves, geometry maps, names of composites, time, metadata"
-    loses = (
-        "numbers of composites, turns of elements, bases other than the modified ones; Fourier directions are refused"
-    )
+    keeps = "the mesh with its numbers, curves, composites, domains; all shapes, orders, Fourier planes; time, metadata"
+    loses = "bases other than the modified ones, conditions; with --composites numbers and turns"
+    options = (Option("composites", "Convert these composites of the domain, names or numbers, commas between them."),)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether every file or folder is of the native format."""
         return bool(paths) and all(_is_native(path) for path in paths)
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[Path], composites: str | None = None) -> None:
         dataset = read(*paths)
-        if any(block.expansion.homogeneous for field in dataset.fields for block in field.blocks):
-            raise FormatError("expected fields without Fourier directions, found some with", file=paths[0])
         maps = _map_names(dataset)
         names = [field.name for field in dataset.fields if field.name not in maps]
-        self._parts = list(_parted(dataset.mesh, patches(dataset, names)))
+        self.mesh = dataset.mesh if composites is None else None
+        wanted = None if composites is None else _wanted(dataset.mesh, composites)
+        self._parts = list(_parted(dataset.mesh, patches(dataset, names), wanted))
         self.blocks = [_block(dataset.mesh, i, region, part) for i, (region, part) in enumerate(self._parts)]
-        self.fields = [self._field(dataset, i, name) for i, name in enumerate(names)]
+        self.fields = [plane for i, name in enumerate(names) for plane in self._planes(i, name)]
         self.boundaries = list(_boundaries(dataset.mesh))
         self.time = dataset.time
         self.metadata = {key: text for key, text in dataset.metadata.items() if key != "GeometryMap"}
@@ -74,31 +83,40 @@ class Native(Converter):
         return evaluate(part.patch.geometry, coefficients, points).transpose(0, 2, 1)
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """The expansion of the field."""
-        part = self._parts[block.key][1]
-        expansion, coefficients = part.patch.fields[field.key], part.patch.coefficients[field.key]
-        assert expansion is not None
-        assert coefficients is not None
+        """The expansion of the field, or of one of its planes."""
+        part, (number, plane) = self._parts[block.key][1], field.key
+        found = part.plane(number, plane)
+        assert found is not None
+        expansion, coefficients = found
         return evaluate(expansion, coefficients[part.rows[block.rows]], points)
 
-    def _field(self, dataset: Dataset, number: int, name: str) -> SourceField:
+    def _planes(self, number: int, name: str) -> Iterator[SourceField]:
+        """A field, or one for each of its Fourier planes."""
         expansions = [part.patch.fields[number] for _, part in self._parts]
         orders = [None if e is None else max(e.modes) - 1 for e in expansions]
         is_held = all(
             e is None or block.shape is not Shape.PYRAMID or _pyramid(e) is block.pyramid
             for e, block in zip(expansions, self.blocks, strict=True)
         )
-        return SourceField(name, orders, self._may_be_continuous(number), is_held, key=number)
+        waves = {e.homogeneous for e in expansions if e is not None}
+        if len(waves) > 1:
+            raise FormatError(f"expected the same Fourier directions on all elements, found {len(waves)}", place=name)
+        homogeneous = next(iter(waves), None)
+        for plane in range(len(homogeneous.z_ids) if homogeneous else 1):
+            is_continuous = self._may_be_continuous(number, plane)
+            yield SourceField(name, orders, is_continuous, is_held, (number, plane), homogeneous)
 
-    def _may_be_continuous(self, number: int) -> bool:
+    def _may_be_continuous(self, number: int, plane: int) -> bool:
         """Whether elements agree at the vertices that they share."""
         found = []
         for (_, part), block in zip(self._parts, self.blocks, strict=True):
-            expansion, coefficients = part.patch.fields[number], part.patch.coefficients[number]
-            if expansion is None or coefficients is None or block.vertices is None:
+            own = part.plane(number, plane)
+            if own is None or block.vertices is None:
                 return False
-            values = evaluate(expansion, coefficients[part.rows], block.shape.vertices)
+            values = evaluate(own[0], own[1][part.rows], block.shape.vertices)
             found.append((block.vertices.reshape(-1), values.reshape(-1)))
+        if not found:
+            return False
         vertices, values = (np.concatenate(each) for each in zip(*found, strict=True))
         which = np.unique(vertices, return_inverse=True)[1].reshape(-1)
         low, high = np.full(which.max() + 1, np.inf), np.full(which.max() + 1, -np.inf)
@@ -133,20 +151,39 @@ def _map_names(dataset: Dataset) -> tuple[str, ...]:
     return tuple(name.strip() for name in dataset.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
 
 
-def _parted(mesh: Mesh, found: Sequence[Patch]) -> Iterator[tuple[str, _Part]]:
-    """Patches by the composites of the domain, with the names of these."""
+def _domain(mesh: Mesh) -> list[Composite]:
+    """The composites that make the domain."""
     known = {composite.id: composite for composite in mesh.composites}
-    domain = [known[c] for composites in mesh.domains.values() for c in composites if c in known]
-    owner = {composite.id: np.concatenate([ids for _, ids in composite.parts]) for composite in domain}
+    return [known[c] for composites in mesh.domains.values() for c in composites if c in known]
+
+
+def _wanted(mesh: Mesh, names: str) -> list[Composite]:
+    """Composites of the domain by names or numbers; ElvisError where there is none of that name."""
+    domain = _domain(mesh)
+    found = []
+    for name in (part.strip() for part in names.split(",")):
+        own = [c for c in domain if name in (c.name, str(c.id))]
+        if not own:
+            known = ", ".join(f"{c.id} {c.name or ''}".strip() for c in domain) or "none"
+            raise ElvisError(f"there is no composite {name!r} in the domain; there are: {known}")
+        found += own
+    return found
+
+
+def _parted(mesh: Mesh, found: Sequence[Patch], wanted: Sequence[Composite] | None) -> Iterator[tuple[str, _Part]]:
+    """Patches whole; or, of composites that are ``wanted``, parted by these, with their names."""
+    if wanted is None:
+        yield from (("", _Part(patch, np.arange(len(patch)))) for patch in found)
+        return
+    tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
     for patch in found:
         left = np.ones(len(patch), bool)
-        for composite in domain:
-            rows = np.flatnonzero(left & np.isin(patch.element_ids, owner[composite.id]))
+        for composite in wanted:
+            owned = [ids for tag, ids in composite.parts if tag in tags or mesh.dimension < 3]
+            rows = np.flatnonzero(left & np.isin(patch.element_ids, np.concatenate([np.empty(0, np.int64), *owned])))
             left[rows] = False
             if len(rows):
-                yield _region(composite, len(domain) > len(mesh.elements)), _Part(patch, rows)
-        if left.any():
-            yield "", _Part(patch, np.flatnonzero(left))
+                yield _region(composite, True), _Part(patch, rows)
 
 
 def _region(composite: Composite, is_told_apart: bool) -> str:

@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from elvis.formats.arrays import Floats, Ints
+from elvis.formats.dataset import Homogeneous
+from elvis.formats.mesh import Mesh
 from elvis.formats.shapes import Shape
 
 #: relative spacing of float64, float32 and of text with eight digits
@@ -89,6 +91,8 @@ class SourceField:
     is_continuous  whether elements that share a face agree there
     is_polynomial  whether the field is in the space of that order; False for what is derived, rational, on H(div) ...
     key            anything by which the converter knows the field again
+    homogeneous    Fourier directions of quasi-3D data: then one after another come the fields of one name that are the
+                   coefficients of its planes, in their order, and together make one field
     """
 
     name: str
@@ -96,6 +100,7 @@ class SourceField:
     is_continuous: bool = False
     is_polynomial: bool = True
     key: Any = None
+    homogeneous: Homogeneous | None = None
 
     def order_on(self, block: int) -> int | None:
         """The degree on a block, None where it lacks the field."""
@@ -143,6 +148,8 @@ class Converter(ABC):
     precision                    relative rounding of the source's numbers
     is_conforming                False where faces of elements meet parts of others (hanging nodes)
     notes                        sentences for the report: what was decided or left out in reading
+    mesh                         of sources that have one of the native format, which is taken over as it is: then
+                                 blocks hold elements of it by ``ids``, in its frame and order of vertices; None else
     """
 
     format: ClassVar[str] = ""
@@ -159,6 +166,7 @@ class Converter(ABC):
     precision: float = DOUBLE
     is_conforming: bool = True
     notes: Sequence[str] = ()
+    mesh: Mesh | None = None
 
     @classmethod
     @abstractmethod

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -22,9 +23,9 @@ from elvis.plugins.projection.fitting import Fitted, fit_positions, mapped, padd
 from elvis.plugins.projection.projecting import Projected, at_order, at_tolerance
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
-from elvis.plugins.projection.topology import Topology, topology
+from elvis.plugins.projection.topology import Topology, given, topology
 from elvis.plugins.projection.traces import Skins, Traces
-from elvis.plugins.projection.verification import Findings, Tally, check
+from elvis.plugins.projection.verification import Findings, Tally, check, joint
 from elvis.plugins.report import Measure, Report, is_rounding
 
 GeometryChoice = Literal["auto", "curves", "map"]
@@ -77,10 +78,8 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     """
     settings = settings or Settings()
     fields = _chosen(source, settings.fields)
-    plan = topology(source, lambda number: _is_collapsed(source, number, fields, settings))
-    plan = replace(plan, blocks=tuple(_spaced(block, settings) for block in plan.blocks))
-    sampler = Sampler(source)
-    mesh = _curved(sampler, plan)
+    plan, sampler = _plan(source, fields, settings), Sampler(source)
+    mesh = plan.mesh if source.mesh is not None else _curved(sampler, plan)
     projected = _projected(sampler, mesh, plan, fields, settings)
     blocks, fitted, findings = projected.blocks, projected.fields, projected.findings
     straight = findings
@@ -97,13 +96,23 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     return Conversion(dataset, report, tuple(blocks))
 
 
+def _plan(source: Converter, fields: Sequence[SourceField], settings: Settings) -> Topology:
+    """The mesh, its curves still to come unless the source has it whole, and the blocks with their expansions."""
+    if source.mesh is not None:
+        plan = given(source, source.mesh)
+    else:
+        plan = topology(source, lambda number: _is_collapsed(source, number, fields, settings))
+    return replace(plan, blocks=tuple(_spaced(block, settings) for block in plan.blocks))
+
+
 def _dataset(
     source: Converter, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], has_map: bool
 ) -> Dataset:
     """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files."""
     modes = [max((each.modes[i] for each in fitted), default=2) for i in range(len(blocks))]
     metadata = {**source.metadata, **({"GeometryMap": ",".join(MAP_FIELDS[: mesh.space])} if has_map else {})}
-    return Dataset(mesh, tuple(_field(each, blocks, modes) for each in fitted), source.time, metadata)
+    named = [list(group) for _, group in groupby(fitted, lambda each: each.field.name)]
+    return Dataset(mesh, tuple(_field(planes, blocks, modes) for planes in named), source.time, metadata)
 
 
 def _chosen(source: Converter, names: tuple[str, ...] | None) -> list[SourceField]:
@@ -114,7 +123,9 @@ def _chosen(source: Converter, names: tuple[str, ...] | None) -> list[SourceFiel
             raise ElvisError(f"there is no field {name!r}; the fields are {', '.join(known) or 'none'}")
     chosen = [field for field in source.fields if names is None or field.name in names]
     for field in chosen:
-        if [each.name for each in chosen].count(field.name) > 1:
+        if len({id(each.homogeneous) for each in chosen if each.name == field.name}) > 1 or (
+            field.homogeneous is None and [each.name for each in chosen].count(field.name) > 1
+        ):
             raise ElvisError(f"expected fields of distinct names, found several {field.name!r}")
         if field.name in MAP_FIELDS:
             raise ElvisError(f"expected no field {field.name!r}, for the coordinates go by that name")
@@ -190,13 +201,15 @@ def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[F
     return [Fitted(field, modes, column) for field, column in list(kept)[: mesh.space]]
 
 
-def _field(fitted: Fitted, blocks: Sequence[NativeBlock], modes: Sequence[int]) -> Field:
-    """The field with ``modes`` on each block."""
-    parts = []
-    for block, few, many, own in zip(blocks, fitted.modes, modes, fitted.coefficients, strict=True):
-        full = padded(own, block.expansion(few), block.expansion(many))
-        parts.append(Block(block.expansion(many), frozen_ints(block.ids), frozen_floats(full)))
-    return Field(fitted.field.name, tuple(parts), fitted.is_continuous)
+def _field(planes: Sequence[Fitted], blocks: Sequence[NativeBlock], modes: Sequence[int]) -> Field:
+    """The field with ``modes`` on each block; of several planes where it has Fourier directions."""
+    parts, first = [], planes[0]
+    for i, (block, many) in enumerate(zip(blocks, modes, strict=True)):
+        full = [padded(p.coefficients[i], block.expansion(p.modes[i]), block.expansion(many)) for p in planes]
+        expansion = replace(block.expansion(many), homogeneous=first.field.homogeneous)
+        stacked = full[0] if len(full) == 1 else np.concatenate(full, axis=1)
+        parts.append(Block(expansion, frozen_ints(block.ids), frozen_floats(stacked)))
+    return Field(first.field.name, tuple(parts), all(each.is_continuous for each in planes))
 
 
 def _report(
@@ -228,17 +241,23 @@ def _report(
         measured,
         straight.deviation,
         has_map,
-        tuple(_of_field(each, tally, source.precision) for each, tally in zip(fitted, findings.fields, strict=True)),
+        tuple(_of_fields(fitted, findings.fields, source.precision)),
         listed,
         (*source.notes, *plan.notes, *_notes(source, plan, fitted)),
     )
 
 
-def _of_field(fitted: Fitted, tally: Tally, precision: float) -> Measure:
-    spread = max(0.0, tally.high - tally.low)
-    magnitude = max(abs(tally.low), abs(tally.high)) if np.isfinite(spread) else 0.0
-    order = max(fitted.modes, default=1) - 1
-    return _measure(fitted.field.name, order, tally, spread, magnitude, precision, fitted.is_continuous)
+def _of_fields(fitted: Sequence[Fitted], tallies: Sequence[Tally], precision: float) -> Iterator[Measure]:
+    """How far off the fields are; where one has several planes, the worst of their coefficients."""
+    pairs = zip(fitted, tallies, strict=True)
+    for name, group in groupby(pairs, lambda pair: pair[0].field.name):
+        planes, found = zip(*group, strict=True)
+        tally = joint(found)
+        spread = max(0.0, tally.high - tally.low)
+        magnitude = max(abs(tally.low), abs(tally.high)) if np.isfinite(spread) else 0.0
+        order = max((n for each in planes for n in each.modes), default=1) - 1
+        is_continuous = all(each.is_continuous for each in planes)
+        yield _measure(name, order, tally, spread, magnitude, precision, is_continuous)
 
 
 def _measure(

@@ -72,8 +72,12 @@ def raised(blocks: Sequence[NativeBlock], fields: Sequence[SourceField], ids: In
 def bounds_of(
     sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], tolerance: float
 ) -> list[float]:
-    """The largest error that each field may have: ``tolerance`` of its range."""
-    return [tolerance * spread for spread in _ranges(sampler, blocks, fields)]
+    """The largest error that each field may have: ``tolerance`` of its range, or of the largest of its planes'."""
+    spreads = _ranges(sampler, blocks, fields)
+    most: dict[str, float] = {}
+    for field, spread in zip(fields, spreads, strict=True):
+        most[field.name] = max(most.get(field.name, 0.0), spread)
+    return [tolerance * most[field.name] for field in fields]
 
 
 def _ranges(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]) -> list[float]:

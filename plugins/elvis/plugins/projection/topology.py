@@ -13,6 +13,7 @@ from elvis.formats.errors import ElvisError
 from elvis.formats.expansion import values_and_gradients
 from elvis.formats.interpolation import modified
 from elvis.formats.mesh import Entities, Mesh
+from elvis.formats.orientation import local_vertices
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Converter, Elements
 from elvis.plugins.projection.blocks import NativeBlock
@@ -83,6 +84,19 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     _raise_apexes(drafts, pool)
     detached = _order(drafts, pool)
     return _assembled(source, drafts, pool, repeated, detached)
+
+
+def given(source: Converter, mesh: Mesh) -> Topology:
+    """The source's blocks in a mesh that is taken over as it is; ElvisError where there are no elements."""
+    blocks = []
+    for number, block in enumerate(_checked(source)):
+        entities, rows = mesh.of(block.shape), np.arange(len(block))
+        assert block.ids is not None
+        order = np.argsort(entities.ids, kind="stable")
+        own = order[np.searchsorted(entities.ids, block.ids, sorter=order)]
+        vertices = local_vertices(mesh, block.shape)[own]
+        blocks.append(NativeBlock(number, block, block.shape, vertices, 0 * rows, False, rows, own, block.ids))
+    return Topology(mesh, tuple(blocks), np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 class _Pool:

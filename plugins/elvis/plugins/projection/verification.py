@@ -74,6 +74,14 @@ class Tally:
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
 
+def joint(tallies: Sequence[Tally]) -> Tally:
+    """Several quantities taken as one: the worst difference, the sum of the squares, the range of all."""
+    worst = max(tallies, key=lambda each: each.worst)
+    low, high = min(each.low for each in tallies), max(each.high for each in tallies)
+    broken = [ids for each in tallies for ids in each.broken]
+    return Tally(worst.worst, worst.element, sum(each.square for each in tallies), low, high, broken)
+
+
 @dataclass(eq=False)
 class Findings:
     """All that a check found.
