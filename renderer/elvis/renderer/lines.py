@@ -7,7 +7,6 @@ element's own border; mesh lines are where the facets of an element's reference 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.renderer.device import Kernel
+from elvis.renderer.device import ROWS, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.gaps import beside
 from elvis.renderer.layer import Layer
@@ -31,6 +30,8 @@ MOST, WIDEST = 1024, 100.0
 #: units of its distances
 UNITS = 1 << 16
 NOTHING = 0xFFFFFFFF
+#: an element to be searched around a pixel, as in shaders/line.slang
+PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32)])
 #: lines from the centre of a reference shape that look for its facets
 _DIRECTIONS = 512
 
@@ -62,16 +63,16 @@ class Lines:
         """
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
+        levels = np.sort(np.asarray(values, dtype=np.float64))
         buffers = {
-            "levels": self._device.buffer(np.asarray(values, np.float64)),
+            "levels": self._device.buffer(levels),
+            "owner": self._device.buffer(layer.owner),
             "depth": self._device.buffer(layer.depth),
             "nearest": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
-        found = self._found(view, layer, buffers, len(values))
-        pieces = found["pixel"], found["base"], found["whole"]
-        for number, chosen in self._by_part(layer, found["base"]):
-            some = [column[chosen] for column in pieces]
-            self._run("line_draw", number, view, layer, some, buffers, 0.5 * width + 0.5, len(values), quantity)
+        pieces = self._found(view, layer, buffers, len(levels))
+        size = {"reach": 0.5 * width + 0.5, "levels": len(levels)}
+        self._run("line_draw", view, layer, pieces, buffers, quantity, **size)
         marks = self._device.read(buffers["nearest"], np.uint32)
         near = np.flatnonzero(marks != NOTHING)
         coverage, lines = np.zeros(view.count), np.full(view.count, -1)
@@ -85,54 +86,47 @@ class Lines:
         reach = 0.5 * width + 0.5
         near = np.flatnonzero(_near_others(layer.owner.reshape(view.height, view.width), int(np.ceil(reach))))
         near = near[layer.owner[near] != NOBODY]
+        pieces = np.zeros(len(near), PIECE)
+        pieces["pixel"] = pieces["base"] = near
+        buffers = {"owner": self._device.buffer(layer.owner), "distances": self._device.empty(np.float64, len(near))}
+        self._run("line_border", view, layer, pieces, buffers, reach=reach)
         coverage = np.zeros(view.count)
-        for number, chosen in self._by_part(layer, near):
-            pixels = near[chosen]
-            distances = self._device.empty(np.float64, len(pixels))
-            pieces = [pixels, pixels, np.zeros(len(pixels))]
-            self._run("line_border", number, view, layer, pieces, {"distances": distances}, reach)
-            coverage[pixels] = covered(self._device.read(distances, np.float64)[: len(pixels)], width)
+        coverage[near] = covered(self._device.read(buffers["distances"], np.float64)[: len(near)], width)
         return coverage
 
     def _found(self, view: View, layer: Layer, buffers: dict[str, slangpy.Buffer], levels: int) -> NDArray[Any]:
-        """The pieces that line_find.slang lists, in order of pixels."""
+        """The pieces that line_find.slang lists."""
         kernel = self._device.kernel("line_find", self._loaded.parts[0])
-        sight = self._sight(kernel, view, count=view.count, levels=levels)
-        both = {"owner": self._device.buffer(layer.owner), "field": self._device.buffer(layer.field)}
-        every = {**self._loaded.buffers[0], **buffers, **both, "view": sight}
-        found = self._device.listed("found", kernel, lambda lists: kernel(view.count, {**every, **lists}))
-        return found[np.lexsort([found["base"], found["pixel"]])]
-
-    def _by_part(self, layer: Layer, pixels: Ints) -> Iterator[tuple[int, Ints]]:
-        """Numbers of parts, and which of some pixels they own."""
-        part = np.searchsorted(self._loaded.first, layer.owner[pixels], side="right") - 1
-        for number in np.unique(part):
-            yield int(number), np.flatnonzero(part == number)
+        strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
+        sight = self._sight(kernel, view, count=strips, levels=levels)
+        rest = {"field": self._device.buffer(layer.field), "view": sight}
+        every = {**self._loaded.buffers[0], **buffers, **rest}
+        return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
 
     def _run(
         self,
         stage: str,
-        number: int,
         view: View,
         layer: Layer,
-        columns: list[NDArray[Any]],
+        pieces: NDArray[Any],
         buffers: dict[str, slangpy.Buffer],
-        reach: float,
-        levels: int = 0,
         quantity: str | None = None,
+        **size: float,
     ) -> None:
-        """A stage over pieces of one part: their pixels, the pixels that hit the element, whether it is all around."""
-        kernel = self._device.kernel(stage, self._loaded.parts[number], quantity)
-        pixel, base, whole = columns
-        pieces = np.zeros(len(pixel), kernel.dtype("pieces"))
-        pieces["element"] = layer.owner[base] - np.uint32(self._loaded.first[number])
-        for name, pixels in (("pixel", pixel), ("base", base)):
-            pieces[name] = np.stack([pixels % view.width, pixels // view.width], axis=1)
-        pieces["reference"], pieces["normal"], pieces["whole"] = layer.reference[base], layer.normal[base], whole
-        facets = self._facets_of(number)
-        sight = self._sight(kernel, view, count=len(pieces), reach=reach, levels=levels, facets=len(facets))
-        every = {**self._loaded.bound(number, quantity), **buffers, "view": sight}
-        kernel(len(pieces), {**every, "pieces": self._device.buffer(pieces), "facets": self._device.buffer(facets)})
+        """A stage over pieces, once for each part."""
+        if not len(pieces):
+            return
+        base = pieces["base"]
+        hits = {"pieces": pieces, "references": layer.reference[base], "normals": layer.normal[base]}
+        shared = {**buffers, **{name: self._device.buffer(data) for name, data in hits.items()}}
+        for number, part in enumerate(self._loaded.parts):
+            kernel, facets = self._device.kernel(stage, part, quantity), self._facets_of(number)
+            place = {"first": self._loaded.first[number], "elements": len(part), "facets": len(facets)}
+            own = {
+                "facets": self._device.buffer(facets),
+                "view": self._sight(kernel, view, count=len(pieces), **place, **size),
+            }
+            kernel(len(pieces), {**self._loaded.bound(number, quantity), **shared, **own})
 
     def _sight(self, kernel: Kernel, view: View, **rest: float) -> slangpy.Buffer:
         """The Sight record of the stages (shaders/line.slang)."""
