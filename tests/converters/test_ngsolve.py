@@ -201,3 +201,62 @@ def test_other_archives_are_for_others(solvers, tmp_path):
     assert not NGSolve.opens([tmp_path / "cut.npz"])
     assert not NGSolve.opens([solvers / "ngsolve" / "ballbox_p4.truth.npz"])
     assert not NGSolve.opens([solvers / "ngsolve" / "ballbox_p4.pickle"])
+
+
+def test_its_own_files_agree_with_the_library(solvers, truth, near):
+    """The mesh file has a few digits less than the session had."""
+    folder = solvers / "ngsolve"
+    files = [folder / f"ballbox_p4.{end}" for end in ("vol", "u.gfu", "w.gfu", "v.gfu")]
+    assert NGSolve.opens(files)
+    conversion = check(NGSolve, files, spaces="H1:5,L2:4,VectorH1:4")
+    report = conversion.report
+    assert all(measure.is_exact for measure in (report.geometry, *report.fields))
+    assert [measure.name for measure in report.fields] == ["u", "w", "v_x", "v_y", "v_z"]
+    own = truth(folder / "ballbox_p4.truth.npz")
+    shape = Shape.TETRAHEDRON
+    places = lambda block, ref: native_points(shape, UNIT[shape].frame, ref)  # noqa: E731
+    near(own.positions_at(conversion, {"tet": 0}, places), own.xyz, 1e-9)
+    for measure in report.fields:
+        wanted = own.column(measure.name[0], "xyz".index(measure.name[2]) if len(measure.name) > 1 else 0)
+        near(own.at(conversion, measure.name, {"tet": 0}, places), wanted)
+        near(own.found(conversion.dataset, measure.name), wanted, 1e-8)
+
+
+@pytest.mark.parametrize("name", ["ball", "flat", "prisms"])
+def test_saved_files_hold_what_the_session_exports(tmp_path, near, name):
+    mesh = MESHES[name]()
+    mesh.ngmesh.Save(str(tmp_path / "case.vol"))
+    mesh = ngsolve.Mesh(str(tmp_path / "case.vol"))
+    function = ngsolve.GridFunction(ngsolve.H1(mesh, order=3))
+    function.Set(ngsolve.sin(ngsolve.x) * (1 + ngsolve.y))
+    function.Save(str(tmp_path / "case.u.gfu"))
+    export(tmp_path / "case.elems.npz", mesh, {"u": function})
+    ours = check(NGSolve, [tmp_path / "case.vol", tmp_path / "case.u.gfu"], spaces="H1:3").dataset
+    theirs = check(NGSolve, [tmp_path / "case.elems.npz"]).dataset
+    assert np.array_equal(ours.mesh.vertices, theirs.mesh.vertices)
+    for one, other in zip(ours.fields[0].blocks, theirs.fields[0].blocks, strict=True):
+        near(one.coefficients, other.coefficients, 1e-13)
+
+
+@pytest.mark.parametrize(
+    ("spaces", "change", "message"),
+    [
+        (None, lambda text: text, r"expected a space for each of 1 .gfu files, .*, found 0"),
+        ("H1:5,L2:4", lambda text: text, r"expected a space for each of 1 .gfu files, .*, found 2"),
+        ("H1:999", lambda text: text, "expected a space among H1, .*, found 'H1:999'"),
+        ("Fancy:3", lambda text: text, "expected a space among H1, .*, found 'Fancy:3'"),
+        ("H1:4", lambda text: text, r"u.gfu: expected \d+ numbers of H1 of order 4, found 16462"),
+        ("H1:5", lambda text: text[: len(text) // 2], "expected a whole mesh, found no endmesh"),
+        ("H1:5", lambda text: text.replace("\n701\n", "\n799999999\n"), "expected a number of volumeelements"),
+        ("H1:5", lambda text: text.replace("1 4 104 106", "1 4 104 999"), "expected points 1 to 200, found 999"),
+        ("H1:5", lambda text: text.replace("1 4 104 106", "1 4 104 x"), "expected an element and its points"),
+        ("H1:5", lambda text: text.replace("curvedelements\n1044", "curvedelements\n10440000"), "fails|expected"),
+    ],
+)  # fmt: skip
+def test_bad_own_files_are_refused_in_a_sentence(solvers, tmp_path, spaces, change, message):
+    paths = [tmp_path / "ballbox_p4.vol", solvers / "ngsolve" / "ballbox_p4.u.gfu"]
+    text = (solvers / "ngsolve" / paths[0].name).read_text()
+    paths[0].write_text(change(text))
+    with pytest.raises(ElvisError, match=message) as caught:
+        NGSolve(paths, spaces=spaces)
+    assert "\n" not in str(caught.value)

@@ -1,9 +1,9 @@
-"""Samples of NGSolve's elements (.elems.npz), as `elvis.converters.ngsolve_export` writes them from a session.
+"""NGSolve's elements: its own files, or samples (.elems.npz) as `elvis.converters.ngsolve_export` writes them.
 
-For each shape S (tet, pyramid, prism, hex, trig, quad): S_elem (n,) numbers, S_verts (n, k) vertices as NGSolve has
-them, S_ref (m, d) reference points, S_xyz (n, m, D), S_f_NAME (n, m, components), S_region (n,) names if there are any;
-order: the degree of the map and the highest of the fields; order_NAME, continuous, time, boundary_S_verts and
-boundary_S_region may be there too.
+Of its own files the library makes the same samples: for each shape S (tet, pyramid, prism, hex, trig, quad) S_elem (n,)
+numbers, S_verts (n, k) vertices as NGSolve has them, S_ref (m, d) reference points, S_xyz (n, m, D), S_f_NAME (n, m,
+components), S_region (n,) names if there are any; order: the degree of the map and the highest of the fields;
+order_NAME, continuous, time, boundary_S_verts and boundary_S_region may be there too.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ import numpy as np
 
 from elvis.converters.names import components
 from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES
+from elvis.converters.ngsolve_files import is_mesh, sampled
 from elvis.converters.unit import UNIT
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
 
 _HIGHEST = 30
@@ -29,13 +30,18 @@ _HIGHEST = 30
 class NGSolve(Converter):
     """Elements with values at points that determine their polynomials."""
 
-    format = "samples of NGSolve's elements (.elems.npz)"
+    format = "NGSolve's meshes and grid functions (.vol, .gfu), samples from a session (.elems.npz)"
     keeps = "curved elements of all shapes and orders, H1 and L2 functions exactly, materials, boundaries, time"
-    loses = "pickled sessions and .gfu files, which don't say what their numbers mean: export them from Python instead"
+    loses = (
+        "pickled sessions, which run what they hold: export from Python; .vol and .gfu files need the package ngsolve"
+    )
+    options = (Option("spaces", "Spaces of the .gfu files in their order, such as H1:5,L2:4,VectorH1:4."),)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
-        """Whether it is one archive with the elements and places of a shape."""
+        """Whether it is a mesh with files of functions, or one archive with the elements and places of a shape."""
+        if sum(map(is_mesh, paths)) == 1:
+            return all(is_mesh(path) or path.suffix == ".gfu" for path in paths)
         if len(paths) != 1 or not zipfile.is_zipfile(paths[0]):
             return False
         try:
@@ -45,8 +51,9 @@ class NGSolve(Converter):
             return False
         return any({f"{shape}_ref.npy", f"{shape}_xyz.npy", f"{shape}_verts.npy"} <= names for shape in SHAPES)
 
-    def __init__(self, paths: Sequence[Path]) -> None:
-        self._path, self._data = paths[0], _load(paths[0])
+    def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:
+        is_archive = len(paths) == 1 and zipfile.is_zipfile(paths[0])
+        self._path, self._data = paths[0], _load(paths[0]) if is_archive else sampled(paths, spaces)
         self._bases: dict[str, NodalBasis] = {}
         self.blocks = []
         self._orders: list[int] = []
