@@ -206,7 +206,8 @@ class Renderer:
             hit = self.stages.cutter.draw(view, references=False).owner != NOBODY
         else:
             for sheet in self.stages.sheets(scene):
-                for layer in self.stages.layers(sheet, view, scene.clip):
+                opaque = replace(sheet, style=replace(sheet.style, opacity=1.0))
+                for layer in self.stages.layers(opaque, view, scene.clip):
                     hit |= layer.owner != NOBODY
         return np.asarray(hit.reshape(view.height, view.width))
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.evaluation import evaluate_at
 from elvis.formats.inverse import Status, invert
 from elvis.formats.patch import Patch
 from elvis.plugins.native.bending import bends
@@ -19,9 +18,13 @@ UNDECIDED = 2
 
 @dataclass(frozen=True, eq=False)
 class Solver:
-    """Solves in the elements of some patches, numbered one patch after the other."""
+    """Solves in the elements of some patches, numbered one patch after the other.
+
+    value  of the field: a patch, rows (n,) of it and reference points (n, d) to (n,)
+    """
 
     patches: Sequence[Patch]
+    value: Callable[[Patch, Ints, Floats], Floats]
 
     def __call__(self, elements: Ints, points: Floats) -> Solution:
         """Verdict, reference coordinates and field of pairs of an element (n,) and a world point (n, 3)."""
@@ -53,7 +56,5 @@ class Solver:
         answer.verdict[there] = 1
         answer.margin[there] = roots.margin[inside]
         answer.reference[there, : patch.shape.dimension] = reference
-
-        expansion, coefficients = patch.fields[0], patch.coefficients[0]
-        if expansion is not None and coefficients is not None and len(there):
-            answer.field[there] = evaluate_at(expansion, coefficients, rows[inside], reference)
+        if len(there):
+            answer.field[there] = self.value(patch, rows[inside], reference)

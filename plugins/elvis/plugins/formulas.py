@@ -1,0 +1,178 @@
+"""Expressions as Slang: the formulas of ``shaders/formula.slang``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.quantities.attributes import is_constant
+from elvis.formats.quantities.expression import Expression
+from elvis.formats.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
+
+_FUNCTIONS: Mapping[str, str] = {
+    "step": "before",
+    "/": "divided",
+    "^": "raised",
+    "sqrt": "root",
+    "log": "natural",
+    "exp": "exponential",
+    "sin": "sine",
+    "cos": "cosine",
+    "tan": "tangent",
+    "asin": "arcsine",
+    "acos": "arccosine",
+    "atan": "arctangent",
+    "atan2": "arctangent2",
+    "sinh": "hyperbolic_sine",
+    "cosh": "hyperbolic_cosine",
+    "tanh": "hyperbolic_tangent",
+    "abs": "abs",
+    "sign": "sign_of",
+    "min": "least",
+    "max": "greatest",
+}
+
+_SOURCE = """import formula; import elementary;
+struct Given : IFormula
+{{
+    static double at<V : IVolume>(uint element, double3 r)
+    {{
+        {value}
+    }}
+    static double3 slope<V : IVolume>(uint element, double3 r)
+    {{
+        {slope}
+    }}
+}}
+"""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """An expression as Slang.
+
+    fields  names of the fields that one element after the other holds in V: number m of M is that of V(e M + m)
+    ideal   (3, 3) from the reference to the ideal element, for the quality
+    """
+
+    expression: Expression
+    fields: Sequence[str]
+    ideal: Floats
+    dimension: int
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """The attributes that ``element_constants`` holds of each element, in this order."""
+        return tuple(name for name in self.expression.attributes if is_constant(name))
+
+    @property
+    def source(self) -> str:
+        """Slang text that declares ``Given``, an IFormula."""
+        value, slope = self._value(), self._slope()
+        return _SOURCE.format(value="\n        ".join(value), slope="\n        ".join(slope))
+
+    def _value(self) -> Iterator[str]:
+        root = self.expression.root
+        yield from self._ingredients(leaves(root), ())
+        yield from self._statements(root)
+        yield f"return {_name(root, _numbers(root))};"
+
+    def _slope(self) -> Iterator[str]:
+        """The chain rule over the leaves; by differences where their own slopes aren't at hand."""
+        root = self.expression.root
+        moving = [leaf for leaf in leaves(root) if not (leaf.op == "attribute" and is_constant(leaf.name))]
+        if any(leaf.op == "attribute" or len(leaf.axes) > (leaf.op == "coordinate") for leaf in moving):
+            yield "return differences<V, Given>(element, r);"
+            return
+        parts = {leaf: partial(root, leaf) for leaf in moving}
+        parts = {leaf: part for leaf, part in parts.items() if part is not ZERO}
+        yield from self._ingredients(leaves(*parts.values()), list(parts))
+        yield from self._statements(*parts.values())
+        numbers = _numbers(*parts.values())
+        terms = [f"{_name(part, numbers)} * {self._moved(leaf)}" for leaf, part in parts.items()]
+        yield f"return {' + '.join(terms) or 'double3(0.0lf, 0.0lf, 0.0lf)'};"
+
+    def _ingredients(self, used: Sequence[Node], moved: Sequence[Node]) -> Iterator[str]:
+        """What the leaves are made of: the frame, values, slopes and gradients of fields."""
+        framed = any(leaf.op == "coordinate" for leaf in (*used, *moved)) or any(leaf.axes for leaf in used)
+        if framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used):
+            yield "Frame frame = V(element).frame(r);"
+        valued = [leaf.name for leaf in used if leaf.op == "field" and not leaf.axes]
+        sloped = [leaf.name for leaf in used if leaf.op == "field" and leaf.axes]
+        risen = [leaf.name for leaf in moved if leaf.op == "field"]
+        yield from self._gathered("value", "double", "value(r)", valued)
+        yield from self._gathered("slope", "double3", "slope(r)", [*sloped, *risen])
+        for m in self._rows(sloped):
+            yield f"double3 gradient{m} = in_world(frame, slope{m});"
+
+    def _gathered(self, name: str, type: str, asked: str, fields: Sequence[str]) -> Iterator[str]:
+        """What is asked of fields, in one loop: drivers take long to compile many copies of an element's code."""
+        rows = self._rows(fields)
+        if len(rows) > 1:
+            numbers = f"static const uint {name}_rows[{len(rows)}] = {{ {', '.join(map(str, rows))} }};"
+            yield f"{numbers} {type} {name}s[{len(rows)}];"
+            row = f"element * {len(self.fields)}u + {name}_rows[k]"
+            yield f"[loop] for (int k = 0; k < {len(rows)}; ++k) {name}s[k] = V({row}).{asked};"
+        for k, m in enumerate(rows):
+            one = f"V(element * {len(self.fields)}u + {m}u).{asked}"
+            yield f"{type} {name}{m} = {f'{name}s[{k}]' if len(rows) > 1 else one};"
+
+    def _rows(self, fields: Sequence[str]) -> list[int]:
+        return sorted({self.fields.index(name) for name in fields})
+
+    def _moved(self, leaf: Node) -> str:
+        """The slope of a leaf."""
+        if leaf.op == "coordinate":
+            axis = "xyz"[leaf.axes[0]]
+            return f"double3(frame.dx.{axis}, frame.dy.{axis}, frame.dz.{axis})"
+        return f"slope{self.fields.index(leaf.name)}"
+
+    def _statements(self, *roots: Node) -> Iterator[str]:
+        """One for each part of the expressions, after those of its operands."""
+        numbers = _numbers(*roots)
+        for node in ordered(*roots):
+            if node.op != "number":
+                yield f"double {_name(node, numbers)} = {self._text(node, numbers)};"
+
+    def _text(self, node: Node, numbers: Mapping[Node, int]) -> str:
+        if node.op in LEAVES:
+            return self._leaf(node)
+        operands = [_name(operand, numbers) for operand in node.operands]
+        exponent = node.operands[-1].value
+        if node.op == "^" and node.operands[-1].op == "number" and exponent.is_integer() and abs(exponent) <= 1024:
+            return f"whole_power({operands[0]}, {int(exponent)})"
+        if node.op in "+-*":
+            return f"{operands[0]} {node.op} {operands[1]}"
+        return f"{_FUNCTIONS[node.op]}({', '.join(operands)})"
+
+    def _leaf(self, node: Node) -> str:
+        if node.op == "coordinate":
+            return f"frame.position.{'xyz'[node.axes[0]]}"
+        if node.op == "attribute":
+            return self._attribute(node.name)
+        m = self.fields.index(node.name)
+        return f"gradient{m}.{'xyz'[node.axes[0]]}" if node.axes else f"value{m}"
+
+    def _attribute(self, name: str) -> str:
+        if is_constant(name):
+            names = self.constants
+            return f"element_constants[element * {len(names)}u + {names.index(name)}u]"
+        if name == "quality":
+            columns = (f"double3({', '.join(f'{x!r}lf' for x in column)})" for column in self.ideal.T.tolist())
+            return f"quality(frame, {', '.join(columns)}, {self.dimension})"
+        return "frame.determinant()" if name == "jacobian" else "scaled_jacobian(frame)"
+
+
+def _numbers(*roots: Node) -> dict[Node, int]:
+    return {node: number for number, node in enumerate(ordered(*roots))}
+
+
+def _name(node: Node, numbers: Mapping[Node, int]) -> str:
+    if node.op != "number":
+        return f"v{numbers[node]}"
+    if np.isfinite(node.value):
+        return f"{node.value!r}lf" if node.value >= 0 else f"({node.value!r}lf)"
+    return "not_a_number()" if np.isnan(node.value) else "infinity()" if node.value > 0 else "(-infinity())"

@@ -1,0 +1,208 @@
+"""The elements of one part: their buffers, and the Slang types of all their quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.formats.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
+from elvis.formats.boxes import element_boxes
+from elvis.formats.dataset import Homogeneous
+from elvis.formats.patch import Patch
+from elvis.formats.quantities import Expression, pointwise
+from elvis.formats.quantities.attributes import Attributes, from_ideal
+from elvis.formats.shapes import Shape
+from elvis.plugins.formulas import Formula
+from elvis.plugins.native.solving import Solver
+from elvis.plugins.native.waves import waves
+from elvis.plugins.native.weights import weights
+from elvis.plugins.volume import Part, Quantity
+
+
+class Elements:
+    """Elements of one shape with maps of one space.
+
+    names        of the patches' fields
+    expressions  the quantities; the first becomes the part's own field
+    """
+
+    def __init__(
+        self,
+        patches: Sequence[Patch],
+        geometry: BernsteinSpace,
+        names: Sequence[str],
+        expressions: Sequence[Expression],
+        attributes: Attributes,
+    ) -> None:
+        self.patches, self.geometry, self.names = patches, geometry, tuple(names)
+        self.expressions, self.attributes = expressions, attributes
+        self._nets: dict[tuple[str, ...], tuple[BernsteinSpace, Floats]] = {}
+
+    def part(self) -> Part:
+        """The part: fields are evaluated as they are, what several fields make by one stack of them all."""
+        shape, geometry = self.geometry.shape, self.geometry
+        points, indices = _shared(np.concatenate([_controls(p, geometry) for p in self.patches]), geometry)
+        buffers: dict[str, NDArray[Any]] = {"control_points": points, "control_indices": indices}
+        buffers |= self._buffers_of_waves()
+        quantities = {expression.text: self._quantity(expression) for expression in self.expressions}
+        own = quantities[self.expressions[0].text]
+        buffers |= own.buffers
+        buffers.setdefault("coefficients", np.zeros(1))
+        solver, affine = Solver(self.patches, self._value), max(geometry.degrees) == 1
+        straight = affine and shape in (Shape.TRIANGLE, Shape.TETRAHEDRON)
+        return Part(
+            module=f"native_{shape.name.lower()}",
+            type=own.type,
+            element_ids=frozen_ints(np.concatenate([p.element_ids for p in self.patches])),
+            boxes=np.concatenate([element_boxes(p) for p in self.patches]),
+            buffers=buffers,
+            solve=None if self.series else solver,
+            source=own.source,
+            bends=None if straight or self.series else solver.bends,
+            quantities=quantities,
+            degree=own.degree,
+            collapsed=shape is Shape.PYRAMID,
+        )
+
+    @cached_property
+    def series(self) -> Homogeneous | None:
+        """The Fourier series along z that the fields have."""
+        found = (own.homogeneous for patch in self.patches for own in patch.fields if own is not None)
+        return next((series for series in found if series), None)
+
+    def _quantity(self, expression: Expression) -> Quantity:
+        """The type and buffers of an expression on these elements."""
+        names = expression.fields if len(expression.fields) < 2 else self._several
+        space, net = self._net(names)
+        shape = self.geometry.shape
+        arguments = ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
+        type, source = f"{shape.label}<{arguments}>", ""
+        if self.series:
+            type, source = f"Planes<{type}, {len(self.series.z_ids)}>", "import native_planes;"
+        buffers: dict[str, NDArray[np.float64]] = {"coefficients": net} if names else {}
+        if expression.is_field:
+            degree = 0 if self.series else max(*self.geometry.degrees, *space.degrees)
+            return Quantity(type, source, buffers, degree)
+        formula = Formula(expression, names, *_ideal(shape, 3 if self.series else shape.dimension))
+        buffers["element_constants"] = self._constants(formula.constants)
+        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers)
+
+    @cached_property
+    def _several(self) -> tuple[str, ...]:
+        """All fields of expressions that are made of more than one."""
+        every = (each.fields for each in self.expressions if len(each.fields) > 1)
+        return tuple(dict.fromkeys(name for names in every for name in names))
+
+    def _net(self, names: tuple[str, ...]) -> tuple[BernsteinSpace, Floats]:
+        """The smallest space for all of these fields, and their scaled coefficients (n, fields, waves, count)."""
+        if names not in self._nets:
+            numbers = [self.names.index(name) for name in names]
+            spaces = [field_space(patch, number) for patch in self.patches for number in numbers]
+            degrees = zip(*(space.degrees for space in spaces), strict=True)
+            space = (
+                BernsteinSpace(self.geometry.shape, tuple(map(max, degrees)))
+                if names
+                else field_space(self.patches[0], None)
+            )
+            planes = len(self.series.z_ids) if self.series else 1
+            net = np.full((sum(map(len, self.patches)), len(names), planes, space.count), np.nan)
+            first = 0
+            for patch in self.patches:
+                for column, number in enumerate(numbers):
+                    if patch.fields[number] is not None:
+                        net[first : first + len(patch), column] = _coefficients(patch, number, space)
+                first += len(patch)
+            self._nets[names] = space, frozen_floats(net)
+        return self._nets[names]
+
+    def _constants(self, names: Sequence[str]) -> Floats:
+        """(n, attributes) what is one number throughout each element."""
+        columns = [[self.attributes.constant(name, p.shape, p.element_ids) for p in self.patches] for name in names]
+        return np.stack([np.concatenate(column) for column in columns], axis=1) if columns else np.zeros((1, 1))
+
+    def _value(self, patch: Patch, rows: Ints, reference: Floats) -> Floats:
+        """(n,) the part's own field at reference points, on the host."""
+        return pointwise.values(self.expressions[0], self.names, self.attributes, patch, rows, reference)
+
+    def _buffers_of_waves(self) -> dict[str, NDArray[np.float64]]:
+        if not self.series:
+            return {}
+        return {"waves": waves(self.series), "period": np.array([self.series.lengths[0]])}
+
+
+def map_space(patch: Patch) -> BernsteinSpace:
+    """The space that holds the map on the device."""
+    return _even(bernstein_space(patch.geometry), 1)
+
+
+def field_space(patch: Patch, number: int | None) -> BernsteinSpace:
+    """The space that holds a field on the device; constants where there is none."""
+    expansion = None if number is None else patch.fields[number]
+    if expansion is None:
+        return _even(BernsteinSpace(patch.shape, (0,) * len(bernstein_space(patch.geometry).degrees)), 0)
+    return _even(bernstein_space(replace(expansion, homogeneous=None)), 0)
+
+
+def _ideal(shape: Shape, dimension: int) -> tuple[Floats, int]:
+    """(3, 3) the matrix to the ideal element, unchanged beyond the shape's dimension."""
+    matrix = np.eye(3)
+    matrix[: shape.dimension, : shape.dimension] = from_ideal(shape)
+    return matrix, dimension
+
+
+def _even(space: BernsteinSpace, least: int) -> BernsteinSpace:
+    """The smallest space with one degree (pyramids: one for the base, one for the height) that holds ``space``."""
+    degrees = [max(degree, least) for degree in space.degrees]
+    if space.shape is Shape.PYRAMID:
+        base = max(degrees[:2])
+        return BernsteinSpace(space.shape, (base, base, degrees[2]))
+    return BernsteinSpace(space.shape, (max(degrees),) * len(degrees))
+
+
+def _arguments(space: BernsteinSpace) -> list[int]:
+    return [space.degrees[0], space.degrees[2]] if space.shape is Shape.PYRAMID else [space.degrees[0]]
+
+
+def _coefficients(patch: Patch, number: int, space: BernsteinSpace) -> Floats:
+    """(n, waves, count) scaled Bernstein coefficients of one of the patch's fields."""
+    expansion, modal = patch.fields[number], patch.coefficients[number]
+    assert expansion is not None
+    assert modal is not None
+    planes = len(expansion.homogeneous.z_ids) if expansion.homogeneous else 1
+    # infinities become NaN where they meet
+    with np.errstate(invalid="ignore"):
+        flat = modal.reshape(len(patch) * planes, -1)
+        net = bernstein_coefficients(replace(expansion, homogeneous=None), flat, space) * weights(space)
+    return np.asarray(net.reshape(len(patch), planes, -1))
+
+
+def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
+    """(n, k, 3) scaled Bernstein control points of the patch's maps."""
+    n, directions, modes = patch.geometry_coefficients.shape
+    flat = patch.geometry_coefficients.reshape(n * directions, modes)
+    nets = bernstein_coefficients(patch.geometry, flat, space).reshape(n, directions, space.count)
+    return np.ascontiguousarray(nets.transpose(0, 2, 1)) * weights(space)[:, None]
+
+
+def _shared(points: Floats, space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
+    """Points (n, k, 3) of all elements as a list of points and (n * k) indices; straight elements share vertices."""
+    flat = points.reshape(-1, 3)
+    if max(space.degrees) > 1:
+        return frozen_floats(flat), np.arange(len(flat), dtype=np.uint32)
+
+    # equal points have equal hashes; should different ones collide, nothing is shared
+    bits = (flat + 0.0).view(np.uint64)
+    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+    mixed = (bits ^ (bits >> np.uint64(29))) * factors
+    hashes = mixed[:, 0] ^ (mixed[:, 1] >> np.uint64(7)) ^ (mixed[:, 2] << np.uint64(9))
+    _, first, inverse = np.unique(hashes, return_index=True, return_inverse=True)
+    unique = flat[first]
+    if not np.array_equal(unique[inverse], flat):
+        return frozen_floats(flat), np.arange(len(flat), dtype=np.uint32)
+    return frozen_floats(unique), inverse.astype(np.uint32)

@@ -1,0 +1,24 @@
+"""The Fourier functions of quasi-3D data, as the kernels take them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.bases import Basis
+from elvis.formats.dataset import Homogeneous
+
+
+def waves(found: Homogeneous) -> Floats:
+    """(m, 4) each mode's half turns a unit of zeta, factors of cosine and sine, and shift of zeta.
+
+    Mode 2k is cos(k pi (zeta + 1)), mode 2k + 1 is -sin(k pi (zeta + 1)), the single-mode family has k = 1, the half
+    modes are cos(pi zeta) and -sin(pi zeta), as in `elvis.formats.factors.fourier`.
+    """
+    (basis,), mode = found.bases, np.asarray(found.z_ids)
+    wave, sine, shift = mode // 2, mode % 2, np.ones(len(mode))
+    if basis is Basis.FOURIER_SINGLE_MODE:
+        wave = np.ones_like(mode)
+    elif basis in (Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM):
+        wave, sine, shift = np.ones_like(mode), np.full_like(mode, basis is Basis.FOURIER_HALF_MODE_IM), 0 * shift
+    return np.stack([wave, 1 - sine, -sine, shift], axis=1).astype(np.float64)
