@@ -113,7 +113,7 @@ def check_layer(view, layer, found):
     assert np.isinf(layer.depth[~found]).all()
 
 
-def crossings(net, space, view, steps=900):
+def crossings(net, space, view, steps=320):
     """(pixels,) how often rays meet a face, counted on a fine grid of plane triangles."""
     line = np.linspace(-1, 1, steps + 1)
     s, t = (part.reshape(-1) for part in np.meshgrid(line, line, indexing="ij"))
@@ -159,11 +159,11 @@ def test_brute_force_counts_as_many_hits(drawer, shape, seed):
     points = np.concatenate([net[:, :3] for _, net in nets])
     middle, reach = points.mean(axis=0), np.linalg.norm(points - points.mean(axis=0), axis=1).max()
     camera = list(cameras(tuple(middle), 3 * reach, 1.5 * reach))[2 + seed]
-    view = View.through(camera, (90, 80))
+    view = View.through(camera, (32, 28))
     hits = drawn.hits(view)
     counted = sum(crossings(net, space, view) for space, net in nets)
     found = np.bincount(hits["pixel"], minlength=view.count)
-    assert counted.max() >= 4
+    assert counted.max() >= 2
     assert (found != counted).sum() <= 2  # the grid's triangles are not the faces
     assert (hits["verdict"] == 1).all()
     assert (found % 2 == 0).mean() > 0.999

@@ -126,6 +126,7 @@ class FaceDrawer:
         record["element"], record["square"] = block.element[rows], len(block.space.halves) == 2
         record["face"] = sum(map(len, self.faces.blocks[:number])) + rows
         record["least"], record["most"], record["near"] = *pieces.bounds, pieces.near
+        record["noise"] = pieces.noise
         record["origin"], record["along"], record["across"] = pieces.place.transpose(1, 0, 2)
         frames = block.frames[block.local[rows]]
         own = pieces.place @ frames[:, 1:]

@@ -35,12 +35,14 @@ class Pieces:
     place   (n, 3, 2)  origin and axes of the piece in face coordinates
     bounds  (2, n, 4)  least and greatest x, y, x + y and x - y of the pixels (x, y) that it may cover
     near    (n,)       no point of it has a smaller depth
+    noise   (n,)       what rounding leaves undecided, in coordinates of the piece
     """
 
     face: Ints
     place: Floats
     bounds: Ints
     near: Floats
+    noise: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,24 +65,31 @@ def pieces_of(space: FaceSpace, nets: Floats, view: View) -> tuple[Pieces, Edges
     for start in range(0, len(nets), _CHUNK):
         some = nets[start : start + _CHUNK]
         found += _divided(space, some @ rows.T, start + np.arange(len(some)), view)
-    face, place, screen, tame = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    depth = screen[..., 3] / screen[..., 4]
-    pieces = Pieces(face[tame], place[tame], _pixels(_bounds(screen[tame]), view), depth[tame].min(axis=1))
-    line = ~tame
+    face, place, screen, tame, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    depth, line = screen[..., 3] / screen[..., 4], ~tame
+    bounds, noise = _pixels(_bounds(screen[tame]), view), _rounding(nets, view) * spread[tame]
+    pieces = Pieces(face[tame], place[tame], bounds, depth[tame].min(axis=1), noise)
     return pieces, Edges(_ends(_flat(screen[line]))[0], np.stack([depth[line].min(axis=1), depth[line].max(axis=1)]))
 
 
-_Batch: TypeAlias = tuple[Ints, Floats, Floats, Bools]
+_Batch: TypeAlias = tuple[Ints, Floats, Floats, Bools, Floats]
 
 
 def _none(space: FaceSpace) -> _Batch:
-    return np.empty(0, np.int64), np.empty((0, 3, 2)), np.empty((0, space.count, 5)), np.empty(0, bool)
+    return np.empty(0, np.int64), np.empty((0, 3, 2)), np.empty((0, space.count, 5)), np.empty(0, bool), np.empty(0)
+
+
+def _rounding(nets: Floats, view: View) -> float:
+    """Error of X - i W and Y - j W that rounding makes."""
+    size = np.append(np.abs(nets[..., :3] / nets[..., 3:]).max(axis=(0, 1), initial=0.0), 1.0)
+    across, down, weight = np.abs(view.to_pixel) @ size
+    return float(16 * np.finfo(float).eps * (max(across, down) + max(view.width, view.height) * weight))
 
 
 def _divided(space: FaceSpace, screen: Floats, face: Ints, view: View) -> Iterator[_Batch]:
-    """Numbers, places and screen nets of pieces, and whether they are tame; the others are points or lines.
+    """Numbers, places and screen nets of pieces, whether they are tame, and their spread (see _examined).
 
-    What is neither is halved where it looks longest, unless it covers no centre of a pixel.
+    The others are points or lines; what is neither is halved where it looks longest, unless it covers no centre.
     """
     stack = [(0, face, np.tile(np.vstack([np.zeros(2), np.eye(2)]), (len(face), 1, 1)), screen)]
     while stack:
@@ -90,9 +99,9 @@ def _divided(space: FaceSpace, screen: Floats, face: Ints, view: View) -> Iterat
         front, last = (screen[..., 2] > 0.0).all(axis=1), level == _LEVELS
         thin = np.zeros(len(face), bool)
         thin[front] = _ends(_flat(screen[front]))[1] < THIN
-        tame, way = _examined(space, screen, front, view)
+        tame, way, spread = _examined(space, screen, front, view)
         done = front & (tame | thin | last)
-        yield face[done], place[done], screen[done], (tame & ~thin)[done]
+        yield face[done], place[done], screen[done], (tame & ~thin)[done], spread[done]
         if not (last or done.all()):
             face, place, screen = _halved(space, way[~done], face[~done], place[~done], screen[~done])
             stack += [(level + 1, face[k], place[k], screen[k]) for k in chunks(len(face), _CHUNK)]
@@ -155,9 +164,10 @@ def _ends(points: Floats) -> tuple[Floats, Floats]:
     return np.stack([points[:, 0], points[:, 0] + farthest[:, 0]]), width
 
 
-def _examined(space: FaceSpace, screen: Floats, front: Bools, view: View) -> tuple[Bools, Ints]:
-    """(n,) whether X - i W and Y - j W change nearly linearly, and (n,) which way the pieces look longest.
+def _examined(space: FaceSpace, screen: Floats, front: Bools, view: View) -> tuple[Bools, Ints, Floats]:
+    """(n,) whether X - i W and Y - j W change nearly linearly, which way the pieces look longest, and their spread:
 
+    how far roots move in the piece where X - i W and Y - j W change by 1, to first order.
     All pixels (i, j) within the bounds of a piece are meant.  With the matrix M that inverts the mean Jacobian for the
     middle pixel, b is the greatest row sum of M J - 1, which the derivatives' nets bound, and g what other pixels add.
     """
@@ -181,7 +191,8 @@ def _examined(space: FaceSpace, screen: Floats, front: Bools, view: View) -> tup
         tame = front & ((b <= TAME * (1.0 - g.sum(axis=(0, 2)).max(axis=1))) | (b <= 1e-9))
 
     sides = [*plane, plane[1] - plane[0]] if len(space.halves) == 3 else [*plane]
-    return tame, np.argmax([np.square(side).sum(axis=2).max(axis=1) for side in sides], axis=0)
+    way = np.argmax([np.square(side).sum(axis=2).max(axis=1) for side in sides], axis=0)
+    return tame, way, np.abs(inverse).sum(axis=1).max(axis=1)
 
 
 def _weighted(w: Floats, slopes: Floats) -> Floats:
