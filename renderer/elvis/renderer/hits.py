@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.arrays import Floats, Ints
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
 from elvis.renderer.scene.surfaces import Solid
@@ -49,20 +49,25 @@ def hits(surface: Solid, view: View) -> Hits:
     return Hits(pixel[order], depth[order], normal[order])
 
 
-def inside(surface: Solid, points: Floats) -> Bools:
-    """(n,) which points (n, 3) lie inside: behind a plane, within a sphere, cylinder or cone, or closed triangles."""
+def outside(surface: Solid, points: Floats) -> Floats:
+    """(n,) distances of points (n, 3) from a surface near it, exact for planes; negative inside.
+
+    Inside is behind a plane, within a sphere, cylinder or cone, or where closed triangles wind around.
+    """
     if isinstance(surface, TriangleMesh):
         import igl
 
         corners = triangles(surface.file).reshape(-1, 3)
         faces = np.arange(len(corners)).reshape(-1, 3)
-        return np.asarray(igl.fast_winding_number(corners, faces, np.ascontiguousarray(points)) > 0.5)
+        return np.asarray(0.5 - igl.fast_winding_number(corners, faces, np.ascontiguousarray(points)))
     if isinstance(surface, Plane):
-        return np.asarray((points - np.asarray(surface.point)) @ unit(surface.normal, "the normal of the plane") < 0.0)
+        return np.asarray((points - np.asarray(surface.point)) @ unit(surface.normal, "the normal of the plane"))
     matrix, center, level = _quadric(surface)
     away = points - center
-    within = np.einsum("ni,ij,nj->n", away, matrix, away) < level
-    return np.asarray(within & (away @ np.asarray(surface.axis) > 0.0) if isinstance(surface, Cone) else within)
+    slope = away @ matrix
+    value = np.einsum("ni,ni->n", slope, away) - level
+    distance = value / np.maximum(2.0 * np.linalg.norm(slope, axis=1), 1e-300)
+    return np.where(away @ np.asarray(surface.axis) > 0.0, distance, np.inf) if isinstance(surface, Cone) else distance
 
 
 @cache

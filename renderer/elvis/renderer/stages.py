@@ -17,7 +17,7 @@ from elvis.plugins.volume import Volume
 from elvis.renderer.cut import Cutter
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
-from elvis.renderer.hits import inside
+from elvis.renderer.hits import outside
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Lines
@@ -31,6 +31,8 @@ from elvis.renderer.view import PlaneView, View
 
 #: what lies behind surfaces that together let less than this through is not looked for
 FAINT = 1e-3
+#: part of the greatest coordinate within which a point is on the surface of a clip, and stays
+CLOSE = 1e-11
 
 Draw = Callable[[View, Floats | None], Layer]
 
@@ -42,6 +44,7 @@ class Sheet:
     quantity  what its layers' field is; None is the parts' own
     draw      as every stage: the nearest hits in a view behind given depths
     once      whether a ray meets it once at most
+    surface   what cuts; it is not clipped by itself
     """
 
     style: Style
@@ -49,6 +52,7 @@ class Sheet:
     draw: Draw
     lit: bool
     once: bool = False
+    surface: Surface | None = None
 
 
 class Stages:
@@ -104,7 +108,7 @@ class Stages:
             if isinstance(item, CutSurface):
                 once = isinstance(item.surface, Plane)
                 draw = partial(self.cut, item.surface, own)
-                found.append(Sheet(style, own, draw, bool(style.lit), once))
+                found.append(Sheet(style, own, draw, bool(style.lit), once, item.surface))
             elif isinstance(item, Faces):
                 found.append(self._faces(item, own))
             else:
@@ -154,7 +158,7 @@ class Stages:
         while through > FAINT:
             layer = sheet.draw(view, beyond)
             hit = layer.owner != NOBODY
-            gone = self.clipped(layer, view, clips)
+            gone = self.clipped(layer, view, [clip for clip in clips if clip.surface != sheet.surface])
             yield layer.without(gone) if gone.any() else layer
             through *= 1.0 - sheet.style.opacity if not gone.any() else 1.0
             further = hit if sheet.style.opacity < 1.0 else gone
@@ -172,10 +176,10 @@ class Stages:
         points = origins + layer.depth[hit, None] * directions
         for clip in clips:
             if isinstance(clip.surface, Implicit):
-                within = sampled(self.loaded, layer, clip.surface.expression)[hit] < 0.0
+                distance = sampled(self.loaded, layer, clip.surface.expression)[hit]
             else:
-                within = inside(clip.surface, points)
-            gone[hit] |= within == (clip.away == "inside")
+                distance = outside(clip.surface, points)
+            gone[hit] |= (-distance if clip.away == "inside" else distance) > CLOSE * self.loaded.reach
         return gone
 
 
