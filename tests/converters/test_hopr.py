@@ -9,7 +9,7 @@ import pytest
 from elvis.converters.hopr import Hopr
 from elvis.formats import FormatError
 from elvis.plugins.converting import convert
-from elvis.plugins.testing import check
+from elvis.plugins.testing import check, values_found
 
 NAMES = ("Density", "MomentumX", "MomentumY", "MomentumZ", "EnergyStagnationDensity")
 NACA = "NACA0012_Re5000_AoA8_3D_Referenz_0000010.000000000.h5"
@@ -117,10 +117,57 @@ def with_other_nodes(folder):
         file.attrs["NodeType"] = b"CHEBYSHEV"
 
 
-def with_subcells(folder):
+def with_subcells(folder, marks=slice(5), widths=None):
     with h5py.File(folder / CAVITY, "r+") as file:
         file.attrs["VarNamesAdd"] = np.array([b"myRank", b"FV_Elems", b"dt"])
-        file["ElemData"][:5, 1] = 1
+        file["ElemData"][:, 1] = 0
+        file["ElemData"][marks, 1] = 1
+        if widths is not None:
+            file.attrs["FV_w"] = widths
+
+
+def with_too_little_element_data(folder):
+    with_subcells(folder)
+    with h5py.File(folder / CAVITY, "r+") as file:
+        short = file["ElemData"][:3]
+        del file["ElemData"]
+        file["ElemData"] = short
+
+
+@pytest.mark.parametrize("widths", [None, [0.5, 1.0, 0.5]])
+def test_sub_cells_become_elements(copied, widths):
+    """A mean in every box of five elements; the others keep their polynomials."""
+    before = convert(Hopr([copied / CAVITY])).dataset
+    with_subcells(copied, slice(5), widths)
+    with h5py.File(copied / CAVITY) as file:
+        means = np.asarray(file["DG_Solution"])
+    with h5py.File(copied / "cavity4x4x4_mesh.h5") as file:
+        info, nodes = np.asarray(file["ElemInfo"]), np.asarray(file["NodeCoords"])
+    conversion = check(Hopr, [copied / CAVITY])
+    assert conversion.report.elements == {"hexahedron": 59 + 5 * 27}
+    assert all(measure.is_exact for measure in (conversion.report.geometry, *conversion.report.fields))
+
+    # points of boxes (i, j, k) in element 3, which is a brick
+    corners = nodes[info[3, 4] : info[3, 5]]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    ends = np.cumsum([0, *(widths or [2 / 3] * 3)]) / 2
+    rng = np.random.default_rng(1)
+    for i, j, k in np.ndindex(3, 3, 3):
+        share = [rng.uniform(ends[n] + 0.01, ends[n + 1] - 0.01) for n in (i, j, k)]
+        found = values_found(conversion.dataset, "Density", (low + (high - low) * share)[None])
+        assert found == pytest.approx(means[3, k, j, i, 0], rel=1e-13)
+    inside = nodes[info[40, 4] : info[40, 5]].mean(axis=0, keepdims=True) + 0.01
+    after, wanted = (values_found(each, "Density", inside) for each in (conversion.dataset, before))
+    assert after == pytest.approx(wanted, rel=1e-13)
+
+
+def test_sides_of_sub_cells_keep_their_names(copied):
+    sizes = []
+    for marks in (slice(0), slice(None)):
+        with_subcells(copied, marks)
+        mesh = convert(Hopr([copied / CAVITY])).dataset.mesh
+        sizes.append({c.name: sum(len(ids) for _, ids in c.parts) for c in mesh.composites[1:]})
+    assert sizes[1] == {name: 9 * size for name, size in sizes[0].items()}
 
 
 def truncated(folder):
@@ -134,7 +181,8 @@ def truncated(folder):
         (without_mesh, "expected its mesh cavity4x4x4_mesh.h5 beside it"),
         (on_another_mesh, "expected values on the 64 elements of the mesh, found an array of shape"),
         (with_other_nodes, "expected GAUSS or GAUSS-LOBATTO nodes"),
-        (with_subcells, "finite-volume sub-cells in 5"),
+        (with_too_little_element_data, r"ElemData: expected \(64, 3\) numbers, found \(3, "),
+        (lambda folder: with_subcells(folder, widths=[1.0, 2.0, -1.0]), "FV_w: expected 3 widths with sum 2, found"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(copied, spoil, sentence):

@@ -1,7 +1,8 @@
 """HOPR meshes and FLEXI or GALAEXI states: HDF5 files with elements as they stand.
 
 A mesh holds the evenly spaced nodes of every element, a state the values at the tensor product of Gauss or
-Gauss-Lobatto nodes.  The state names its mesh, which is sought beside it.  Layout: HOPR documentation, mesh format.
+Gauss-Lobatto nodes, or in some elements the means of finite-volume sub-cells.  Each of these becomes an element with
+a constant value.  The state names its mesh, which is sought beside it.  Layout: HOPR documentation, mesh format.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elvis.converters.hdf5 import attribute, holds, opened, require, text
+from elvis.converters.subcells import SubCells
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.quadrature import gauss, lobatto
@@ -37,8 +39,8 @@ class Hopr(Converter):
     """A mesh, with the state that goes with it."""
 
     format = "HOPR mesh and FLEXI/GALAEXI state (HDF5)"
-    keeps = "curved elements of all shapes and orders, boundaries, all variables of DG_Solution, time"
-    loses = "element data, extra fields; states with finite-volume sub-cells are refused"
+    keeps = "curved elements of all shapes and orders, boundaries, all variables of DG_Solution, sub-cells, time"
+    loses = "element data, extra fields"
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -55,12 +57,19 @@ class Hopr(Converter):
 
     def positions(self, block: Elements, points: Floats) -> Floats:
         """Interpolation through the evenly spaced nodes."""
+        if isinstance(block.key, SubCells):
+            return block.key.positions(block.rows, points, self._geometry[block.shape], self._nodes[block.shape])
+        rows = block.rows if block.key is None else block.key[block.rows]
         table = self._geometry[block.shape].at(points)
-        return np.asarray(np.einsum("eni,pn->epi", self._nodes[block.shape][block.rows], table))
+        return np.asarray(np.einsum("eni,pn->epi", self._nodes[block.shape][rows], table))
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Interpolation through the nodes of the state."""
-        return np.asarray(self._values[field.key][block.rows] @ self._basis.at(points).T)
+        """Interpolation through the nodes of the state; the mean of a sub-cell."""
+        values = self._values[field.key]
+        if isinstance(block.key, SubCells):
+            return np.repeat(block.key.values(block.rows, values)[:, None], len(points), axis=1)
+        rows = block.rows if block.key is None else block.key[block.rows]
+        return np.asarray(values[rows] @ self._basis.at(points).T)
 
     def _read_mesh(self, file: h5py.File) -> None:
         order = int(attribute(file, "Ngeo"))
@@ -108,7 +117,6 @@ class Hopr(Converter):
             found = f"an array of shape {values.shape}"
             expected = f"values on the {len(self._info)} elements of the mesh"
             raise FormatError(f"expected {expected}, found {found}", file=file.filename, place="DG_Solution")
-        self._refuse_subcells(file)
         names = [text(name) for name in np.ravel(file.attrs["VarNames"])]
         kind = text(attribute(file, "NodeType")).upper()
         if kind not in _NODES or len(names) != values.shape[4]:
@@ -122,18 +130,47 @@ class Hopr(Converter):
             filled = np.repeat(filled, count, axis=1)
         flat = np.moveaxis(filled, 4, 0).reshape(len(names), len(filled), -1)
         self._values = dict(zip(names, flat, strict=True))
-        self.fields = [SourceField(name, count - 1, key=name) for name in names]
+        self._part_subcells(file, count)
+        orders = [0 if isinstance(block.key, SubCells) else count - 1 for block in self.blocks]
+        self.fields = [SourceField(name, orders, key=name) for name in names]
         self.time = float(attribute(file, "Time"))
         self.metadata = {key: text(attribute(file, key)) for key in ("Program", "Project_Name") if key in file.attrs}
 
-    def _refuse_subcells(self, file: h5py.File) -> None:
-        """FormatError where elements hold finite-volume sub-cells, which are no polynomials."""
+    def _part_subcells(self, file: h5py.File, count: int) -> None:
+        """Elements that hold ``count`` sub-cells each way make a block of these."""
         names = [text(name) for name in np.ravel(file.attrs.get("VarNamesAdd", ()))]
-        if "FV_Elems" in names and "ElemData" in file:
-            count = int((np.asarray(file["ElemData"])[:, names.index("FV_Elems")] > 0.5).sum())
-            if count:
-                found = f"finite-volume sub-cells in {count}"
-                raise FormatError(f"expected a polynomial on every element, found {found}", file=file.filename)
+        if "FV_Elems" not in names or "ElemData" not in file:
+            return
+        data, column = require(file, "ElemData"), names.index("FV_Elems")
+        if data.ndim != 2 or data.shape[0] != len(self._info) or data.shape[1] <= column:
+            expected = f"({len(self._info)}, {len(names)}) numbers"
+            raise FormatError(f"expected {expected}, found {data.shape}", file=file.filename, place="ElemData")
+        marks = np.asarray(data[:, column], np.float64) > 0.5
+        if not marks.any():
+            return
+        (block,), cells = self.blocks, SubCells(np.flatnonzero(marks), _widths(file, count))
+        rows = np.flatnonzero(~marks)
+        assert block.vertices is not None
+        whole = Elements(block.shape, len(rows), block.order, block.vertices[rows], ids=rows, key=rows)
+        total = len(cells.elements) * count**3
+        parts = Elements(block.shape, total, block.order, ids=len(marks) + np.arange(total), key=cells)
+        self.blocks, self.is_conforming = [whole, parts], False
+        self.boundaries = [cells.parted(boundary, rows) for boundary in self.boundaries]
+        self.notes = [
+            f"{len(cells.elements)} elements hold finite-volume sub-cells: "
+            f"each became {count**3} elements, with the mean of each as a constant"
+        ]
+
+
+def _widths(file: h5py.File, count: int) -> Floats:
+    """(count,) widths of sub-cells in the reference element: those of the file, else all the same."""
+    if "FV_w" not in file.attrs:
+        return np.full(count, 2 / count)
+    widths = np.ravel(np.asarray(file.attrs["FV_w"], np.float64))
+    widths = np.repeat(widths, count) if len(widths) == 1 else widths
+    if len(widths) != count or not (widths > 0).all() or not np.isclose(widths.sum(), 2):
+        raise FormatError(f"expected {count} widths with sum 2, found {widths}", file=file.filename, place="FV_w")
+    return widths
 
 
 def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
