@@ -16,6 +16,7 @@ from elvis.reference.picture import render as judge
 from elvis.renderer import Renderer, Scene, Status
 from elvis.renderer.device import ADVICE, adapters
 from elvis.renderer.rendering import completed
+from elvis.renderer.stages import quantities
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 #: nearer to the border of an element than this, neighbours may claim a point
@@ -87,7 +88,7 @@ def draw(renderer):
         if device == "reference":
             return judge(dataset, settled)
         drawing = renderer(device)
-        drawing.load(dataset, settled.field)
+        drawing.load(dataset, *quantities(settled))
         return drawing.render(settled)
 
     return draw

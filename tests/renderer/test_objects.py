@@ -1,0 +1,326 @@
+"""Scenes of several objects: cuts by any surface, clips, opacity, samples, bands; against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import curved, grid, ripple
+from elvis.renderer import (
+    Camera,
+    Clip,
+    Cone,
+    Contours,
+    CutSurface,
+    Cylinder,
+    Faces,
+    Implicit,
+    Light,
+    MeshLines,
+    Plane,
+    SceneError,
+    Sphere,
+    Status,
+    Style,
+    TriangleMesh,
+    canvas,
+)
+from elvis.renderer.hits import hits, outside
+from elvis.renderer.picture import picture
+from elvis.renderer.scene import unit
+from elvis.renderer.view import View
+
+CENTER = np.array([0.5, 0.45, 0.55])
+NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
+FLAT = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), height=1.6)
+AXIS = (0.2, 0.1, 1.0)
+SURFACES = {
+    "sphere": Sphere(tuple(CENTER), 0.35),
+    "cylinder": Cylinder(tuple(CENTER), AXIS, 0.3),
+    "cone": Cone((0.5, 0.45, 0.1), AXIS, 25.0),
+    "plane": Plane(tuple(CENTER), AXIS),
+}
+
+
+def value(points):
+    return points @ [1.0, 2.0, -3.0]
+
+
+def apart(name, points):
+    """(n,) how far points are from a surface, by a formula of this test alone."""
+    axis = unit(AXIS, "axis")
+    if name == "sphere":
+        return np.linalg.norm(points - CENTER, axis=1) - 0.35
+    if name == "plane":
+        return (points - CENTER) @ axis
+    if name == "cylinder":
+        return np.linalg.norm(np.cross(points - CENTER, axis), axis=1) - 0.3
+    away = points - [0.5, 0.45, 0.1]
+    return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(away, axis), axis=1), away @ axis)) - 25.0
+
+
+@pytest.fixture(scope="module")
+def data(linear):
+    return linear(curved(grid(Shape.TETRAHEDRON, 2), ripple(0.04, seed=2), 2))
+
+
+@pytest.fixture(scope="module")
+def cube(linear):
+    return linear(grid(Shape.HEXAHEDRON, 2))
+
+
+@pytest.mark.parametrize("camera", [NEAR, FLAT], ids=["perspective", "parallel"])
+@pytest.mark.parametrize("name", SURFACES)
+def test_cuts_by_surfaces_lie_on_them(draw, data, name, camera):
+    frame = draw(data, objects=(CutSurface(SURFACES[name]), CutSurface(SURFACES[name])), camera=camera, size=(60, 50))
+    seen, position = frame.seen, frame.position[frame.seen]
+    assert seen.sum() > 200
+    assert np.abs(apart(name, position)).max() < 1e-9
+    assert np.abs(frame.field[seen] - value(position)).max() < 1e-11
+    assert frame.counts()["failed"] == 0
+
+    # the pixel's ray leads there, and the normal is the surface's, towards the viewer
+    rows, columns = np.nonzero(seen)
+    assert np.abs(frame.view.to_pixel[:, :3] @ position.T + frame.view.to_pixel[:, 3:])[2].min() > 0
+    homogeneous = np.append(position, np.ones((len(position), 1)), axis=1) @ frame.view.to_pixel.T
+    assert np.abs(homogeneous[:, :2] / homogeneous[:, 2:] - np.stack([columns, rows], axis=1)).max() < 1e-8
+    normal, step = frame.normal[seen], 1e-6
+    assert np.allclose(np.linalg.norm(normal, axis=1), 1.0)
+    slope = [(apart(name, position + step * e) - apart(name, position - step * e)) / (2 * step) for e in np.eye(3)]
+    cosine = np.einsum("in,ni->n", slope, normal) / np.linalg.norm(slope, axis=0)
+    assert np.abs(np.abs(cosine) - 1.0).max() < 1e-4
+    assert (np.einsum("ni,ni->n", normal, frame.view.rays(columns, rows)[1]) <= 0).all()
+
+
+def test_the_nearest_of_both_hits_inside_the_volume_is_shown(draw, cube):
+    """Half of the sphere before the cube is nothing: what is seen there is its back."""
+    sphere = Sphere((0.5, 0.0, 0.5), 0.4)
+    camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=1.2)
+    frame = draw(cube, objects=(CutSurface(sphere),), camera=camera, size=(40, 40))
+    assert frame.seen.sum() > 300
+    assert (frame.position[frame.seen][:, 1] >= 0.0).all()
+    assert np.abs(np.linalg.norm(frame.position[frame.seen] - [0.5, 0, 0.5], axis=1) - 0.4).max() < 1e-12
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "glb"])
+def test_triangle_files_cut(draw, cube, tmp_path, suffix):
+    """A box of triangles, joined and cut open: each of its sides is a plane."""
+    import trimesh
+
+    file = tmp_path / f"box.{suffix}"
+    trimesh.creation.box(bounds=[[0.25, 0.25, 0.25], [0.75, 0.75, 0.75]]).export(file)
+    frame = draw(cube, objects=(CutSurface(TriangleMesh(str(file))),), camera=NEAR, size=(60, 50))
+    position = frame.position[frame.seen]
+    assert len(position) > 300
+    assert np.abs(np.abs(position - 0.5).max(axis=1) - 0.25).max() < 1e-7
+    assert np.abs(frame.field[frame.seen] - value(position)).max() < 1e-11
+
+    # no holes where triangles join: what is seen is convex, so every row is one run
+    for row in frame.seen:
+        columns = np.flatnonzero(row)
+        assert len(columns) == 0 or np.ptp(columns) == len(columns) - 1
+
+
+def test_implicit_cuts_are_spheres_where_they_say_so(draw, data):
+    x, y, z = CENTER
+    text = f"(x-{x})^2+(y-{y})^2+(z-{z})^2-0.35^2"
+    frame = draw(data, objects=(CutSurface(Implicit(text)),), camera=NEAR, size=(24, 20))
+    exact = draw(data, objects=(CutSurface(SURFACES["sphere"]),), camera=NEAR, size=(24, 20))
+    assert (frame.seen != exact.seen).sum() <= 2
+    both = frame.seen & exact.seen
+    assert np.abs(frame.position - exact.position)[both].max() < 1e-8
+    assert np.abs(frame.field - exact.field)[both].max() < 1e-8
+
+
+@pytest.mark.parametrize("away", ["inside", "outside"])
+@pytest.mark.parametrize("name", SURFACES)
+def test_clips_take_one_side_away(draw, cube, name, away):
+    clip = (Clip(replace(SURFACES[name], radius=0.7) if name == "sphere" else SURFACES[name], away),)
+    whole = draw(cube, objects=(Faces(),), camera=NEAR, size=(50, 40))
+    rest = draw(cube, objects=(Faces(),), camera=NEAR, size=(50, 40), clip=clip)
+    sign = 1.0 if away == "inside" else -1.0
+    bigger = 0.35 if name == "sphere" else 0.0
+    assert (sign * (apart(name, rest.position[rest.seen]) - bigger) >= -1e-9).all()
+    away = apart(name, np.nan_to_num(whole.position.reshape(-1, 3))).reshape(40, 50) - bigger
+    kept = whole.seen & (sign * away > 1e-9)
+    assert np.array_equal(rest.depth[kept], whole.depth[kept])
+    gone = whole.seen & ~kept
+    assert (rest.depth[gone] > whole.depth[gone]).all()
+
+
+def test_a_cut_is_not_clipped_by_itself(draw, cube):
+    sphere = SURFACES["sphere"]
+    alone = draw(cube, objects=(CutSurface(sphere),), camera=NEAR, size=(40, 40))
+    clipped = draw(cube, objects=(CutSurface(sphere),), camera=NEAR, size=(40, 40), clip=(Clip(sphere, "outside"),))
+    assert np.array_equal(alone.seen, clipped.seen)
+
+
+def test_faces_shine_through_one_another(draw, cube):
+    """Seen along y, the cube has two faces over each pixel; colours add up by the formula of transparency."""
+    camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.8)
+    style = Style(color=(1.0, 0.0, 0.0), opacity=0.3, lit=False)
+    frame = draw(cube, objects=(Faces(style=style),), camera=camera, size=(20, 16))
+    left = (1.0 - 0.3) ** 2
+    assert np.allclose(frame.color, [1.0, left, left], atol=1e-12)
+    assert np.allclose(frame.position[..., 1], 0.0)
+
+    # an opaque plane between them is what is recorded, and hides the second
+    cut = CutSurface(Plane((0.5, 0.5, 0.5), (0, 1, 0)), Style(color=(0.0, 0.0, 1.0)))
+    frame = draw(cube, objects=(Faces(style=style), cut), camera=camera, size=(20, 16))
+    assert np.allclose(frame.color, [0.3, 0.0, 0.7], atol=1e-12)
+    assert np.allclose(frame.position[..., 1], 0.5)
+    assert np.abs(frame.field - value(frame.position)).max() < 1e-12
+
+
+def test_two_planes_are_each_seen_where_it_is_nearer(draw, data):
+    planes = [Plane((0.5, 0.5, 0.5), (1.0, 0.1, 0.0)), Plane((0.5, 0.5, 0.5), (0.1, 0.0, 1.0))]
+    both = draw(data, objects=tuple(map(CutSurface, planes)), camera=NEAR, size=(60, 50))
+    one, two = (draw(data, plane=plane, camera=NEAR, size=(60, 50)) for plane in planes)
+    first = one.depth <= two.depth
+    for name in ("element", "field", "status"):
+        nearer = np.where(first, getattr(one, name), getattr(two, name))
+        assert np.array_equal(getattr(both, name), nearer, equal_nan=name == "field")
+    assert np.allclose(both.depth[both.seen], np.minimum(one.depth, two.depth)[both.seen], rtol=0, atol=1e-12)
+    assert np.allclose(both.position[both.seen], np.where(first[..., None], one.position, two.position)[both.seen])
+
+
+def test_a_plane_with_a_style_has_the_record_of_a_plain_one(draw, data):
+    plane = SURFACES["plane"]
+    plain = draw(data, plane=plane, camera=NEAR, size=(60, 50))
+    styled = draw(data, objects=(CutSurface(plane, Style(opacity=0.5)),), camera=NEAR, size=(60, 50))
+    for name in ("element", "field", "status", "reference"):
+        assert np.array_equal(getattr(plain, name), getattr(styled, name), equal_nan=name in ("field", "reference"))
+    assert np.allclose(styled.color[plain.seen], 0.5 * plain.color[plain.seen] + 0.5, atol=1e-12)
+    assert plain.range == styled.range
+
+
+def test_quantities_of_their_own(draw, cube):
+    """Each object its quantity, its map and its range."""
+    one = Style(quantity="x*y", palette="gray", range=(0.0, 1.0))
+    objects = (CutSurface(Plane((0.5, 0.5, 0.5), (0, 0, 1)), one), CutSurface(Plane((0.5, 0.5, 0.2), (0, 0, 1))))
+    above = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.5), (0, 1, 0), height=0.9)
+    frame = draw(cube, objects=objects, camera=above, size=(20, 20))
+    position = frame.position
+    assert np.abs(frame.field - position[..., 0] * position[..., 1]).max() < 1e-12
+    assert np.abs(frame.color[..., 0] - frame.field).max() <= 1 / 256
+    assert [legend.title for legend in frame.legends] == ["x*y", "u"]
+    assert frame.legends[0].palette.high == 1.0
+
+
+def test_colours_are_means_over_samples(draw, cube):
+    """Half planes in two colours: at a vertical border every pixel has the part that the samples say."""
+    camera = Camera((0.503, -3.0, 0.5), (0.503, 0.5, 0.5), height=2.0)
+    scene = {"objects": (Faces(style=Style(color=(0.0, 0.0, 0.0), lit=False)),), "camera": camera, "size": (41, 40)}
+    once = draw(cube, **scene)
+    assert set(np.unique(once.color)) == {0.0, 1.0}
+    for samples in (2, 3, 4):
+        frame = draw(cube, **scene, samples=samples)
+        assert np.array_equal(frame.depth, once.depth)
+        steps = (np.arange(samples) - 0.5 * (samples - 1)) / samples
+        right = 0.503 + 0.05 * (np.arange(41)[:, None] - 20 + steps)
+        covered = ((right > 0) & (right < 1)).mean(axis=1)
+        assert np.allclose(frame.color[20, :, 0], 1.0 - covered, atol=1e-12)
+
+
+def test_bands_of_rows_are_one_picture(draw, data, monkeypatch):
+    style = Style(contours=Contours(count=5), mesh_lines=MeshLines(), opacity=0.6)
+    scene = {"objects": (CutSurface(SURFACES["sphere"], style), Faces(style=style)), "camera": NEAR, "size": (50, 47)}
+    whole = draw(data, **scene)
+    monkeypatch.setattr(canvas, "BAND", 50 * 16)
+    banded = draw(data, **scene)
+    for name in ("element", "status"):
+        assert np.array_equal(getattr(whole, name), getattr(banded, name))
+    for name in ("field", "depth", "normal"):
+        assert np.allclose(getattr(whole, name), getattr(banded, name), rtol=0, atol=1e-10, equal_nan=True)
+    assert np.isclose(whole.range, banded.range, rtol=1e-12).all()
+
+    # lines look a pixel around, so those at the borders of bands may differ a little
+    differ = np.abs(whole.color - banded.color).max(axis=2) > 1e-6
+    assert not differ[[4, 10, 20, 25, 36, 40]].any()
+    assert differ.mean() < 0.05
+
+
+def test_ranges_of_what_is_seen_and_of_all(draw, data):
+    plane = Plane(tuple(CENTER), (0, 0, 1))
+    for scene in ({"plane": plane}, {"objects": (CutSurface(plane, Style(opacity=0.9)),)}):
+        seen = draw(data, **scene, size=(40, 40))
+        assert seen.range == (np.nanmin(seen.field), np.nanmax(seen.field))
+        every = draw(data, **scene, size=(40, 40), range="all")
+        assert every.range[0] < seen.range[0] - 0.3
+        assert every.range[1] > seen.range[1] + 0.3
+        given = draw(data, **scene, size=(40, 40), range=(0.0, 1.0))
+        assert given.range == (0.0, 1.0)
+    with pytest.raises(SceneError, match="no bounds of 'x\\*u' over all data are known"):
+        draw(data, plane=plane, field="x*u", size=(40, 40), range="all")
+
+
+def test_light_falls_by_the_cosine(draw, cube):
+    camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.8)
+    style = Style(color=(1.0, 1.0, 1.0))
+    for direction, cosine in (((0, -1, 0), 1.0), ((0, -1, 1), 0.5**0.5), ((0, 1, 0), 0.0), (None, 1.0)):
+        lights = (Light(direction, 0.5),)
+        frame = draw(cube, objects=(Faces(style=style),), camera=camera, size=(20, 20), lights=lights, ambient=0.25)
+        assert np.allclose(frame.color, 0.25 + 0.5 * cosine, atol=1e-12)
+
+
+def test_views_are_fitted_to_what_the_objects_show(draw, cube):
+    sphere = Sphere((0.9, 0.9, 0.9), 0.05)
+    for objects in ((CutSurface(sphere),), (Faces(),)):
+        frame = draw(cube, objects=objects, camera="iso", size=(80, 60))
+        rows, columns = np.flatnonzero(frame.seen.any(axis=1)), np.flatnonzero(frame.seen.any(axis=0))
+        assert np.ptp(rows) > 0.85 * 60 or np.ptp(columns) > 0.85 * 80
+        assert not frame.seen[[0, -1]].any()
+        assert not frame.seen[:, [0, -1]].any()
+
+
+def test_objects_that_miss_are_told(draw, cube):
+    with pytest.raises(
+        SceneError, match="the picture is empty: nothing of any object is seen; the domain lies between"
+    ):
+        draw(cube, objects=(CutSurface(Sphere((9.0, 9.0, 9.0), 0.5)),), camera=NEAR, size=(20, 20))
+
+
+def test_flat_data_take_styles_and_no_cuts(draw, linear):
+    flat = linear(grid(Shape.QUADRILATERAL, 2))
+    frame = draw(flat, objects=(Faces(style=Style(contours=Contours(count=3))),), size=(60, 60))
+    plain = draw(flat, size=(60, 60))
+    assert np.array_equal(frame.field, plain.field, equal_nan=True)
+    assert 0 < (frame.color != plain.color).any(axis=2).mean() < 0.2
+    with pytest.raises(SceneError, match="2D data are drawn in their own plane"):
+        draw(flat, objects=(CutSurface(Sphere((0, 0, 0), 1.0)),), size=(60, 60))
+
+
+def test_rays_and_triangles_meet_wherever_the_eye_is(tmp_path):
+    """An eye within a tetrahedron sees a side in every direction, also of triangles that reach behind it."""
+    import trimesh
+
+    corners = [[-3.0, -3.0, -3.0], [9.0, -3.0, -3.0], [-3.0, 9.0, -3.0], [-3.0, -3.0, 9.0]]
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    trimesh.Trimesh(corners, faces).export(tmp_path / "t.ply")
+    surface = TriangleMesh(str(tmp_path / "t.ply"))
+    view = View.through(Camera((0.0, 0.0, 0.0), (1.0, 0.3, 0.2), fov=120.0), (40, 30))
+    met = hits(surface, view)
+    assert np.array_equal(met.pixel, np.arange(1200))
+    points = np.multiply(met.depth[:, None], view.rays(met.pixel % 40, met.pixel // 40)[1])
+    level = np.stack([*(points.T + 3.0), 3.0 - points.sum(axis=1)])
+    assert np.abs(level).min(axis=0).max() < 1e-6
+    assert (level > -1e-6).all()
+    inner = np.array([[0.0, 0.0, 0.0], [4.0, 4.0, 4.0], [-4.0, 0.0, 0.0]])
+    assert np.array_equal(outside(surface, inner) < 0, [True, False, False])
+
+
+@pytest.mark.parametrize("content", [b"", b"solid\nendsolid\n", b"nonsense"])
+def test_files_without_triangles_are_refused(tmp_path, content):
+    (tmp_path / "a.stl").write_bytes(content)
+    with pytest.raises(SceneError, match=r"a\.stl: (cannot be read as STL, PLY, OBJ or GLB|expected triangles)"):
+        hits(TriangleMesh(str(tmp_path / "a.stl")), View.through(NEAR, (4, 4)))
+
+
+def test_pictures_of_objects_have_their_legends(draw, cube):
+    style = Style(contours=Contours(values=(-1.0, 0.0, 1.0)))
+    frame = draw(cube, objects=(Faces(style=style),), camera=NEAR, size=(300, 240))
+    assert frame.legends[0].marks == ((-1.0, (0.0, 0.0, 0.0)), (0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 0.0, 0.0)))
+    assert picture(frame, plain=True).size == (300, 240)
+    assert np.array_equal(np.asarray(picture(frame, plain=True)), frame.rgb)
+    assert (frame.status[~frame.seen] == Status.MISS).all()
