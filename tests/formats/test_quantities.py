@@ -8,6 +8,7 @@ import pytest
 from elvis.formats import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import Expression, Names
+from elvis.formats.quantities.bounding import quantity_range
 from elvis.formats.quantities.functions import FUNCTIONS, OPERATORS
 from elvis.formats.quantities.sampling import Evaluator, Sampler
 from elvis.formats.quantities.tree import leaves, partial
@@ -305,3 +306,57 @@ def neighbours(mesh):
             for member in members:
                 owners.setdefault(member, []).append(id)
     return [pair for pair in owners.values() if len(pair) == 2]
+
+
+# bounds
+
+BOUNDED = (
+    "2*u - v",
+    "sqrt(u^2+v^2)",
+    "d(v,x)-d(u,y)",
+    "q_criterion",
+    "x*y^3/(4+z)",
+    "sin(9*x*y)",
+    "jacobian",
+    "element",
+)
+
+
+@pytest.mark.parametrize("kind", MESHES)
+@pytest.mark.parametrize("text", BOUNDED)
+def test_ranges_hold_every_value_and_are_close_to_what_is_attained(kind, text):
+    dataset = flowing(MESHES[kind])
+    expression = Expression.of(dataset, text)
+    found = quantity_range(dataset, expression)
+    evaluator = Evaluator(dataset, [expression])
+    for patch, rows, reference, _ in places(evaluator, 300):
+        values = evaluator.values(expression, patch, rows, reference)
+        assert values.min() >= found.lower - 1e-12
+        assert values.max() <= found.upper + 1e-12
+    assert found.lower <= found.least <= found.greatest <= found.upper
+    assert found.upper - found.lower <= 1.1 * (found.greatest - found.least)
+
+
+def test_ranges_without_bounds_are_infinite_and_those_without_values_are_none():
+    dataset = flowing(MESHES["plane"])
+    assert quantity_range(dataset, Expression.of(dataset, "1/(x-1)")).upper == np.inf
+    assert quantity_range(dataset, Expression.of(dataset, "laplacian(u)")).lower == -np.inf
+    assert quantity_range(dataset, Expression.of(dataset, "sqrt(-1-u^2)")) is None
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *OPERATORS])
+def test_intervals_hold_what_functions_do_in_them(name):
+    function, rng = {**FUNCTIONS, **OPERATORS}[name], np.random.default_rng(6)
+    ends = np.sort(rng.normal(size=(2, 500, 2)) * rng.choice([0.3, 1, 4], (1, 500, 1)), axis=2)
+    intervals = [(a[:, 0], a[:, 1]) for a in ends][: function.arity]
+    powers = (-2.0, -1.0, 0.5, 2.0, 3.0, 2.7) if name in ("^", "pow") else (None,)
+    for power in powers:
+        if power is not None:
+            intervals[1] = (np.float64(power),) * 2
+        with np.errstate(all="ignore"):
+            low, high = function.interval(*intervals)
+            for _ in range(50):
+                values = function.numpy(*(a + rng.random(500) * (b - a) for a, b in intervals))
+                there = np.isfinite(values)
+                assert (values >= low - 1e-12 * np.abs(low))[there].all()
+                assert (values <= high + 1e-12 * np.abs(high))[there].all()

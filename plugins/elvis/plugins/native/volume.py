@@ -46,7 +46,7 @@ class NativeVolume:
         found = [
             patch
             for patch in patches(dataset, names)
-            if not carried or any(patch.fields[names.index(name)] is not None for name in carried)
+            if all(patch.fields[names.index(name)] is not None for name in carried)
         ]
         dimension = _dimension(dataset, found)
         primary = names.index(carried[0]) if carried else None
