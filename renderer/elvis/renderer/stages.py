@@ -10,7 +10,8 @@ import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
 from elvis.formats.dataset import Dataset
-from elvis.formats.ranges import field_range
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.bounding import quantity_range
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
@@ -88,9 +89,9 @@ class Stages:
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""
-        blocks = [field.blocks for field in (self.dataset.fields if self.dataset else ()) if field.name == name]
-        found = field_range(blocks[0]) if blocks else None
-        if found is None:
+        data = self.dataset
+        found = quantity_range(data, Expression.of(data, name)) if data else None
+        if found is None or not np.isfinite((found.lower, found.upper)).all():
             raise SceneError(f"no bounds of {name!r} over all data are known: give two values for the range, or seen")
         return found.lower, found.upper
 
