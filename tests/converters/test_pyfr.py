@@ -1,15 +1,17 @@
 """PyFR meshes and solutions against PyFR's own sampler."""
 
 import shutil
+from importlib.util import find_spec
 
 import h5py
 import numpy as np
 import pytest
 
+from elvis.converters import pyfr_old
 from elvis.converters.pyfr import _KINDS, PyFR
-from elvis.formats import Basis, FormatError, Shape
+from elvis.formats import Basis, ElvisError, FormatError, Shape
 from elvis.plugins.converting import convert
-from elvis.plugins.nodal import native_points
+from elvis.plugins.nodal import native_points, space_size, space_values
 from elvis.plugins.testing import check
 
 NAMES = ("rho", "rhou", "rhov", "rhow", "E")
@@ -145,10 +147,110 @@ def test_a_solution_on_another_mesh_is_refused(copied):
         PyFR([copied / MESH, copied / SOLUTION])
 
 
-def test_files_of_old_versions_are_told(tmp_path):
-    with h5py.File(tmp_path / "old.pyfrm", "w") as file:
-        file["mesh_uuid"] = np.bytes_("0")
-        file["spt_hex_p0"] = np.zeros((8, 1, 3))
-    assert PyFR.opens([tmp_path / "old.pyfrm"])
-    with pytest.raises(FormatError, match="or later, found an older one"):
-        PyFR([tmp_path / "old.pyfrm"])
+def as_old(folder, target, kinds=KINDS, parts=1):
+    """The same mesh and solution in the layout of before 2.1, their elements dealt to partitions in turn."""
+    target.mkdir()
+    with h5py.File(folder / MESH) as mesh, h5py.File(target / "old.pyfrm", "w") as file:
+        file["mesh_uuid"] = np.bytes_("1234")
+        places, codec = np.asarray(mesh["nodes"]["location"]), [name.decode() for name in mesh["codec"]]
+        wall = codec.index("bc/wall")
+        for part in range(parts):
+            sides = []
+            for kind in kinds:
+                data = mesh["eles"][kind]
+                numbers, links = np.asarray(data["nodes"])[part::parts], np.asarray(data["faces"]["cidx"])[part::parts]
+                file[f"spt_{kind}_p{part}"] = places[numbers].transpose(1, 0, 2)
+                sides += [(kind.encode(), row, face, 0) for row, face in np.argwhere(links == wall).tolist()]
+            file[f"bcon_wall_p{part}"] = np.array(sides, dtype="S4,i4,i1,i2")
+    with h5py.File(folder / SOLUTION) as solution, h5py.File(target / "old.pyfrs", "w") as file:
+        file["mesh_uuid"] = np.bytes_("1234")
+        for name in ("config", "stats"):
+            file[name] = solution[name][()]
+        for part in range(parts):
+            for kind in kinds:
+                file[f"soln_{kind}_p{part}"] = np.asarray(solution[f"soln/p3-{kind}"])[part::parts].transpose(2, 1, 0)
+    return [target / "old.pyfrm", target / "old.pyfrs"]
+
+
+def kinds_with_points():
+    """Those whose solution points are known without the package, or all with it."""
+    return KINDS if find_spec("pyfr") else ("hex",)
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_files_of_before_2_1_hold_the_same(folder, tmp_path, truth, near, parts):
+    kinds = kinds_with_points()
+    paths = as_old(folder, tmp_path / "old", kinds, parts)
+    conversion = check(PyFR, paths)
+    assert {measure.state for measure in (conversion.report.geometry, *conversion.report.fields)} == {"exact"}
+    own = truth(folder / "mixed3d_p3-01.truth.npz")
+    here = np.isin(own.shape, kinds)
+    for column, field in enumerate(NAMES):
+        wanted, found = own.column("soln", column)[here], own.found(conversion.dataset, field)[here]
+        near(found, wanted)
+    border = conversion.dataset.mesh.composites[-1]
+    if kinds == KINDS:
+        whole = convert(PyFR([folder / MESH, folder / SOLUTION])).dataset.mesh
+        assert border.name == "wall"
+        assert sum(map(len, (ids for _, ids in border.parts))) == sum(len(i) for _, i in whole.composites[-1].parts)
+    assert conversion.dataset.time == pytest.approx(0.02)
+
+
+def test_old_meshes_alone_have_all_shapes(folder, tmp_path):
+    conversion = check(PyFR, as_old(folder, tmp_path / "old", KINDS, 2)[:1])
+    assert conversion.report.geometry.is_exact
+    assert conversion.report.elements == {"tetrahedron": 98, "pyramid": 4, "prism": 28, "hexahedron": 12}
+    whole = convert(PyFR([folder / MESH])).dataset.mesh
+    names = [{c.name: sum(len(i) for _, i in c.parts) for c in m.composites} for m in (conversion.dataset.mesh, whole)]
+    assert names[0] == names[1]
+
+
+@pytest.mark.parametrize("kind", ["quad", "tri", "hex", "pri", "pyr", "tet"])
+def test_shape_points_are_those_of_the_files(folder, kind):
+    with h5py.File(folder / MESH) as mesh:
+        if kind in mesh["eles"]:
+            points = np.asarray(mesh["eles"][kind].attrs["pts"])
+            assert np.abs(pyfr_old.shape_points(kind, len(points), "") - points).max() < 1e-15
+    for order in (1, 2, 4):
+        shape, frame, _ = _KINDS[kind]
+        points = pyfr_old.shape_points(kind, space_size(shape, order), "")
+        assert np.linalg.matrix_rank(space_values(shape, order, native_points(shape, np.array(frame, float), points)))
+
+
+def spoilt(paths, which, change):
+    with h5py.File(paths[which], "r+") as file:
+        change(file)
+
+
+def without_rule(file):
+    config = file["config"][()].decode()
+    del file["config"]
+    file["config"] = np.bytes_(config.replace("soln-pts = gauss-legendre", "soln-pts = no-such-points"))
+
+
+def with_a_short_partition(file):
+    short = file["spt_hex_p1"][:8]
+    del file["spt_hex_p1"]
+    file["spt_hex_p1"] = short
+
+
+def with_a_side_of_nothing(file):
+    del file["bcon_wall_p0"]
+    file["bcon_wall_p0"] = np.array([(b"hex", 999, 0, 0)], dtype="S4,i4,i1,i2")
+
+
+@pytest.mark.parametrize(
+    ("which", "change", "sentence"),
+    [
+        (1, without_rule, "the package pyfr"),
+        (0, with_a_short_partition, r"spt_hex: expected partitions alike, found \(64, 6, 3\) and \(8, 6, 3\)"),
+        (0, with_a_side_of_nothing, "bcon_wall_p0: expected a side of an element, found"),
+        (1, lambda file: file.move("soln_hex_p0", "soln_tet_p0"), "expected|package pyfr"),
+        (0, lambda file: file.move("spt_hex_p0", "spt_cow_p0"), "expected elements quad, tri, hex, .*, found cow"),
+    ],
+)  # fmt: skip
+def test_bad_old_files_are_refused_in_a_sentence(folder, tmp_path, which, change, sentence):
+    paths = as_old(folder, tmp_path / "old", ("hex",), 2)
+    spoilt(paths, which, change)
+    with pytest.raises(ElvisError, match=sentence):
+        PyFR(paths)

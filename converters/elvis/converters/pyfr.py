@@ -1,19 +1,22 @@
 """PyFR meshes and solutions (.pyfrm, .pyfrs): HDF5 files that describe themselves.
 
 Elements hold nodes at their shape points, solutions values at their solution points; both points are in the files.
-Layout: PyFR documentation, file format, version 1 (PyFR 2.1 and later).
+Layout: PyFR documentation, file format, version 1 (PyFR 2.1 and later); older files: `elvis.converters.pyfr_old`.
 """
 
 from __future__ import annotations
 
 import configparser
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elvis.converters import pyfr_old
 from elvis.converters.hdf5 import holds, opened, require, text
+from elvis.converters.pyfr_old import Values
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.shapes import Shape
@@ -58,18 +61,19 @@ class PyFR(Converter):
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether every file is a PyFR mesh or solution."""
-        return all(_is_mesh(path) or _is_solution(path) or _is_old(path) for path in paths)
+        return all(_is_mesh(path) or _is_solution(path) for path in paths)
 
     def __init__(self, paths: Sequence[Path], primitive: bool = False, subset: bool = False) -> None:
         mesh, solution = _roles(paths)
         self._bases: dict[tuple[str, str], NodalBasis] = {}
         self._values: dict[str, Floats] = {}
+        self._nodes: dict[str, Ints] = {}
+        self.blocks: list[Elements] = []
         with opened(mesh) as file:
-            self._read_mesh(file)
-            uuid = text(require(file, "mesh-uuid")[()])
+            (self._read_old_mesh if _is_old(mesh) else self._read_mesh)(file)
         if solution is not None:
             with opened(solution) as file:
-                _check_uuid(file, uuid, mesh)
+                _check_uuid(file, _uuid(mesh), mesh)
                 self._read_solution(file, primitive, subset)
         elif primitive or subset:
             raise ElvisError("expected a solution for the options --primitive and --subset, found none")
@@ -92,50 +96,74 @@ class PyFR(Converter):
         nodes = require(file, "nodes")
         self._places = np.asarray(nodes["location"], np.float64)
         self.precision = SINGLE if nodes.dtype["location"].base == np.float32 else DOUBLE
-        self._nodes: dict[str, Ints] = {}
-        self.blocks: list[Elements] = []
         links: dict[str, Ints] = {}
         for kind in sorted(file["eles"]):
-            if kind not in _KINDS:
-                raise FormatError(f"expected elements {', '.join(_KINDS)}, found {kind}", file=file.filename)
             data = file["eles"][kind]
-            shape, frame, _ = _KINDS[kind]
-            points = native_points(shape, np.array(frame, float), np.asarray(data.attrs["pts"]))
-            order = _order(shape, len(points), file.filename)
             numbers = np.asarray(data["nodes"], np.int64)
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < len(self._places):
                 found = f"{numbers.min()} to {numbers.max()}"
                 raise FormatError(f"expected nodes 0 to {len(self._places) - 1}, found {found}", file=file.filename)
-            corners = [int(np.abs(points - v).max(axis=1).argmin()) for v in shape.vertices]
-            self._bases[kind, "nodes"] = NodalBasis(shape, order, points)
-            self._nodes[kind], links[kind] = numbers, np.asarray(data["faces"]["cidx"], np.int64)
-            space = PyramidSpace.POLYNOMIAL
-            block = Elements(shape, len(numbers), order, numbers[:, corners], pyramid=space, key=kind)
-            self.blocks.append(block)
+            self._add(file, kind, partial(_points, data), numbers, is_shared=True)
+            links[kind] = np.asarray(data["faces"]["cidx"], np.int64)
         self.boundaries = self._boundaries([text(name) for name in require(file, "codec")], links)
+
+    def _read_old_mesh(self, file: h5py.File) -> None:
+        first, places = 0, []
+        for kind, nodes in pyfr_old.arrays(file, "spt").items():
+            points, count = nodes.shape[:2]
+            numbers = first + np.arange(count * points).reshape(count, points)
+            lattice = partial(pyfr_old.shape_points, kind, points, file.filename)
+            self._add(file, kind, lattice, numbers, is_shared=False)
+            places.append(nodes.transpose(1, 0, 2).reshape(-1, nodes.shape[2]))
+            first += len(places[-1])
+        if len({own.shape[1] for own in places}) != 1:
+            raise FormatError("expected elements of one dimension, found others or none", file=file.filename)
+        self._places = np.concatenate(places)
+        self.boundaries = [Boundary(name, sides=self._sides(own)) for name, own in pyfr_old.sides(file).items()]
+
+    def _add(self, file: h5py.File, kind: str, points_of: Callable[[], Floats], numbers: Ints, is_shared: bool) -> None:
+        """A block of elements of a kind with nodes ``numbers`` (n, k) at points of theirs.
+
+        is_shared  whether elements share nodes
+        """
+        if kind not in _KINDS:
+            raise FormatError(f"expected elements {', '.join(_KINDS)}, found {kind}", file=file.filename)
+        shape, frame, _ = _KINDS[kind]
+        points = native_points(shape, np.array(frame, float), points_of())
+        order = _order(shape, len(points), file.filename)
+        corners = [int(np.abs(points - v).max(axis=1).argmin()) for v in shape.vertices]
+        self._bases[kind, "nodes"], self._nodes[kind] = NodalBasis(shape, order, points), numbers
+        vertices = numbers[:, corners] if is_shared else None
+        space = PyramidSpace.POLYNOMIAL
+        self.blocks.append(Elements(shape, len(numbers), order, vertices, pyramid=space, key=kind))
+
+    def _sides(self, pairs: Mapping[str, Ints]) -> list[tuple[int, Ints, Ints]]:
+        """Sides (n, 2) by kind, an element's row and a face of the file's, as our blocks have them."""
+        return [
+            (i, pairs[block.key][:, 0], np.array(_KINDS[block.key][2])[pairs[block.key][:, 1]])
+            for i, block in enumerate(self.blocks)
+            if block.key in pairs
+        ]
 
     def _boundaries(self, codec: Sequence[str], links: dict[str, Ints]) -> list[Boundary]:
         """Faces by what the codec says that they are connected to."""
         result = []
         for number, name in enumerate(codec):
             if name.startswith("bc/"):
-                found = []
-                for index, block in enumerate(self.blocks):
-                    rows, faces = np.nonzero(links[block.key] == number)
-                    found.append((index, rows, np.array(_KINDS[block.key][2])[faces]))
-                result.append(Boundary(name.removeprefix("bc/"), sides=found))
+                own = {kind: np.argwhere(cidx == number) for kind, cidx in links.items()}
+                result.append(Boundary(name.removeprefix("bc/"), sides=self._sides(own)))
         return result
 
     def _read_solution(self, file: h5py.File, primitive: bool, subset: bool) -> None:
         stats, config = _ini(file, "stats"), _ini(file, "config")
         prefix = stats.get("data", "prefix", fallback="soln")
         self._names = [name.strip() for name in stats.get("data", "fields", fallback="").split(",")]
-        found = {name.split("-")[1]: name for name in file.get(prefix, ()) if name.count("-") == 1}
+        found = pyfr_old.values(file, prefix, config) if "mesh_uuid" in file else _values(file, prefix)
         missing = 0
         orders: list[int | None] = []
         for index, block in enumerate(self.blocks):
             if block.key in found:
-                orders.append(self._read_values(file, f"{prefix}/{found[block.key]}", index))
+                orders.append(self._take(file, found[block.key], index))
             else:
                 orders.append(None)
                 self._keep(index, np.empty(0, np.int64))
@@ -150,36 +178,51 @@ class PyFR(Converter):
             self.fields += _primitive(self._names, orders, file.filename)
         time = stats.get("solver-time-integrator", "tcurr", fallback=None)
         self.time = None if time is None else float(time)
-        self.metadata = {"Program": text(require(file, "creator")[()])}
+        self.metadata = {"Program": text(file["creator"][()]) if "creator" in file else "PyFR"}
         self.notes = [f"{missing} elements without a solution were left out"] if missing else []
 
-    def _read_values(self, file: h5py.File, name: str, index: int) -> int:
+    def _take(self, file: h5py.File, found: Values, index: int) -> int:
         """Take in the values on a block; the order of the solution there."""
-        data, block = require(file, name), self.blocks[index]
+        block = self.blocks[index]
         shape, frame, _ = _KINDS[block.key]
-        points = native_points(shape, np.array(frame, float), np.asarray(data.attrs["pts"]))
-        values = np.asarray(data, np.float64)
-        idxs = file.get(f"{name}-idxs")
-        rows = np.arange(len(block)) if idxs is None else np.asarray(idxs, np.int64)
-        if values.shape != (len(rows), len(self._names), len(points)) or rows.max(initial=-1) >= len(block):
-            expected = f"({len(rows)}, {len(self._names)}, {len(points)}) values on {len(block)} elements"
-            raise FormatError(f"expected {expected}, found {values.shape}", file=file.filename, place=name)
-        if idxs is not None:
+        points = native_points(shape, np.array(frame, float), found.points)
+        rows = np.arange(len(block)) if found.rows is None else found.rows
+        wanted = (len(rows), len(self._names), len(points))
+        if found.values.shape != wanted or rows.max(initial=-1) >= len(block):
+            expected = f"{wanted} values on {len(block)} elements"
+            raise FormatError(f"expected {expected}, found {found.values.shape}", file=file.filename, place=found.place)
+        if found.rows is not None:
             self._keep(index, rows)
         order = _order(shape, len(points), file.filename)
-        self._bases[block.key, "values"], self._values[block.key] = NodalBasis(shape, order, points), values
+        self._bases[block.key, "values"], self._values[block.key] = NodalBasis(shape, order, points), found.values
         return order
 
     def _keep(self, index: int, rows: Ints) -> None:
         """Only the elements ``rows`` of a block."""
         block = self.blocks[index]
         self._nodes[block.key] = self._nodes[block.key][rows]
-        assert block.vertices is not None
-        kept = Elements(block.shape, len(rows), block.order, block.vertices[rows], pyramid=block.pyramid, key=block.key)
+        vertices = None if block.vertices is None else block.vertices[rows]
+        kept = Elements(block.shape, len(rows), block.order, vertices, pyramid=block.pyramid, key=block.key)
         place = np.full(len(block), -1)
         place[rows] = np.arange(len(rows))
         self.boundaries = [_restricted(boundary, index, place) for boundary in self.boundaries]
         self.blocks[index] = kept
+
+
+def _points(data: h5py.Dataset) -> Floats:
+    return np.asarray(data.attrs["pts"], np.float64)
+
+
+def _values(file: h5py.File, prefix: str) -> dict[str, Values]:
+    """The values of a solution, by kind of element."""
+    found = {}
+    for name in file.get(prefix, ()):
+        if name.count("-") == 1:
+            place = f"{prefix}/{name}"
+            data, rows = require(file, place), file.get(f"{place}-idxs")
+            own = None if rows is None else np.asarray(rows, np.int64)
+            found[name.split("-")[1]] = Values(place, np.asarray(data.attrs["pts"]), np.asarray(data, np.float64), own)
+    return found
 
 
 def _restricted(boundary: Boundary, index: int, place: Ints) -> Boundary:
@@ -192,11 +235,11 @@ def _restricted(boundary: Boundary, index: int, place: Ints) -> Boundary:
 
 
 def _is_mesh(path: Path) -> bool:
-    return holds(path, "eles", "nodes", "codec", "mesh-uuid")
+    return holds(path, "eles", "nodes", "codec", "mesh-uuid") or (_is_old(path) and not holds(path, "stats"))
 
 
 def _is_solution(path: Path) -> bool:
-    return holds(path, "stats", "config", "mesh-uuid")
+    return holds(path, "stats", "config", "mesh-uuid") or (_is_old(path) and holds(path, "stats", "config"))
 
 
 def _is_old(path: Path) -> bool:
@@ -205,9 +248,6 @@ def _is_old(path: Path) -> bool:
 
 def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     """The mesh and the solution, which names its mesh by a code alone; FormatError where there isn't one mesh."""
-    for path in paths:
-        if _is_old(path):
-            raise FormatError("expected a file of PyFR 2.1 or later, found an older one", file=path)
     meshes, solutions = [p for p in paths if _is_mesh(p)], [p for p in paths if _is_solution(p)]
     if not meshes and len(solutions) == 1:
         meshes = [path for path in sorted(solutions[0].parent.glob("*.pyfrm")) if _uuid(path) == _uuid(solutions[0])]
@@ -220,14 +260,16 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
 
 
 def _uuid(path: Path) -> str:
-    if not holds(path, "mesh-uuid"):
-        return ""
-    with opened(path) as file:
-        return text(require(file, "mesh-uuid")[()])
+    """The code of a mesh, or of that of a solution; empty where there is none."""
+    for name in ("mesh-uuid", "mesh_uuid"):
+        if holds(path, name):
+            with opened(path) as file:
+                return text(require(file, name)[()])
+    return ""
 
 
 def _check_uuid(file: h5py.File, uuid: str, mesh: Path) -> None:
-    own = text(require(file, "mesh-uuid")[()])
+    own = text(require(file, "mesh_uuid" if "mesh_uuid" in file else "mesh-uuid")[()])
     if own != uuid:
         raise FormatError(
             f"expected a solution on the mesh {mesh.name} ({uuid}), found one on {own}", file=file.filename
