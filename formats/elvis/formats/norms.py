@@ -13,7 +13,10 @@ from elvis.formats.cubature import Cubature, field_cubature, rule_cubature
 from elvis.formats.dataset import Dataset, Expansion, ExpansionRule, Homogeneous
 from elvis.formats.errors import ElvisError
 from elvis.formats.evaluation import evaluate, evaluate_with_gradients
+from elvis.formats.expansion import mode_count
 from elvis.formats.patch import Patch, patches
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.sampling import Evaluator
 from elvis.formats.shapes import Shape
 
 AXES = ("x", "y", "z")
@@ -57,6 +60,31 @@ def norms(dataset: Dataset) -> dict[str, Norm]:
     if empty:
         raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
     return {name: total.norm() for name, total in sums.items()}
+
+
+def quantity_norm(dataset: Dataset, expression: Expression) -> Norm:
+    """Norms of an expression over the elements that have all of its fields; NaN where it has no value somewhere.
+
+    The rule is that of the field with most modes in it, of the map where it has no field.
+    ElvisError where no element of the domain has it.
+    """
+    evaluator, total = Evaluator(dataset, [expression]), _Sum()
+    for patch in evaluator.patches:
+        expansions = [own for own in patch.fields if own is not None]
+        if len(expansions) < len(patch.fields):
+            continue
+        expansion = max(expansions, key=mode_count, default=patch.geometry)
+        rule = _Rule(field_cubature(expansion), patch.shape, expansion.homogeneous)
+        points = rule.points()
+        for batch in _batches(len(patch), len(points)):
+            rows = np.arange(len(patch))[batch]
+            places = np.tile(points, (len(rows), 1))
+            values = evaluator.values(expression, patch, np.repeat(rows, len(points)), places)
+            measure = _mapped(patch, rule, patch.geometry_coefficients[batch])[1]
+            total.add(values.reshape(len(rows), len(points)), measure)
+    if not total.count:
+        raise ElvisError(f"expected elements of the domain under {expression.text}, found none")
+    return total.norm()
 
 
 @dataclass

@@ -137,3 +137,12 @@ def test_elements_whose_jacobian_fails_are_listed_with_a_place(tmp_path):
 def test_two_checks_at_once_are_a_usage_error(elvis, pipe):
     with pytest.raises(click.UsageError, match="found both"):
         elvis("info", "--jacobian", "--strict", *pipe[0])
+
+
+def test_the_range_of_a_quantity(nektar, elvis):
+    """u = 1 - z^2 on [-1, 1]^3: its derivative runs from -2 to 2."""
+    channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
+    found = json.loads(elvis("info", "--json", *channel, "--field", "d(u,z)"))["quantities"]["d(u,z)"]
+    assert found["lower"] <= -1.99
+    assert found["upper"] == pytest.approx(2, abs=0.05)
+    assert "d(u,z)" in elvis("info", *channel, "--field", "d(u,z)")

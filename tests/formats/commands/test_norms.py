@@ -1,3 +1,6 @@
+import json
+
+import numpy as np
 import pytest
 
 from elvis.formats import ElvisError
@@ -26,3 +29,15 @@ def test_the_table_shows_the_signed_maximum(nektar, elvis):
 def test_a_file_that_is_not_there(tmp_path, elvis):
     with pytest.raises(ElvisError, match=r"absent\.xml"):
         elvis("norms", tmp_path / "absent.xml")
+
+
+def test_norms_of_quantities_are_their_integrals(nektar, elvis):
+    """u = 1 - z^2 on [-1, 1]^3: du/dz = -2z has the L2 norm sqrt(4 * 8/3); divergence and 2u follow from u alone."""
+    channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
+    asked = ("--field", "d(u,z)", "--field", "2*u", "--field", "q_criterion")
+    found = json.loads(elvis("norms", "--json", *channel, *asked))
+    plain = json.loads(elvis("norms", "--json", *channel))
+    assert list(found) == ["d(u,z)", "2*u", "q_criterion"]
+    assert found["d(u,z)"]["L2"] == pytest.approx(np.sqrt(32 / 3), rel=1e-12)
+    assert found["2*u"]["L2"] == pytest.approx(2 * plain["u"]["L2"], rel=1e-13)
+    assert found["q_criterion"]["Linf"] < 1e-10

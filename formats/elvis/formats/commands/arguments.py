@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.formats.errors import ElvisError
-
 if TYPE_CHECKING:
     from elvis.formats.dataset import Dataset
+    from elvis.formats.quantities import Expression
 
 Triple = tuple[float, float, float]
 
 data_argument = click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DATA...")
+field_option = click.option(
+    "--field",
+    "quantities",
+    multiple=True,
+    metavar="EXPR",
+    help="A field, an expression such as sqrt(u^2+v^2) or d(v,x)-d(u,y), or a ready-made quantity; repeatable.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers with all their digits.")
 
 
@@ -67,17 +73,28 @@ def read_data(paths: Iterable[Path]) -> Dataset:
         return read(*files)
 
 
-def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
-    """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
-    known = tuple(field.name for field in dataset.fields)
-    if wanted is None:
-        return known
-    names = tuple(name.strip() for name in wanted.split(","))
-    for name in names:
-        if name not in known:
-            raise ElvisError(f"there is no field {name!r}; {_known(known)}")
-    return names
+def expressions(dataset: Dataset, wanted: str | None, further: Sequence[str] = ()) -> tuple[Expression, ...]:
+    """The quantities in ``wanted`` (commas between them) and ``further``, or all fields where nothing is wanted.
+
+    ElvisError for what names no quantity of the dataset.
+    """
+    from elvis.formats.quantities import Expression, Names
+
+    texts = [*(_split(wanted) if wanted is not None else ()), *further]
+    if wanted is None and not further:
+        texts = [field.name for field in dataset.fields]
+    names = Names.of(dataset)
+    return tuple(Expression.parse(text, names) for text in texts)
 
 
-def _known(names: tuple[str, ...]) -> str:
-    return f"the fields are {', '.join(names)}" if names else "the data hold no fields"
+def _split(text: str) -> list[str]:
+    """The parts between commas that stand in no parentheses and no quotes."""
+    parts, depth, quote = [""], 0, ""
+    for character in text:
+        quote = "" if character == quote else quote or (character if character in "\"'" else "")
+        depth += 0 if quote else (character == "(") - (character == ")")
+        if character == "," and not quote and depth <= 0:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return [part.strip() for part in parts]

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.formats.commands.arguments import data_argument, json_option, read_data
+from elvis.formats.commands.arguments import data_argument, expressions, field_option, json_option, read_data
 
 if TYPE_CHECKING:
     from elvis.formats.dataset import Dataset
+    from elvis.formats.quantities import Expression
 
 Facts = dict[str, Any]
 
@@ -25,21 +26,26 @@ Examples:
   elvis info --json wing.xml wing.fld >facts.json
   elvis info --strict wing.xml wing.fld
   elvis info --jacobian wing.xml
+  elvis info wing.xml wing.fld --field vorticity
 """
 
 
 @click.command("info", epilog=EPILOG, short_help="Tell what is in a dataset: shapes, orders, fields, ranges, validity.")
 @data_argument
+@field_option
 @json_option
 @click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
 @click.option("--strict", is_flag=True, help="Check every rule that other programs of the format go by; fail if any.")
 @click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive all over; fail if it isn't.")
-def info(data: tuple[Path, ...], as_json: bool, everything: bool, strict: bool, jacobian: bool) -> None:
+def info(
+    data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, everything: bool, strict: bool, jacobian: bool
+) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
     Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
     tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points;
     with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
+    --field adds the certified range of any quantity.
     """
     from elvis.formats.summary import summary
     from elvis.formats.terminal import print_json, stage
@@ -56,10 +62,22 @@ def info(data: tuple[Path, ...], as_json: bool, everything: bool, strict: bool, 
         return
     with stage("measuring"):
         facts = summary(dataset)
+        if quantities:
+            facts["quantities"] = {each.text: _range(dataset, each) for each in expressions(dataset, None, quantities)}
     if as_json:
         print_json(facts)
         return
     _print(facts, many)
+
+
+def _range(dataset: Dataset, expression: Expression) -> Facts | None:
+    """The bounds of a quantity and what is attained; None where it has no values."""
+    from dataclasses import asdict
+
+    from elvis.formats.quantities.bounding import quantity_range
+
+    found = quantity_range(dataset, expression)
+    return None if found is None else asdict(found)
 
 
 def _check(data: tuple[Path, ...], as_json: bool) -> None:
@@ -127,11 +145,13 @@ def _print(facts: Facts, many: int | None) -> None:
     orders = list(_orders(facts["fields"]))
     composites = [_composite_row(composite) for composite in facts["composites"]]
     metadata = list(facts["metadata"].items())
+    ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
 
     print_table(("", ""), _overview(facts))
     tables = [
         (("map of", "elements", "bases", "modes (order + 1)"), maps),
         (("field", "elements", "lower bound", "upper bound", "state"), fields),
+        (("quantity", "lower bound", "upper bound", "least found", "greatest found"), ranges),
         (("fields", "on", "elements", "bases", "modes (order + 1)"), _cut(orders, many)),
         (("composite", "name", "holds"), _cut(composites, many)),
         (("metadata", "value"), _cut(metadata, many)),
@@ -178,6 +198,10 @@ def _ids(ids: Sequence[int]) -> str:
 def _field_row(field: Facts) -> tuple[object, ...]:
     bounds = (field["range"]["lower"], field["range"]["upper"])
     return (field["name"], field["elements"], *("-" if b is None else f"{b:.10g}" for b in bounds), _state(field))
+
+
+def _range_row(text: str, found: Facts | None) -> tuple[object, ...]:
+    return (text, *("-" if found is None else f"{found[k]:.10g}" for k in ("lower", "upper", "least", "greatest")))
 
 
 def _state(field: Facts) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.formats.commands.arguments import Triple, data_argument, field_names, read_data, triples
+from elvis.formats.commands.arguments import Triple, data_argument, expressions, field_option, read_data, triples
 from elvis.formats.errors import ElvisError
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ Examples:
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 -n 200 -o line.csv
   elvis probe wing.xml wing.fld --plane 0,0,0:1,0,0:0,1,0 -n 100x50 --fields u,v -o plane.npz
   elvis probe wing.xml wing.fld --points sensors.csv --all
+  elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
 """
 
 
@@ -52,7 +53,8 @@ Examples:
 @click.option(
     "-n", "counts", metavar="N[xM]", callback=_counts, help="Points along the line or the plane.  [default: 101]"
 )
-@click.option("--fields", metavar="NAMES", help="Fields to evaluate, commas between them.  [default: all]")
+@click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
+@field_option
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
 @click.option(
     "-o",
@@ -67,6 +69,7 @@ def probe(
     plane: tuple[Triple, Triple, Triple] | None,
     counts: tuple[int, ...] | None,
     fields: str | None,
+    quantities: tuple[str, ...],
     every: bool,
     output: Path | None,
 ) -> None:
@@ -83,7 +86,7 @@ def probe(
         check_suffix(output)
         check_place(output)
     places = _places(points, line, plane, counts)
-    columns = _columns(data, places, fields, every)
+    columns = _columns(data, places, fields, quantities, every)
     if output is not None:
         write_columns(output, columns)
     else:
@@ -114,18 +117,21 @@ def _places(
     return points_in_table(points)
 
 
-def _columns(data: tuple[Path, ...], places: Floats, fields: str | None, every: bool) -> Columns:
-    """The table: what was asked, what was found, and one column a field."""
-    from elvis.formats.sampling import sample
+def _columns(
+    data: tuple[Path, ...], places: Floats, fields: str | None, quantities: tuple[str, ...], every: bool
+) -> Columns:
+    """The table: what was asked, what was found, and one column a quantity."""
+    from elvis.formats.quantities.sampling import Sampler
     from elvis.formats.terminal import stage
 
     dataset = read_data(data)
-    names = field_names(dataset, fields)
+    wanted = expressions(dataset, fields, quantities)
+    names = [expression.text for expression in wanted]
     for name in names:
         if name in _COLUMNS:
             raise ElvisError(f"the field {name!r} has the name of a column; choose the others with --fields")
     with stage(f"probing {len(places)} points"):
-        found = sample(dataset, names, places, all=every)
+        found = Sampler(dataset, wanted).sample(places, all=every)
     x, y, z = found.points.T
     answers = (found.location.point, x, y, z, found.location.element_id, found.location.status.astype(int))
     return dict(zip((*_COLUMNS, *names), (*answers, *found.values.T), strict=True))
