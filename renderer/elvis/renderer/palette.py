@@ -14,6 +14,14 @@ from elvis.renderer.errors import SceneError
 #: colour of what is seen but is not a finite number
 NOT_A_NUMBER = (1.0, 0.0, 1.0)
 STEPS = 256
+#: colour maps of the first ElVis: places in [0, 1] and colours there; its diverging one is K. Moreland's (2009)
+FIRST: dict[str, list[tuple[float, ...]]] = {
+    "elvis:blackbody": [(0, 0, 0, 0), (0.4, 0.901961, 0, 0), (0.8, 0.901961, 0.901961, 0), (1, 1, 1, 1)],
+    "elvis:bluetoyellow": [(0, 0.0392157, 0.0392157, 0.94902), (1, 0.94902, 0.94902, 0.0392157)],
+    "elvis:grayscale": [(0, 0, 0, 0), (1, 1, 1, 1)],
+    "elvis:rainbow": [(0, 0, 0, 1), (0.25, 0, 1, 1), (0.5, 0, 1, 0), (0.75, 1, 1, 0), (1, 1, 0, 0)],
+}
+ALIASES = {"elvis:diverging": "matplotlib:coolwarm"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,15 +34,19 @@ class Palette:
 
     @staticmethod
     def named(name: str, low: float, high: float) -> Palette:
-        """The colour map that the cmap catalogue calls ``name``; SceneError with near names where there is none."""
+        """The colour map that the cmap catalogue, or FIRST, calls ``name``; SceneError where there is none."""
+        if name in FIRST:
+            place, *parts = np.array(FIRST[name]).T
+            table = np.stack([np.interp(np.linspace(0.0, 1.0, STEPS), place, part) for part in parts], axis=1)
+            return Palette(table, low, high)
         import cmap
 
         # a plain name stands for matplotlib's map where several collections have one
         logging.getLogger("cmap").setLevel(logging.ERROR)
         try:
-            colormap = cmap.Colormap(name)
+            colormap = cmap.Colormap(ALIASES.get(name, name))
         except (ValueError, TypeError) as error:
-            known = ", ".join(("viridis", "magma", "turbo", "coolwarm", "RdBu_r", "gray"))
+            known = ", ".join(("viridis", "magma", "turbo", "coolwarm", "RdBu_r", "gray", *FIRST, *ALIASES))
             raise SceneError(
                 f"unknown colour map {name!r}: expected a name of the cmap catalogue, e.g. {known}"
             ) from error

@@ -1,4 +1,4 @@
-"""PNG pictures: the image, a colour bar with ticks, a title."""
+"""PNG pictures: the image, a title, colour bars with ticks, the values of contours, the axes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import TypeAlias
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from elvis.renderer.frame import Frame
+from elvis.renderer.frame import Frame, Legend
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
 INK = (30, 30, 30)
 
 
 def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
-    """The frame as an RGB image of the scene's size; with a bar and a title beside it unless ``plain``."""
+    """The frame as an RGB image of the scene's size; with all that explains it beside it unless ``plain``."""
     image = Image.fromarray(frame.rgb, "RGB")
     return image if plain else _framed(frame, image)
 
@@ -28,10 +28,11 @@ def ticks(low: float, high: float, most: int) -> list[float]:
     span = high - low
     if not max(1e-12 * max(abs(low), abs(high)), 1e-300) < span < 1e301:
         return [low, high]
-    power = 10.0 ** np.floor(np.log10(span / max(most - 1, 1)))
-    step = next(power * f for f in (1.0, 2.0, 5.0, 10.0, 20.0) if span / (power * f) <= max(most - 1, 1))
-    first = int(np.ceil(low / step - 1e-9))
-    last = int(np.floor(high / step + 1e-9))
+    power = 10.0 ** np.floor(np.log10(span / max(most, 1)))
+    for step in (power * factor for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)):
+        first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
+        if last - first < most:
+            break
     return [number * step for number in range(first, last + 1)]
 
 
@@ -49,40 +50,123 @@ def labels(values: list[float]) -> list[str]:
 
 
 def _framed(frame: Frame, image: Image.Image) -> Image.Image:
-    """The image on white, the colour bar to its right, the title above."""
+    """The image on white with its axes; the title above, to its right a bar for each colour map, contours below."""
     unit = max(10, round(min(image.size) / 45))
     font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
-    low, high = frame.range
-    values = ticks(low, high, max(3, image.height // (4 * unit)))
-    texts = labels(values)
-    probe = ImageDraw.Draw(image)
-    room = max([probe.textlength(text, font=small) for text in [*texts, "0.00"]])
+    measure = ImageDraw.Draw(image).textlength
+    bars = [legend for legend in frame.legends if legend.palette]
+    title = frame.scene.title if frame.scene.title is not None else bars[0].title if len(bars) == 1 else ""
+    scales = [_scale(legend, max(3, image.height // (4 * unit))) for legend in bars]
+    rooms = [max(measure(text, font=small) for _, text in [*scale, (0, "0.00")]) for scale in scales]
+    names = [legend.title if len(bars) > 1 else "" for legend in bars]
+    widths = [
+        round(5 * unit + max(room, measure(name, font=small) - 3 * unit))
+        for room, name in zip(rooms, names, strict=True)
+    ]
+    width = max(image.width + 2 * unit + sum(widths), round(measure(title, font=font)) + 3 * unit)
+    notes = [line for legend in frame.legends for line in _note(legend, width - 2 * unit, small)]
 
-    # title, image, bar and its numbers
-    top = 3 * unit
-    title = frame.scene.field
-    width = max(image.width + round(6 * unit + room), round(probe.textlength(title, font=font)) + 3 * unit)
-    sheet = Image.new("RGB", (width, image.height + top + unit), "white")
+    # title and image, then what stands beside and below them
+    top, foot = 3 * unit if title or any(names) else unit, round(1.6 * unit)
+    sheet = Image.new("RGB", (width, image.height + top + unit + foot * len(notes)), "white")
     sheet.paste(image, (unit, top))
     draw = ImageDraw.Draw(sheet)
     draw.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
-    _bar(frame, draw, sheet, (image.width + 2 * unit + unit // 2, top), unit, image.height)
-    for value, text in zip(values, texts, strict=True):
-        y = top + (high - value) / (high - low) * (image.height - 1)
-        x = image.width + 4 * unit
-        draw.line([(x, y), (x + unit // 3, y)], fill=INK, width=max(1, unit // 12))
-        draw.text((x + unit // 2, y), text, fill=INK, font=small, anchor="lm")
+    x = image.width + 5 * unit // 2
+    for legend, scale, name, own in zip(bars, scales, names, widths, strict=True):
+        draw.text((x, top - 1.2 * unit), name, fill=INK, font=small, anchor="lm")
+        _bar(legend, draw, sheet, (x, top), unit, image.height, scale, small)
+        x += own
+    for number, line in enumerate(notes):
+        draw.text((unit, top + image.height + unit + foot * number), line, fill=INK, font=small, anchor="lt")
+    if min(image.size) >= 16 * unit and not frame.view.faces_ground:
+        _axes(frame, sheet, (unit, top + image.height), unit, small)
     return sheet
 
 
+def _scale(legend: Legend, most: int) -> list[tuple[float, str]]:
+    """Values beside the bar of a legend, and their texts."""
+    assert legend.palette is not None
+    values = ticks(legend.palette.low, legend.palette.high, most)
+    return list(zip(values, labels(values), strict=True))
+
+
+def _note(legend: Legend, width: float, font: Font) -> list[str]:
+    """The sentence that tells a legend's contours, in lines no wider than ``width`` pixels."""
+    if not legend.marks:
+        return []
+    values = [value for value, _ in legend.marks]
+    words = [f"{value:.6g}," for value in values]
+    if len(values) > 16:
+        words = [*words[:3], "…", words[-1]]
+    lines = [f"contours of {legend.title} at"]
+    for word in [*words[:-1], words[-1].rstrip(",")]:
+        longer = f"{lines[-1]} {word}"
+        if font.getlength(longer) <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
+
 def _bar(
-    frame: Frame, draw: ImageDraw.ImageDraw, sheet: Image.Image, corner: tuple[int, int], unit: int, height: int
+    legend: Legend,
+    draw: ImageDraw.ImageDraw,
+    sheet: Image.Image,
+    corner: tuple[int, int],
+    unit: int,
+    height: int,
+    scale: list[tuple[float, str]],
+    font: Font,
 ) -> None:
-    """The colour map from low (below) to high (above), with a thin border."""
-    low, high = frame.range
-    values = np.linspace(high, low, height)
-    column = np.rint(frame.palette.colors(values)[:, None, :] * 255).astype(np.uint8)
-    x, y = corner
-    width = 3 * unit // 2
+    """The colour map from low (below) to high (above), with a thin border, contours across it and numbers beside it."""
+    palette = legend.palette
+    assert palette is not None
+    values = np.linspace(palette.high, palette.low, height)
+    column = np.rint(palette.colors(values)[:, None, :] * 255).astype(np.uint8)
+    (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)
     sheet.paste(Image.fromarray(np.repeat(column, width, axis=1), "RGB"), corner)
+
+    def level(value: float) -> float:
+        return y + (palette.high - value) / (palette.high - palette.low) * (height - 1)
+
+    for value, color in legend.marks:
+        if palette.low <= value <= palette.high:
+            draw.line([(x, level(value)), (x + width - 1, level(value))], fill=_ink(color), width=thin)
     draw.rectangle([x, y, x + width - 1, y + height - 1], outline=INK)
+    for value, text in scale:
+        draw.line([(x + width, level(value)), (x + width + unit // 3, level(value))], fill=INK, width=thin)
+        draw.text((x + width + unit // 2, level(value)), text, fill=INK, font=font, anchor="lm")
+
+
+def _ink(color: tuple[float, float, float]) -> tuple[int, int, int]:
+    r, g, b = (round(255 * part) for part in color)
+    return r, g, b
+
+
+#: colours of the arrows along x, y and z
+AXES = ((200, 40, 40), (30, 140, 30), (40, 70, 200))
+
+
+def _axes(frame: Frame, sheet: Image.Image, corner: tuple[int, int], unit: int, font: Font) -> None:
+    """Arrows along x, y and z in the lower left corner of the image, those that point away from the viewer first."""
+    right, up, forward = frame.view.camera.basis()
+    side, finer = 7 * unit, 4
+    shape = (side * finer, side * finer)
+    arrows, middle = Image.new("L", shape), np.array([0.5, 0.5]) * shape
+    place = (corner[0], corner[1] - side)
+    for axis in np.argsort(-forward):
+        tip = middle + 2.4 * unit * finer * np.array([right[axis], -up[axis]])
+        along = tip - middle
+        length = float(np.linalg.norm(along))
+        arrows.paste(0, (0, 0, *shape))
+        pen = ImageDraw.Draw(arrows)
+        pen.line([*middle, *tip], fill=255, width=max(finer, unit * finer // 6))
+        if length > unit * finer // 3:
+            along = along / length * unit * finer * 0.55
+            across = 0.4 * np.array([-along[1], along[0]])
+            pen.polygon([*(tip + 0.4 * along), *(tip - along + across), *(tip - along - across)], fill=255)
+        sheet.paste(AXES[axis], place, arrows.resize((side, side), Image.Resampling.LANCZOS))
+        x, y = place + (middle + (tip - middle) * 1.32) / finer
+        if length > unit * finer // 3:
+            ImageDraw.Draw(sheet).text((x, y), "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")

@@ -72,6 +72,12 @@ class View:
         """Whether rays part from the eye; else they are parallel."""
         return self.camera.fov is not None
 
+    @property
+    def faces_ground(self) -> bool:
+        """Whether it is a parallel view straight down z with y upwards, as of 2D data: axes go without saying."""
+        _, up, forward = self.camera.basis()
+        return not self.perspective and bool(forward[2] == -1.0 and up[1] == 1.0)
+
     def rays(self, columns: Pixels, rows: Pixels) -> tuple[Floats, Floats]:
         """Origins and directions (n, 3) of pixels' rays: the point at depth d is origin + d direction."""
         aside = self.corner + columns[:, None] * self.column + rows[:, None] * self.row
