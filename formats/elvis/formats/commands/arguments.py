@@ -73,6 +73,19 @@ def read_data(paths: Iterable[Path]) -> Dataset:
         return read(*files)
 
 
+def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
+    """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
+    from elvis.formats.errors import ElvisError
+
+    known = tuple(field.name for field in dataset.fields)
+    names = known if wanted is None else tuple(name.strip() for name in wanted.split(","))
+    for name in names:
+        if name not in known:
+            fields = f"the fields are {', '.join(known)}" if known else "the data hold no fields"
+            raise ElvisError(f"there is no field {name!r}; {fields}")
+    return names
+
+
 def expressions(dataset: Dataset, wanted: str | None, further: Sequence[str] = ()) -> tuple[Expression, ...]:
     """The quantities in ``wanted`` (commas between them) and ``further``, or all fields where nothing is wanted.
 
