@@ -77,7 +77,7 @@ class IsosurfaceDrawer:
         """Pieces of a part that are to be drawn, in order of depth."""
         part, dtype = self.loaded.parts[number], split.dtype("pieces")
         parents = np.zeros(len(part), dtype)
-        parents["element"], parents["half"] = np.arange(len(part)), 1.0
+        parents["element"], parents["half"], parents["worth"] = np.arange(len(part)), 1.0, 1.0
         degree = self._degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
         done = []
