@@ -88,7 +88,7 @@ def quadric(points):
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_an_ellipsoid_on_curved_elements(iso, shape, camera):
     view = View.through(VIEWS[camera], SIZE)
-    layer, drawer = iso(cube(shape, quadric, 5), view, LEVEL)
+    layer, _ = iso(cube(shape, quadric, 5), view, LEVEL)
     truth, clear = nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL))
     assert np.isfinite(truth).mean() > 0.1
 

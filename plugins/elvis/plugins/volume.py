@@ -66,6 +66,8 @@ class Part:
                  [-1, 1]^3; 0 where they aren't: isosurfaces are then found without proof
     collapsed    the coordinates that ``degree`` speaks of are those of a collapsed cube, (a, b, c) with
                  r = ((1 + a) (1 - c) / 2 - 1, (1 + b) (1 - c) / 2 - 1, c), in place of the reference coordinates
+    affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
+                 coordinates; their hull points are these corners
     """
 
     module: str
@@ -80,6 +82,7 @@ class Part:
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
     degree: int = 0
     collapsed: bool = False
+    affine: bool = False
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -20,14 +20,14 @@ from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.diagnostics import compiling
-from elvis.renderer.errors import DeviceError
+from elvis.renderer.errors import DeviceError, DeviceLostError
 
 if TYPE_CHECKING:
     import slangpy
 
 SHADERS = Path(__file__).parent / "shaders"
 #: stages whose waves work on one element at a time
-TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw")
+TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw", "iso_line", "volume_list")
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
 #: groups of a row, as in shaders/dispatch.slang

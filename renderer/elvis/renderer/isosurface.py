@@ -15,7 +15,7 @@ from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.tiles import TILE
+from elvis.renderer.traversal import SECTION, Traversal, binned, seen
 from elvis.renderer.view import View
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ class IsosurfaceDrawer:
 
     def __init__(self, loaded: Loaded) -> None:
         self.loaded, self.device = loaded, loaded.device
+        self.traversal = Traversal(loaded)
         self.counts: dict[str, int] = {}
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> Layer:
@@ -51,34 +52,54 @@ class IsosurfaceDrawer:
         if self.loaded.dimension != 3:
             raise SceneError("isosurfaces are drawn of 3D data: draw contours of 2D data")
         self.counts = {"flat": 0, "undefined": 0, "pieces": 0}
-        hits: slangpy.Buffer | None = None
+        hits = None
+        before = self.device.buffer(np.zeros(view.count) if beyond is None else beyond)
         for number in range(len(self.loaded.parts)):
-            split = self._kernel("iso_split", number, quantity)
-            draw = self._kernel("iso_draw", number, quantity)
-            pieces = self._pieces(split, view, number, quantity, value)
-            if not len(pieces):
-                continue
+            straight = self.traversal.is_straight(number, quantity)
+            draw = self._kernel("iso_line" if straight else "iso_draw", number, quantity)
             if hits is None:
                 hits = self.device.buffer(np.zeros(view.count, draw.dtype("hits")))
-            self._draw_part(draw, view, number, quantity, value, beyond, pieces, hits)
-        if hits is None:
-            return _layer(np.zeros(view.count, self._kernel("iso_draw", 0, quantity).dtype("hits")))
+            buffers = {**self.loaded.bound(number, quantity), "hits": hits, "beyond": before}
+            if straight:
+                self._draw_straight(draw, view, number, quantity, value, buffers)
+            else:
+                self._draw_pieces(draw, view, number, quantity, value, buffers)
+        assert hits is not None
         return _layer(self.device.read(hits, draw.dtype("hits")))
+
+    def _draw_straight(
+        self,
+        draw: Kernel,
+        view: View,
+        number: int,
+        quantity: str | None,
+        value: float,
+        buffers: dict[str, slangpy.Buffer],
+    ) -> None:
+        """The straight tetrahedra of a part that may have the value."""
+        extents = self.traversal.extents(number, quantity)
+        flat = (extents.low == extents.high) & (extents.low == value)
+        self.counts["flat"] += int(flat.sum())
+        self.counts["undefined"] += int(np.isnan(extents.low).sum())
+        sections = seen(view, extents.corners, (extents.low <= value) & (extents.high >= value) & ~flat)
+        self.counts["pieces"] += len(sections)
+        if len(sections):
+            bins, order = binned(sections, draw.dtype("bins"))
+            buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
+            buffers["rays"] = self.traversal.rays(draw, view, number, len(bins), value)
+            buffers["bins"] = self.device.buffer(bins)
+            buffers["order"] = self.device.buffer(sections["element"][order])
+            draw(len(bins), buffers, groups=True)
 
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
-
-    def _degree(self, number: int, quantity: str | None) -> int:
-        """See Part.degree."""
-        part = self.loaded.parts[number]
-        return part.degree if quantity is None else part.quantities[quantity].degree
 
     def _pieces(self, split: Kernel, view: View, number: int, quantity: str | None, value: float) -> NDArray[Any]:
         """Pieces of a part that are to be drawn, in order of depth."""
         part, dtype = self.loaded.parts[number], split.dtype("pieces")
         parents = np.zeros(len(part), dtype)
         parents["element"], parents["half"], parents["worth"] = np.arange(len(part)), 1.0, 1.0
-        degree = self._degree(number, quantity) or STAND_IN
+        degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
         done = []
         for level in range(_ROUNDS):
@@ -101,25 +122,27 @@ class IsosurfaceDrawer:
         centre = pieces["centre"]
         return pieces[np.lexsort([*centre.T, pieces["element"], pieces["near"]])]
 
-    def _draw_part(
+    def _draw_pieces(
         self,
         draw: Kernel,
         view: View,
         number: int,
         quantity: str | None,
         value: float,
-        beyond: Floats | None,
-        pieces: NDArray[Any],
-        hits: slangpy.Buffer,
+        buffers: dict[str, slangpy.Buffer],
     ) -> None:
-        bins, order = _binned(pieces, draw.dtype("bins"))
-        buffers = {**self.loaded.bound(number, quantity), "hits": hits}
-        buffers["ask"] = self._ask(
-            draw, view, number, value, count=len(bins), certified=self._degree(number, quantity) > 0
-        )
+        """The other elements of a part, in pieces."""
+        pieces = self._pieces(self._kernel("iso_split", number, quantity), view, number, quantity, value)
+        if not len(pieces):
+            return
+        sections = np.zeros(len(pieces), SECTION)
+        sections["least"], sections["most"] = -(1 << 20), 1 << 20
+        sections["least"][:, :2], sections["most"][:, :2] = pieces["bounds"][:, :2], pieces["bounds"][:, 2:]
+        bins, order = binned(sections, draw.dtype("bins"))
+        certified = self.traversal.degree(number, quantity) > 0
+        buffers["ask"] = self._ask(draw, view, number, value, count=len(bins), certified=certified)
         buffers["bins"], buffers["order"] = self.device.buffer(bins), self.device.buffer(order)
         buffers["pieces"] = self.device.buffer(pieces)
-        buffers["beyond"] = self.device.buffer(np.zeros(view.count) if beyond is None else beyond)
         draw(len(bins), buffers, groups=True)
 
     def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> slangpy.Buffer:
@@ -150,25 +173,6 @@ def _series(degree: int) -> tuple[Floats, Floats]:
     transform = 2 / n * np.cos(np.outer(np.arange(n), angles))
     transform[0] /= 2
     return np.cos(angles), transform
-
-
-def _binned(pieces: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
-    """Tiles of pixels in which pieces are seen, and the pieces of one tile after another, in the order given."""
-    bounds = pieces["bounds"] // TILE
-    across, along = (bounds[:, 2:] - bounds[:, :2] + 1).T
-    counts = across * along
-    owner = np.repeat(np.arange(len(pieces)), counts)
-    index = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    x, y = bounds[owner, 0] + index % across[owner], bounds[owner, 1] + index // across[owner]
-
-    # the pieces of a tile keep their order
-    tile = y.astype(np.int64) << 16 | x
-    order = np.argsort(tile, kind="stable")
-    tiles, first = np.unique(tile[order], return_index=True)
-    bins = np.zeros(len(tiles), dtype)
-    bins["x"], bins["y"] = TILE * (tiles & 0xFFFF), TILE * (tiles >> 16)
-    bins["first"], bins["end"] = first, np.append(first[1:], len(order))
-    return bins, owner[order].astype(np.uint32)
 
 
 def _layer(hits: NDArray[Any]) -> Layer:

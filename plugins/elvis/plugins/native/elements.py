@@ -68,6 +68,7 @@ class Elements:
             quantities=quantities,
             degree=own.degree,
             collapsed=shape is Shape.PYRAMID,
+            affine=affine and shape is Shape.TETRAHEDRON,
         )
 
     @cached_property

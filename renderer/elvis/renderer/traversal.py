@@ -1,0 +1,144 @@
+"""Rays through straight tetrahedra: what of a part each tile of a picture may see (shaders/ray*.slang)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Bools, Floats, frozen_floats
+from elvis.formats.bernstein import BernsteinSpace, bernstein_values
+from elvis.formats.shapes import Shape
+from elvis.renderer.device import Kernel
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.tiles import TILE, tiles_of
+from elvis.renderer.view import View
+
+if TYPE_CHECKING:
+    import slangpy
+
+SECTION = np.dtype([("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
+_TILE = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
+#: hits, and ends of segments, are one where they lie nearer than this part of the greatest coordinate
+APART = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Extents:
+    """Straight tetrahedra seen from outside.
+
+    low, high  (n,) certified bounds of the field, NaN where it isn't a number
+    corners    (n, 4, 3)
+    """
+
+    low: Floats
+    high: Floats
+    corners: Floats
+
+
+class Traversal:
+    """The parts of a loaded volume that are straight tetrahedra with polynomial fields."""
+
+    def __init__(self, loaded: Loaded) -> None:
+        self.loaded, self.device = loaded, loaded.device
+        self._extents: dict[tuple[int, str | None], Extents] = {}
+
+    def degree(self, number: int, quantity: str | None) -> int:
+        """See Part.degree."""
+        part = self.loaded.parts[number]
+        return part.degree if quantity is None else part.quantities[quantity].degree
+
+    def is_straight(self, number: int, quantity: str | None) -> bool:
+        """Whether rays are lines, and the quantity a polynomial along them."""
+        return self.loaded.parts[number].affine and self.degree(number, quantity) > 0
+
+    def extents(self, number: int, quantity: str | None) -> Extents:
+        """The elements of such a part; asked of the device once."""
+        key = (number, quantity)
+        if key not in self._extents:
+            kernel = self.device.kernel("ray_bound", self.loaded.parts[number], quantity)
+            count = len(self.loaded.parts[number])
+            places, net = _simplex(self.degree(number, quantity))
+            record = np.zeros(1, kernel.dtype("rays"))
+            record["count"] = count
+            buffers = {"rays": record, "places": places, "net": net}
+            bound = {name: self.device.buffer(data) for name, data in buffers.items()}
+            bound["extents"] = self.device.empty(kernel.dtype("extents"), count)
+            kernel(count, {**self.loaded.bound(number, quantity), **bound})
+            found = self.device.read(bound["extents"], kernel.dtype("extents"))[:count]
+            self._extents[key] = Extents(*(np.array(found[name]) for name in ("low", "high", "corners")))
+        return self._extents[key]
+
+    def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> slangpy.Buffer:
+        """The Rays record of the stages (shaders/ray.slang)."""
+        record = np.zeros(1, kernel.dtype("rays"))
+        record["eye"], record["forward"] = view.camera.eye, view.camera.basis()[2]
+        record["corner"], record["column"], record["row"] = view.corner, view.column, view.row
+        record["level"], record["apart"] = level, APART * self.loaded.reach
+        record["width"], record["height"], record["perspective"] = view.width, view.height, view.perspective
+        record["first"], record["count"] = self.loaded.first[number], count
+        return self.device.buffer(record)
+
+    def lines(self, degree: int) -> dict[str, slangpy.Buffer]:
+        """Nodes on a line, and the way from values there to Bernstein coefficients."""
+        nodes, net = _line(degree)
+        return {"nodes": self.device.buffer(nodes), "net": self.device.buffer(net)}
+
+
+def binned(sections: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    """Tiles of the picture as bins (shaders/iso.slang), and the sections seen in one after another, in their order."""
+    aligned = sections.copy()
+    aligned["least"][:, :2] = sections["least"][:, :2] // TILE * TILE
+    tiles = tiles_of(aligned, _TILE)
+    key = tiles["y"].astype(np.int64) << 20 | tiles["x"]
+    order = np.argsort(key, kind="stable")
+    places, first = np.unique(key[order], return_index=True)
+    bins = np.zeros(len(places), dtype)
+    bins["x"], bins["y"] = places & 0xFFFFF, places >> 20
+    bins["first"], bins["end"] = first, np.append(first[1:], len(order))
+    return bins, tiles["section"][order]
+
+
+def seen(view: View, corners: Floats, chosen: Bools) -> NDArray[Any]:
+    """Sections, as tiles_of takes them, of the chosen tetrahedra with corners (n, 4, 3), those of near ones first."""
+    elements = np.flatnonzero(chosen)
+    points = corners[elements]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        homogeneous = points @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+        pixel = homogeneous[..., :2] / homogeneous[..., 2:]
+    behind = (homogeneous[..., 2] <= 0).any(axis=1)
+    x, y = pixel[..., 0], pixel[..., 1]
+    diagonal = np.stack([x, y, x + y, x - y], axis=2)
+    diagonal[behind] = np.nan
+    size = np.array([view.width, view.height])
+    sections = np.zeros(len(elements), SECTION)
+    sections["element"] = elements
+    wide = np.append(size, [4 * size.max()] * 2).astype(float)
+    least = np.nan_to_num(diagonal.min(axis=1), nan=-np.inf) - 1e-3
+    most = np.nan_to_num(diagonal.max(axis=1), nan=np.inf) + 1e-3
+    sections["least"] = np.ceil(np.clip(least, [0, 0, *-wide[2:]], wide))
+    sections["most"] = np.floor(np.clip(most, [-1, -1, *-wide[2:]], [*size - 1, *wide[2:]]))
+
+    near = view.depth_of(points)
+    kept = (sections["least"] <= sections["most"]).all(axis=1) & (near.max(axis=1) > 0)
+    order = np.argsort(near.min(axis=1)[kept], kind="stable")
+    return sections[kept][order]
+
+
+@lru_cache(maxsize=16)
+def _line(degree: int) -> tuple[Floats, Floats]:
+    """(n,) Chebyshev points of [0, 1], n = degree + 1, and the matrix (n, n) to Bernstein coefficients."""
+    nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / max(degree, 1))
+    values = bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), 2 * nodes[:, None] - 1)
+    return frozen_floats(nodes), frozen_floats(np.linalg.inv(values))
+
+
+@lru_cache(maxsize=16)
+def _simplex(degree: int) -> tuple[Floats, Floats]:
+    """(n, 3) evenly spaced reference points of the tetrahedron, and the matrix (n, n) to Bernstein coefficients."""
+    space = BernsteinSpace(Shape.TETRAHEDRON, (degree,))
+    points = 2.0 * space.powers / degree - 1
+    return frozen_floats(points), frozen_floats(np.linalg.inv(bernstein_values(space, points)))
