@@ -20,7 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.diagnostics import compiling
-from elvis.renderer.errors import DeviceError, DeviceLostError
+from elvis.renderer.errors import DeviceError
 
 if TYPE_CHECKING:
     import slangpy
