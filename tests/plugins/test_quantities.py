@@ -1,0 +1,166 @@
+"""Quantities on a device: values and slopes on every shape against NumPy, pictures, what plugins can and can't."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.formats import Dataset, read
+from elvis.formats.errors import ElvisError
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.sampling import Evaluator
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, mixed_plane, mixed_volume, ripple, scattered
+from elvis.plugins.opening import Opened
+from elvis.plugins.serving import volume_of
+from elvis.renderer import Plane, render
+
+NEKTAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
+#: of the greatest magnitude
+VALUE, SLOPE = 1e-11, 1e-7
+
+#: one of each kind: ready-made, derivatives, functions of several fields, of elements, of the place
+TEXTS = ("q_criterion", "atan2(u*v, 2+v) - jacobian*x + quality^0.7 + element/(2+order)", "d(u*v,x)")
+
+
+def flow(mesh, seed=2):
+    """Fields of different orders, discontinuous, with random coefficients."""
+    rng, dataset = np.random.default_rng(seed), Dataset(mesh, time=0.25)
+    fields = []
+    for name, modes in zip("uvw"[: mesh.dimension], (4, 3, 5), strict=False):
+        field = approximated(dataset, name, lambda p: p[:, 0], modes)
+        blocks = [
+            replace(b, coefficients=b.coefficients + 0.1 * rng.normal(size=b.coefficients.shape)) for b in field.blocks
+        ]
+        fields.append(replace(field, blocks=tuple(blocks)))
+    return replace(dataset, fields=tuple(fields))
+
+
+def asked(part, count=40):
+    """Elements of a part and reference points well inside (n, 3), away from the tips of pyramids."""
+    shape = part.solve.patches[0].shape
+    reference, middle = np.zeros((count, 3)), shape.vertices.mean(axis=0)
+    reference[:, : shape.dimension] = middle + 0.9 * (scattered(shape, count, seed=1) - middle)
+    if shape is Shape.PYRAMID:
+        reference = reference[reference[:, 2] < 0.7]
+    return shape, np.resize(np.arange(len(part)), len(reference)), reference
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_quantities_and_their_slopes_are_what_numpy_gives(renderer, dimension):
+    mesh = curved(mixed_volume(seed=1) if dimension == 3 else mixed_plane(seed=1), ripple(0.02), n=3)
+    dataset, drawing, shapes = flow(mesh), renderer("vulkan"), set()
+    volume = volume_of(dataset, ("u", *TEXTS))
+    drawing.show(volume)
+    expressions = [Expression.of(dataset, text) for text in TEXTS]
+    evaluator = Evaluator(dataset, expressions)
+    for number, part in enumerate(volume.parts):
+        shape, elements, reference = asked(part)
+        shapes.add(shape)
+        centre = drawing.examine(number, elements[:1], reference[:1]).center
+        for expression in expressions:
+            found = drawing.examine(number, elements, reference - centre, expression.text)
+            truth = evaluator.at(expression, part.element_ids[elements], reference)
+            assert np.abs(found.value - truth).max() < VALUE * np.abs(truth).max(), (shape, expression.text)
+            slopes = differences(evaluator, expression, part.element_ids[elements], reference)[:, :dimension]
+            error = np.abs(found.slope[:, :dimension] - slopes).max()
+            assert error < SLOPE * np.abs(slopes).max(), (shape, expression.text)
+    assert shapes == set(Shape.of_dimension(dimension))
+
+
+def differences(evaluator, expression, ids, reference, step=1e-4):
+    """(n, 3) slopes by differences of fourth order."""
+    columns = []
+    for axis in np.eye(3):
+        near, far = (
+            evaluator.at(expression, ids, reference + k * step * axis)
+            - evaluator.at(expression, ids, reference - k * step * axis)
+            for k in (1, 2)
+        )
+        columns.append((8 * near - far) / (12 * step))
+    return np.stack(columns, axis=1)
+
+
+def test_a_part_has_all_quantities_by_name_and_shares_what_they_are_made_of(renderer):
+    dataset = flow(curved(mixed_volume(seed=1), ripple(0.02), n=3))
+    volume = volume_of(dataset, ["u", "v", "u+v", "u*v*w", "d(u,x)"])
+    for part in volume.parts:
+        assert set(part.quantities) == {"u", "v", "u+v", "u*v*w", "d(u,x)"}
+        nets = {name: id(quantity.buffers["coefficients"]) for name, quantity in part.quantities.items()}
+        assert nets["u+v"] == nets["u*v*w"]
+        assert nets["u"] == nets["d(u,x)"] == id(part.buffers["coefficients"])
+
+
+@pytest.mark.parametrize("text", ["u*v", "vorticity_z + x", "1/(u-u)"])
+def test_pictures_of_expressions_are_what_numpy_evaluates(text):
+    dataset = flow(curved(mixed_volume(seed=1), ripple(0.02), n=3))
+    scene = {"field": text, "plane": Plane((0.5, 0.5, 0.45), (0.1, 0.2, 1.0)), "size": (50, 50)}
+    frame = render(dataset, device="vulkan", **scene)
+    expression = Expression.of(dataset, text)
+    truth = Evaluator(dataset, [expression]).at(expression, frame.element[frame.seen], frame.reference[frame.seen])
+    found = frame.field[frame.seen]
+    assert np.array_equal(np.isnan(found), np.isnan(truth))
+    assert np.isnan(found).all() == (text == "1/(u-u)")
+    if text != "1/(u-u)":
+        assert np.abs(found - truth).max() < VALUE * np.ptp(truth)
+
+
+def test_quasi_3d_data_have_expressions_of_all_their_fields(renderer):
+    if not NEKTAR.is_dir():
+        pytest.skip(f"there is no {NEKTAR}")
+    dataset = read(*(NEKTAR / "chan3dh1d" / name for name in ("chan3DH1D.xml", "chan3DH1D_zVariation.fld")))
+    texts = ("u", "speed", "d(u,z) + d(v,x)*z", "vorticity")
+    volume, drawing = volume_of(dataset, texts), renderer("vulkan")
+    drawing.show(volume)
+    for number, part in enumerate(volume.parts):
+        rng = np.random.default_rng(3)
+        reference, elements = rng.uniform(-0.9, 0.0, (40, 3)), np.resize(np.arange(len(part)), 40)
+        centre = drawing.examine(number, elements[:1], reference[:1]).center
+        for text in texts:
+            expression = Expression.of(dataset, text)
+            truth = Evaluator(dataset, [expression]).at(expression, part.element_ids[elements], reference)
+            found = drawing.examine(number, elements, reference - centre, text)
+            assert np.abs(found.value - truth).max() < VALUE * max(1, np.abs(truth).max()), text
+
+
+# plugins
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """A box with the field u = cos(2 pi x), and a constant one."""
+    from elvis.plugins.fourier import FourierBox, write_box
+
+    wave = np.zeros((3, 1, 1))
+    wave[1] = 1.0
+    path = tmp_path / "box.npz"
+    write_box(path, np.zeros(3), np.ones(3), ("fourier",) * 3, {"u": wave, "one": np.ones((1, 1, 1))})
+    return Opened("fourier", FourierBox([path]))
+
+
+def test_a_plugins_field_makes_expressions(renderer, opened):
+    drawing = renderer("vulkan")
+    drawing.show(volume_of(opened, ["d(u,x)*y", "u", "u^2"]))
+    points = np.random.default_rng(1).uniform(-0.9, 0.9, (50, 3))
+    x, y, _ = ((points + 1) / 2).T
+    wave, slope = np.cos(2 * np.pi * x), -2 * np.pi * np.sin(2 * np.pi * x)
+    for text, truth in ((None, slope * y), ("d(u,x)*y", slope * y), ("u", wave), ("u^2", wave**2)):
+        assert np.abs(drawing.examine(0, np.zeros(50, np.int64), points, text).value - truth).max() < 1e-12
+    risen = drawing.examine(0, np.zeros(50, np.int64), points, "u^2").slope[:, 0]
+    assert np.abs(risen - wave * slope).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("texts", "sentence"),
+    [
+        (["u+one"], "shows quantities of one of its fields, found u, one"),
+        (["u*quality"], "there is no quality of elements that a runtime plugin draws"),
+        (["u*"], "expected a number, a name or (, found its end"),
+        (["w"], "there is no 'w'; the fields are u, one"),
+    ],
+)
+def test_what_a_plugin_cannot_show_is_said(opened, texts, sentence):
+    with pytest.raises(ElvisError) as error:
+        volume_of(opened, texts)
+    assert sentence in str(error.value)
