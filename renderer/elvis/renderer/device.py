@@ -141,21 +141,22 @@ class Device:
         content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
         return content
 
-    def kernel(self, stage: str, part: Part, quantity: str | None = None) -> Kernel:
+    def kernel(self, stage: str, part: Part, quantity: str | None = None, *, line_degree: int = 0) -> Kernel:
         """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a part's Slang type.
 
-        quantity  one of the part's, to be evaluated in place of its own field
+        quantity     one of the part's, to be evaluated in place of its own field
+        line_degree  of polynomials along rays; 0 takes that of the field
 
         DeviceError with the compiler's own words where the part's module does not compile.
         """
         chosen = part if quantity is None else part.quantities[quantity]
-        key = (str(self._folders[-1]), stage, part.module, chosen.type, chosen.source, str(chosen.degree))
+        key = (str(self._folders[-1]), stage, part.module, chosen.type, chosen.source, f"{chosen.degree} {line_degree}")
         if key not in self._kernels:
             with compiling():
-                self._kernels[key] = self._link(stage, part, chosen)
+                self._kernels[key] = self._link(stage, part, chosen, line_degree)
         return self._kernels[key]
 
-    def _link(self, stage: str, part: Part, chosen: Part | Quantity) -> Kernel:
+    def _link(self, stage: str, part: Part, chosen: Part | Quantity, line_degree: int) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
         if self._session is None:
             self._session = _session(self._device, self._folders)
@@ -165,6 +166,7 @@ class Device:
             f"export static const bool lanes_together = {together};"
             f"export static const int rows = {ROWS[self.adapter.software]};"
             f"export static const int cube_degree = {chosen.degree or STAND_IN};"
+            f"export static const int line_degree = {line_degree or chosen.degree or STAND_IN};"
             f"export static const bool cube_collapsed = {str(part.collapsed).lower()};"
         )
         program = self._session.link_program(
