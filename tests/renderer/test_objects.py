@@ -235,10 +235,7 @@ def test_bands_of_rows_are_one_picture(draw, data, monkeypatch):
         assert np.allclose(getattr(whole, name), getattr(banded, name), rtol=0, atol=1e-10, equal_nan=True)
     assert np.isclose(whole.range, banded.range, rtol=1e-12).all()
 
-    # lines look a pixel around, so those at the borders of bands may differ a little
-    differ = np.abs(whole.color - banded.color).max(axis=2) > 1e-6
-    assert not differ[[4, 10, 20, 25, 36, 40]].any()
-    assert differ.mean() < 0.05
+    assert np.abs(whole.color - banded.color).max() < 1e-6
 
 
 def test_ranges_of_what_is_seen_and_of_all(draw, data):
@@ -251,8 +248,8 @@ def test_ranges_of_what_is_seen_and_of_all(draw, data):
         assert every.range[1] > seen.range[1] + 0.3
         given = draw(data, **scene, size=(40, 40), range=(0.0, 1.0))
         assert given.range == (0.0, 1.0)
-    with pytest.raises(SceneError, match="no bounds of 'x\\*u' over all data are known"):
-        draw(data, plane=plane, field="x*u", size=(40, 40), range="all")
+    with pytest.raises(SceneError, match="no bounds of '1/u' over all data are known"):
+        draw(data, plane=plane, field="1/u", size=(40, 40), range="all")
 
 
 def test_light_falls_by_the_cosine(draw, cube):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import product
 from time import perf_counter
@@ -11,92 +12,135 @@ from typing import Any
 import numpy as np
 
 from elvis.formats.arrays import Floats
+from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Drawing, Frame, whole
 from elvis.renderer.scene import Scene
 from elvis.renderer.shading import Drawn, Painter, record_of
 from elvis.renderer.stages import Stages
 from elvis.renderer.view import View
 
-#: most pixels that are drawn at once
-BAND = 1 << 22
+#: most pixels that are drawn at once, and hits that are kept while colours must wait for other bands
+BAND, KEPT = 1 << 21, 1 << 24
+#: bytes for each pixel of a picture with and without its record, while it is saved
+BYTES = {True: 160, False: 12}
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Rows of a picture, drawn with some more above and below, as lines look around.
+
+    rows   of the picture
+    inner  the same rows in the view
+    """
+
+    rows: slice
+    inner: slice
+    view: View
 
 
 @dataclass(eq=False)
 class Canvas:
     """One picture in the making.
 
-    records  whether fields, elements, positions and normals are kept; else colours and statuses alone
+    records   whether fields, elements, positions and normals are kept; else colours and statuses alone
+    most      pixels that are drawn at once
+    progress  is told how much of how much is done
     """
 
     scene: Scene
     view: View
     stages: Stages
     records: bool = True
+    most: int = BAND
+    progress: Callable[[int, int], object] = lambda done, total: None
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.painter = Painter(self.scene, self.stages, self.stages.bounds)
+        _check_memory(self.view, self.records)
+        self.start, self.done, self.total, self.undefined = perf_counter(), 0, 0, 0
+        self.painter = Painter(self.scene, self.stages)
         self.sheets = self.stages.sheets(self.scene)
         self.arrays = _arrays(self.view, self.records)
 
-    def frame(self, progress: Callable[[int, int], object]) -> Frame:
-        """The whole picture.  Where it has several bands and colours depend on all of them, all are drawn twice."""
-        bands = _bands(self.view)
-        twice = len(bands) > 1 and not self.painter.settled(self.sheets)
-        total = len(bands) * (2 if twice else 1)
-        for number, (_, band) in enumerate(bands if twice else ()):
-            progress(number, total)
-            self.painter.note(self._drawn(band))
-        for number, (top, band) in enumerate(bands):
-            progress(total - len(bands) + number, total)
-            self._fill(top, band)
+    def frame(self) -> Frame:
+        """The whole picture.  Where colours depend on all bands, those that can't be kept are drawn twice."""
+        bands, samples = list(self._bands()), self.scene.samples**2
+        first = bands if len(bands) > 1 and not self.painter.settled(self.sheets) else []
+        self.total, room = len(first) + len(bands) * samples, KEPT
+        kept: dict[int, Drawn] = {}
+        for band in first:
+            drawn = self._drawn(band.view)
+            self.painter.note(drawn)
+            room -= band.view.count * len(drawn)
+            kept |= {band.rows.start: drawn} if room >= 0 else {}
+        for band in bands:
+            own = band.rows.start
+            self._fill(band, kept.pop(own) if own in kept else self._drawn(band.view))
         arrays = self.arrays
         drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.sheets))
-        stats = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
-        field, element, reference = (arrays[name] for name in ("field", "element", "reference"))
-        return Frame(self.scene, self.view, field, element, reference, arrays["status"], stats, drawing)
+        stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
+        stats |= {"remarks": self.painter.remarks(self.sheets), "not_a_number": self.undefined}
+        record, element, reference = (arrays[name] for name in ("field", "element", "reference"))
+        return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)
 
-    def _fill(self, top: int, band: View) -> None:
-        """Record and paint one band, whose first row is ``top``."""
-        drawn = self._drawn(band)
+    def _bands(self) -> Iterator[Band]:
+        """Bands of ``most`` pixels at most, and the rows around that lines need."""
+        view = self.view
+        rows = max(1, self.most // view.width)
+        for top in range(0, view.height, rows):
+            end = min(view.height, top + rows)
+            low, high = max(0, top - self.painter.reach), min(view.height, end + self.painter.reach)
+            window = view.window(0, low, view.width, high - low)
+            yield Band(slice(top, end), slice(top - low, end - low), window)
+
+    def _fill(self, band: Band, drawn: Drawn) -> None:
+        """Record and paint one band."""
         self.painter.note(drawn)
-        rows, shape = slice(top, top + band.height), (band.height, band.width)
-        record = record_of(drawn, band)
-        self.arrays["status"][rows] = record.status.reshape(shape)
+        shape, rows = (band.view.height, band.view.width), band.rows
+        record = record_of(drawn, band.view)
+        self.undefined += int(np.count_nonzero(~np.isfinite(record.field) & (record.depth < np.inf)))
+
+        def inner(values: Any) -> Any:
+            return values.reshape(*shape, *values.shape[1:])[band.inner]
+
+        self.arrays["status"][rows] = inner(record.status)
         if self.records:
-            self.arrays["element"][rows] = self.stages.loaded.ids.take(record.owner, mode="clip").reshape(shape)
+            self.arrays["element"][rows] = inner(self.stages.loaded.ids.take(record.owner, mode="clip"))
             for name in ("field", "depth", "reference", "normal"):
-                values = getattr(record, name)
-                self.arrays[name][rows] = values.reshape(*shape, *values.shape[1:])
-        color = self._colors(drawn, band).reshape(*shape, 3)
+                self.arrays[name][rows] = inner(getattr(record, name))
+        color = inner(self._colors(drawn, band.view))
         self.arrays["color"][rows] = color if self.records else whole(color)
 
     def _drawn(self, view: View) -> Drawn:
         """All layers of all sheets."""
-        start = perf_counter()
-        drawn = [(sheet, layer) for sheet in self.sheets for layer in self.stages.layers(sheet, view, self.scene.clip)]
-        self._spent("surfaces", start)
+        start, drawn = perf_counter(), []
+        for sheet in self.sheets:
+            for layer in self.stages.layers(sheet, view, self.scene.clip):
+                drawn.append((sheet, layer))
+                self._check_time()
+        self.seconds["surfaces"] = self.seconds.get("surfaces", 0.0) + perf_counter() - start
+        self.done += 1
+        self.progress(self.done, self.total)
         return drawn
 
     def _colors(self, drawn: Drawn, view: View) -> Floats:
         """(n, 3) means over the samples of each pixel; ``drawn`` are the layers at its centre."""
-        start, count = perf_counter(), self.scene.samples
+        count = self.scene.samples
         steps = (np.arange(count) - 0.5 * (count - 1)) / count
         total = np.zeros((view.count, 3))
         for x, y in product(steps, steps):
             here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
-            total += self.painter.paint(drawn if here is view else self._drawn(here), here)
-        self._spent("colours", start)
+            layers = drawn if here is view else self._drawn(here)
+            start = perf_counter()
+            total += self.painter.paint(layers, here)
+            self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start
+            self._check_time()
         return total / count**2
 
-    def _spent(self, what: str, start: float) -> None:
-        self.seconds[what] = self.seconds.get(what, 0.0) + perf_counter() - start
-
-
-def _bands(view: View) -> Sequence[tuple[int, View]]:
-    """First rows and views of bands of BAND pixels at most."""
-    rows = max(1, BAND // view.width)
-    return [(top, view.window(0, top, view.width, min(rows, view.height - top))) for top in range(0, view.height, rows)]
+    def _check_time(self) -> None:
+        limit = self.scene.timeout
+        if limit is not None and perf_counter() - self.start > limit:
+            raise SceneError(f"the picture was not done after {limit:g} s, the time limit: nothing is written")
 
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:
@@ -107,3 +151,25 @@ def _arrays(view: View, records: bool) -> dict[str, Any]:
     make = np.full if records else lambda shape, value: np.broadcast_to(np.array(value), shape)
     arrays |= {name: make(shape, value) for name, value in {"field": np.nan, "depth": np.inf, "element": -1}.items()}
     return arrays | {name: make((*shape, 3), np.nan) for name in ("reference", "normal")}
+
+
+def _check_memory(view: View, records: bool) -> None:
+    """SceneError where a picture is larger than what memory is free."""
+    need, free = view.count * BYTES[records], free_memory()
+    if need > free:
+        alone = ", or for a .png alone" if records else ""
+        raise SceneError(
+            f"a picture of {view.width} x {view.height} pixels takes {need / 2**30:.1f} GiB of memory, "
+            f"{free / 2**30:.1f} GiB are free: ask for fewer pixels{alone}"
+        )
+
+
+def free_memory() -> float:
+    """Bytes of memory that are free, where the system tells; else infinite."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as lines:
+            return next(1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration):
+        names = os.sysconf_names if hasattr(os, "sysconf_names") else {}
+        known = {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= names.keys()
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")) if known else np.inf

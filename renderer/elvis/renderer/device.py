@@ -20,7 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.diagnostics import compiling
-from elvis.renderer.errors import DeviceError
+from elvis.renderer.errors import DeviceError, DeviceLostError
 
 if TYPE_CHECKING:
     import slangpy
@@ -132,13 +132,14 @@ class Device:
             buffer = self._device.create_buffer(element_count=count, struct_size=dtype.itemsize, usage=usage, data=raw)
         except RuntimeError as error:
             size = count * dtype.itemsize / 2**20
-            raise DeviceError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
+            raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
         self.bytes_made += count * dtype.itemsize
         return buffer
 
     def read(self, buffer: slangpy.Buffer, dtype: DTypeLike) -> NDArray[Any]:
         """The content of a buffer."""
-        content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
+        with working():
+            content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
         return content
 
     def kernel(self, stage: str, part: Part, quantity: str | None = None, *, line_degree: int = 0) -> Kernel:
@@ -225,7 +226,17 @@ class Kernel:
         if total:
             row = min(total, GROUPS_IN_ROW)
             threads = slangpy.uint3(row * self._group, -(-total // row), 1)
-            self._kernel.dispatch(threads, vars={name: buffers[name] for name in self._globals})
+            with working():
+                self._kernel.dispatch(threads, vars={name: buffers[name] for name in self._globals})
+
+
+@contextmanager
+def working() -> Iterator[None]:
+    """What goes wrong while the device works is a DeviceLostError in the driver's words."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise DeviceLostError(f"the device failed: {' '.join(str(error).split()) or 'it was lost'}") from error
 
 
 def _dtype(layout: Any) -> np.dtype[Any]:

@@ -9,5 +9,9 @@ class DeviceError(ElvisError):
     """No such device, or one that can't do what the kernels need."""
 
 
+class DeviceLostError(DeviceError):
+    """A device that failed while it worked; smaller pieces of work may go well on a new one."""
+
+
 class SceneError(ElvisError):
     """A scene that can't be drawn: an unknown field, an empty picture, a camera without direction."""

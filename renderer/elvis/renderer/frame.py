@@ -158,7 +158,10 @@ class Frame:
     def counts(self) -> dict[str, int]:
         """Pixels by status, and those that are seen but are not finite numbers."""
         by_status = {status.name.lower(): int(np.count_nonzero(self.status == status.value)) for status in Status}
-        return {**by_status, "not_a_number": int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))}
+        undefined = self.stats.get("not_a_number")
+        if undefined is None:
+            undefined = int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))
+        return {**by_status, "not_a_number": undefined}
 
     def save(self, path: str | Path, *, plain: bool = False) -> None:
         """Write ``.png`` (with colour bar and title unless ``plain``), ``.exr`` or ``.npz``, by the suffix."""

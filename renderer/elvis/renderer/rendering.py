@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas
 from elvis.renderer.device import Device
-from elvis.renderer.errors import SceneError
+from elvis.renderer.errors import DeviceError, DeviceLostError, SceneError
 from elvis.renderer.examining import check_on_device, examine
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
@@ -33,41 +34,58 @@ from elvis.renderer.scene import Camera, CutSurface, Faces, Plane, Scene
 from elvis.renderer.stages import Stages, quantities
 from elvis.renderer.view import PlaneView, View, seen
 
+#: pixels at once below which a device that fails has failed for good
+FEWEST = 1 << 12
+Progress: TypeAlias = Callable[[int, int], object]
 
-def render(dataset: Dataset | Opened, scene: Scene | None = None, *, device: str = "auto", **options: Any) -> Frame:
+
+def render(
+    dataset: Dataset | Opened,
+    scene: Scene | None = None,
+    *,
+    device: str = "auto",
+    progress: Progress | None = None,
+    **options: Any,
+) -> Frame:
     """A picture of a dataset, or of what a runtime plugin has opened.
 
-    scene    what to draw; or its parts as keywords: ``render(data, field="u", plane=Plane((0, 0, 0), (0, 0, 1)))``
-    device   ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or the name of a device plugin such as ``reference``
+    scene     what to draw; or its parts as keywords: ``render(data, field="u", plane=Plane((0, 0, 0), (0, 0, 1)))``
+    device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
+    progress  is told how much of how much is done
 
     Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used.
     """
     scene = scene or Scene(**options)
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
     if isinstance(dataset, Opened):
-        return drawn(dataset, scene, device)
+        return drawn(dataset, scene, device, progress)
     scene = completed(dataset, scene)
     if device in plugins("elvis.devices"):
         draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
         return draw(dataset, scene) if scene.field in _names(dataset) else _judged(draw, dataset, scene)
-    with Renderer(device) as renderer:
+    with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
-        return renderer.render(scene)
+        return renderer.render(scene, references=_is_exact(scene))
 
 
-def drawn(opened: Opened, scene: Scene, device: str) -> Frame:
+def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
     """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
     scene = _with_quantity(scene, Names(opened.fields))
     volume = volume_of(opened, quantities(scene))
     scene = _with_plane(scene, volume.dimension)
     if device in plugins("elvis.devices"):
         raise SceneError(f"the device {device!r} draws the native format only, not what the plugin {opened.name} opens")
-    with Renderer(device) as renderer:
+    with Renderer(device, progress) as renderer:
         remarks = check_on_device(renderer.device, opened.name, volume)
         renderer.show(volume, opened)
-        frame = renderer.render(scene)
+        frame = renderer.render(scene, references=_is_exact(scene))
     frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ())]
     return frame
+
+
+def _is_exact(scene: Scene) -> bool:
+    """Whether the scene asks for more than a picture, or doesn't say what it is for."""
+    return not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
 
 
 def default_field(data: Dataset | Opened) -> str:
@@ -131,7 +149,7 @@ class Renderer:
     progress  is told how many of how many bands of a picture are done
     """
 
-    def __init__(self, device: str = "auto", progress: Callable[[int, int], object] | None = None) -> None:
+    def __init__(self, device: str = "auto", progress: Progress | None = None) -> None:
         """Open a device (see render)."""
         self.device = Device(device)
         self.progress = progress or (lambda done, total: None)
@@ -173,22 +191,41 @@ class Renderer:
 
     def render(self, scene: Scene, *, references: bool = True) -> Frame:
         """A picture of the volume; the scene has objects.  Only exact records need reference coordinates."""
-        start, stages = perf_counter(), self.stages
-        view = self._view(scene)
-        if isinstance(view, PlaneView) and scene.is_plain and view.count <= BAND:
-            frame = self._plane_frame(scene, view, references)
-        else:
-            frame = Canvas(scene, view, stages, references).frame(self.progress)
+        start, frame, most = perf_counter(), None, BAND
+        while frame is None:
+            try:
+                frame = self._drawn(scene, references, most)
+            except DeviceLostError as error:
+                most //= 8
+                if most < FEWEST:
+                    raise DeviceError(f"{error}, even where it draws a few rows of the picture at a time") from error
+                self._reopen()
         if not frame.status.any():
-            boxes = surrounding([part.boxes for part in stages.loaded.parts])
+            boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
             raise SceneError(missed(scene.only_plane, boxes))
         frame.stats.update(
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
-            elements=len(stages.loaded.ids) - 1,
+            elements=len(self.stages.loaded.ids) - 1,
             pixels=frame.counts(),
         )
         frame.stats["seconds"] = {**self.seconds, **frame.stats.get("seconds", {}), "frame": perf_counter() - start}
         return frame
+
+    def _drawn(self, scene: Scene, references: bool, most: int) -> Frame:
+        """A frame of which so many pixels at most are drawn at once."""
+        view = self._view(scene)
+        if isinstance(view, PlaneView) and scene.is_plain and view.count <= most:
+            return self._plane_frame(scene, view, references)
+        records = references or view.count <= BAND
+        return Canvas(scene, view, self.stages, records, most, self.progress).frame()
+
+    def _reopen(self) -> None:
+        """A new device in place of one that was lost, with the same volume."""
+        stages, name = self.stages, self.device.adapter.name
+        with suppress(Exception):
+            self.device.close()
+        self.device = Device(name)
+        self.show(stages.volume, stages.dataset)
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene: that of the last scene where it shows the same from the same camera."""

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
 from elvis.formats.arrays import Floats
+from elvis.formats.errors import ElvisError
 from elvis.renderer.compositing import Coat, composite, lit
 from elvis.renderer.frame import Legend, Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import levels
 from elvis.renderer.palette import Palette, automatic_range
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.scene import Scene, Vector
+from elvis.renderer.scene import Scene, Vector, VolumeRendering
 from elvis.renderer.stages import Sheet, Stages
 from elvis.renderer.view import View
 
@@ -42,13 +43,11 @@ def record_of(drawn: Drawn, view: View) -> Layer:
 
 
 class Painter:
-    """The colours of one scene.
+    """The colours of one scene."""
 
-    bounds  certified least and greatest value of a quantity over the whole volume, by the scene's name for it
-    """
-
-    def __init__(self, scene: Scene, stages: Stages, bounds: Callable[[str], tuple[float, float]]) -> None:
-        self.scene, self.stages, self.bounds = scene, stages, bounds
+    def __init__(self, scene: Scene, stages: Stages) -> None:
+        self.scene, self.stages = scene, stages
+        self._shown: set[int] = set()
         self._seen: dict[str, tuple[float, float]] = {}
         self._palettes: dict[Key, Palette] = {}
 
@@ -56,6 +55,7 @@ class Painter:
         """Let the ranges of what is seen hold the values of some layers."""
         for sheet, layer in drawn:
             self._note(sheet.quantity, layer.field)
+            self._shown |= {id(sheet)} if (layer.owner != NOBODY).any() else set()
             contours = sheet.style.contours
             if contours and contours.count and self._of_contours(sheet) != sheet.quantity:
                 other = replace(layer)
@@ -79,7 +79,7 @@ class Painter:
         if isinstance(asked, tuple):
             return asked
         if asked == "all":
-            return automatic_range(np.array(self.bounds(quantity or self.scene.field)))
+            return automatic_range(np.array(self.stages.bounds(quantity or self.scene.field)))
         return automatic_range(np.array(self._seen.get(quantity or "", ())))
 
     def paint(self, drawn: Drawn, view: View) -> Floats:
@@ -145,6 +145,38 @@ class Painter:
         for key, palette in self._palettes.items():
             found.append(Legend(key[0] or self.scene.field, palette, tuple(marks.pop(key[0] or None, ()))))
         return (*found, *(Legend(name or self.scene.field, None, tuple(own)) for name, own in marks.items()))
+
+    @property
+    def reach(self) -> int:
+        """Rows around a pixel that its lines depend on."""
+        styles = [item.style for item in self.scene.every_object if not isinstance(item, VolumeRendering)]
+        lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
+        return max((int(np.ceil(0.5 * line.width)) + 2 for line in lines), default=0)
+
+    def remarks(self, sheets: Sequence[Sheet]) -> list[str]:
+        """What a user should know: objects that aren't there, contours of values that the data don't take."""
+        found = []
+        for sheet in sheets:
+            if id(sheet) not in self._shown:
+                found.append(f"{sheet.name} shows nothing{self._outside(sheet.of, sheet.levels)}")
+            contours = sheet.style.contours
+            if contours is not None:
+                quantity = self._of_contours(sheet)
+                low, high = self._seen.get(quantity or "", (np.inf, -np.inf))
+                beyond = [value for value in contours.values if not low <= value <= high]
+                if beyond and (reason := self._outside(quantity, beyond)):
+                    found.append(f"{sheet.name} has no contour{reason}")
+        return list(dict.fromkeys(found))
+
+    def _outside(self, quantity: str | None, values: Sequence[float]) -> str:
+        """The end of a sentence where some values lie outside the certified range of a quantity, if that is known."""
+        name = quantity or self.scene.field
+        try:
+            low, high = self.stages.bounds(name) if values else (-np.inf, np.inf)
+        except ElvisError:
+            return ""
+        beyond = ", ".join(f"{value:g}" for value in values if not low <= value <= high)
+        return f" at {beyond}: {name} lies between {low:g} and {high:g}" if beyond else ""
 
     def settled(self, sheets: Sequence[Sheet]) -> bool:
         """Whether nothing depends on the range of what is seen."""

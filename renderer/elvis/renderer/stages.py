@@ -42,18 +42,23 @@ Draw = Callable[[View, Floats | None], Layer]
 class Sheet:
     """A surface of a scene that one stage draws.
 
+    name      what the scene calls it
     quantity  what its layers' field is; None is the parts' own
     draw      as every stage: the nearest hits in a view behind given depths
     once      whether a ray meets it once at most
     surface   what cuts; it is not clipped by itself
+    of, levels  the quantity and the values of an isosurface
     """
 
+    name: str
     style: Style
     quantity: str | None
     draw: Draw
     lit: bool
     once: bool = False
     surface: Surface | None = None
+    of: str | None = None
+    levels: Sequence[float] = ()
 
 
 class Stages:
@@ -102,29 +107,30 @@ class Stages:
     def sheets(self, scene: Scene) -> list[Sheet]:
         """All surfaces of a scene, in its order."""
         found: list[Sheet] = []
-        for item in scene.every_object:
+        for number, item in enumerate(scene.every_object, start=-1 if scene.plane else 0):
             if isinstance(item, VolumeRendering):
                 continue
+            name = "plane" if number < 0 else f"objects[{number}]"
             style, own = item.style, self.named(item.style.quantity, scene)
             if isinstance(item, CutSurface):
                 once = isinstance(item.surface, Plane)
                 draw = partial(self.cut, item.surface, own)
-                found.append(Sheet(style, own, draw, bool(style.lit), once, item.surface))
+                found.append(Sheet(name, style, own, draw, bool(style.lit), once, item.surface))
             elif isinstance(item, Faces):
-                found.append(self._faces(item, own))
+                found.append(self._faces(name, item, own))
             else:
-                found += [self._level(item, value, scene) for value in item.values]
+                found += [self._level(name, item, value, scene) for value in item.values]
         return found
 
-    def _faces(self, item: Faces, own: str | None) -> Sheet:
+    def _faces(self, name: str, item: Faces, own: str | None) -> Sheet:
         """Element faces."""
 
         def draw(view: View, beyond: Floats | None) -> Layer:
             return self.faces.draw(view, item.select, beyond, own)
 
-        return Sheet(item.style, own, draw, item.style.lit is not False)
+        return Sheet(name, item.style, own, draw, item.style.lit is not False)
 
-    def _level(self, item: Isosurface, value: float, scene: Scene) -> Sheet:
+    def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> Sheet:
         """One value of an isosurface, which its style may colour by another quantity."""
         of = self.named(item.quantity, scene)
         own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
@@ -132,7 +138,8 @@ class Stages:
         def draw(view: View, beyond: Floats | None) -> Layer:
             return self.resampled(self.isosurfaces.draw(view, of, value, beyond), of, own)
 
-        return Sheet(item.style, own, draw, item.style.lit is not False)
+        lit = item.style.lit is not False
+        return Sheet(f"{name} at {value:g}", item.style, own, draw, lit, of=of, levels=(value,))
 
     def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> Layer:
         """What a surface meets of the volume."""

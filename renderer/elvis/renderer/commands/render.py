@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -89,6 +90,7 @@ OPTIONS = {
     ),
     "ambient": click.option("--ambient", type=float, help="What lit surfaces show without lights.  [default: 0.3]"),
     "clip": _many("--clip", metavar="SURFACE", parse=parameters.clip, help="Show nothing inside (outside:…) of it."),
+    "timeout": click.option("--timeout", type=float, help="Seconds after which an unfinished picture is given up."),
     "title": _one("--title", help="Above the picture.  [default: the field]"),
     "plain": click.option("--plain", is_flag=True, default=None, help="The bare image, without anything beside it."),
     "device": _one("--device", help="See elvis devices; reference computes in NumPy.  [default: auto]"),
@@ -159,7 +161,6 @@ def _check_places(scene: Scene, save_scene: Path | None) -> None:
 def _frame(scene: Scene) -> Frame:
     """Read the data, or let a runtime plugin open them, and draw them."""
     from elvis.formats.commands.arguments import read_data
-    from elvis.formats.terminal import stage
     from elvis.plugins.opening import open_files
     from elvis.renderer import SceneError
     from elvis.renderer import render as draw
@@ -168,8 +169,22 @@ def _frame(scene: Scene) -> Frame:
         raise SceneError("the scene names no data: give the mesh and field files too")
     files = tuple(map(Path, scene.data))
     dataset = open_files(files, scene.plugin, _warn) or read_data(files)
-    with stage("drawing"):
-        return draw(dataset, scene, device=scene.device)
+    with _progress() as progress:
+        return draw(dataset, scene, device=scene.device, progress=progress)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int], object] | None]:
+    """A bar on a terminal, which is told how much of how much is drawn."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("drawing", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _write_rest(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
@@ -191,6 +206,8 @@ def _report(frame: Frame) -> None:
     counts = frame.counts()
     if counts["failed"]:
         _warn(f"{counts['failed']} pixels failed: an element may be there, but its map did not invert")
+    if counts["not_a_number"]:
+        _warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
     for remark in frame.stats.get("remarks", ()):
         _warn(remark)
     if sys.stderr.isatty():

@@ -94,6 +94,7 @@ class Scene:
                 certified bounds of the whole field
     ambient     part of its colour that a lit surface shows without any light
     clip        regions from which nothing is shown
+    timeout     seconds after which an unfinished picture is given up
     title       above the picture; None takes the field's name
     data        files of the dataset; with ``plugin`` the runtime plugin that opens them
     device, outputs, plain, stats   as the options of ``elvis render``
@@ -112,6 +113,7 @@ class Scene:
     ambient: float = 0.3
     clip: tuple[Clip, ...] = ()
     title: str | None = None
+    timeout: float | None = None
     data: tuple[FilePath, ...] = ()
     plugin: str | None = None
     device: str = "auto"
@@ -131,6 +133,7 @@ class Scene:
             check_range(self.range)
         check_color(self.background, "background")
         check(1 <= self.samples <= 16, "samples", "1 to 16", self.samples)
+        check(self.timeout is None or self.timeout > 0.0, "timeout", "seconds above 0", self.timeout)
         check(0.0 <= self.ambient <= 1.0, "ambient", "0 to 1", self.ambient)
 
     @property

@@ -1,0 +1,232 @@
+"""What ends a picture early, and what a user is told: memory, time, lost devices, objects that aren't there."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.formats.dataset import Field
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import grid
+from elvis.plugins import command
+from elvis.renderer import (
+    Camera,
+    Contours,
+    CutSurface,
+    DeviceError,
+    Faces,
+    Isosurface,
+    Plane,
+    Renderer,
+    Scene,
+    SceneError,
+    Sphere,
+    Style,
+    canvas,
+    device,
+    rendering,
+)
+from elvis.renderer.errors import DeviceLostError
+from elvis.renderer.palette import NOT_A_NUMBER
+
+NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
+PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
+
+
+@pytest.fixture(scope="module")
+def cube(linear):
+    return linear(grid(Shape.HEXAHEDRON, 2))
+
+
+def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
+    monkeypatch.setattr(canvas, "free_memory", lambda: 1e6)
+    with pytest.raises(SceneError, match=r"200 x 100 pixels takes 0\.0 GiB of memory, .* or for a \.png alone"):
+        draw(cube, objects=(Faces(),), camera=NEAR, size=(200, 100))
+    assert draw(cube, objects=(Faces(),), camera=NEAR, size=(70, 60)).seen.any()
+
+
+def test_free_memory_is_some_but_not_all():
+    assert 1e6 < canvas.free_memory() < 1e15
+
+
+def test_large_pictures_keep_colours_alone(renderer, cube, monkeypatch):
+    """Beyond a band of pixels without exact outputs; the colours and counts are the same."""
+    drawing = renderer("vulkan")
+    drawing.load(cube, "u")
+    scene = Scene("u", objects=(Faces(), CutSurface(PLANE)), camera=NEAR, size=(60, 50), samples=2)
+    whole = drawing.render(scene)
+    monkeypatch.setattr(rendering, "BAND", 60 * 20)
+    lean = drawing.render(scene, references=False)
+    assert lean.field.strides == lean.drawing.normal.strides[:2] == (0, 0)
+    assert np.abs(lean.rgb.astype(int) - whole.rgb).max() <= 1
+    assert lean.counts() == whole.counts()
+    assert np.allclose(lean.range, whole.range, rtol=1e-12)
+
+
+def test_time_limits(draw, cube):
+    with pytest.raises(SceneError, match="not done after 1e-06 s, the time limit: nothing is written"):
+        draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e-6)
+    assert draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e3).seen.any()
+    with pytest.raises(SceneError, match="timeout: expected seconds above 0, found 0"):
+        Scene("u", timeout=0.0)
+
+
+@pytest.mark.parametrize("scene", [{"plane": PLANE}, {"objects": (CutSurface(PLANE), Faces())}], ids=["one", "many"])
+def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkeypatch, scene):
+    """A device that fails whenever it has many pixels to draw at once."""
+    renderer("vulkan")
+    made = device.Device._create
+
+    def fails(self, dtype, count, data):
+        if dtype == np.float64 and count in (80 * 90, 80 * 90 * 3):
+            raise DeviceLostError("the device failed: ERROR_DEVICE_LOST")
+        return made(self, dtype, count, data)
+
+    with Renderer("vulkan") as drawing:
+        drawing.load(cube, "u")
+        whole = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))
+        first = drawing.device
+        monkeypatch.setattr(device.Device, "_create", fails)
+        monkeypatch.setattr(rendering, "BAND", 80 * 90)
+        monkeypatch.setattr(rendering, "FEWEST", 80 * 90 // 20)
+        again = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))
+        assert drawing.device is not first
+    assert np.array_equal(whole.element, again.element)
+    assert np.allclose(whole.field, again.field, rtol=0, atol=1e-12, equal_nan=True)
+
+
+def test_a_device_that_always_fails_is_given_up(cube, renderer, monkeypatch):
+    renderer("vulkan")
+
+    def fails(self, *_):
+        raise DeviceLostError("the device failed: ERROR_DEVICE_LOST")
+
+    with Renderer("vulkan") as drawing:
+        drawing.load(cube, "u")
+        monkeypatch.setattr(device.Device, "read", fails)
+        with pytest.raises(DeviceError, match="ERROR_DEVICE_LOST, even where it draws a few rows") as raised:
+            drawing.render(Scene("u", plane=PLANE, camera=NEAR, size=(40, 30)))
+    assert not isinstance(raised.value, DeviceLostError)
+
+
+def test_what_a_driver_says_is_a_sentence():
+    with pytest.raises(DeviceLostError, match="the device failed: vkQueueSubmit: lost"), device.working():
+        raise RuntimeError("vkQueueSubmit:\n  lost")
+
+
+def test_objects_that_show_nothing_are_told(draw, cube):
+    far = CutSurface(Sphere((9.0, 9.0, 9.0), 0.5))
+    frame = draw(cube, plane=PLANE, objects=(far,), camera=NEAR, size=(30, 20))
+    assert frame.stats["remarks"] == ["objects[0] shows nothing"]
+    assert draw(cube, plane=PLANE, objects=(Faces(),), camera=NEAR, size=(30, 20)).stats["remarks"] == []
+
+
+def test_values_outside_the_range_are_told_with_the_range(draw, cube):
+    """The field runs from -3 to 3."""
+    styled = Faces(style=Style(contours=Contours(values=(-9.0, 0.0, 7.5))))
+    (remark,) = draw(cube, objects=(styled,), camera=NEAR, size=(40, 30)).stats["remarks"]
+    assert remark.startswith("objects[0] has no contour at -9, 7.5: u lies between -3")
+    objects = (Isosurface((0.5, 5.0)), CutSurface(PLANE))
+    (remark,) = draw(cube, objects=objects, camera=NEAR, size=(16, 12)).stats["remarks"]
+    assert remark.startswith("objects[0] at 5 shows nothing at 5: u lies between -3")
+    with pytest.raises(SceneError, match="the picture is empty"):
+        draw(cube, objects=(Isosurface((5.0,)),), camera=NEAR, size=(16, 12))
+
+
+def test_constant_fields_have_colours_and_no_contours(draw, cube):
+    blocks = [replace(block, coefficients=0.0 * block.coefficients) for block in cube.fields[0].blocks]
+    flat = replace(cube, fields=(Field("u", tuple(blocks)),))
+    style = Style(contours=Contours(count=4), lit=False)
+    constant = draw(flat, objects=(Faces(style=style),), camera=NEAR, size=(40, 30))
+    assert (constant.field[constant.seen] == 0.0).all()
+    assert constant.range[0] < 0.0 < constant.range[1]
+    assert len(np.unique(constant.color[constant.seen], axis=0)) == 1
+
+
+def test_what_is_undefined_has_its_own_colour(draw, cube):
+    frame = draw(cube, field="0/(x-x)", objects=(Faces(style=Style(lit=False)),), camera=NEAR, size=(40, 30))
+    assert frame.counts()["not_a_number"] == frame.seen.sum() > 0
+    assert (frame.color[frame.seen] == NOT_A_NUMBER).all()
+
+
+@pytest.fixture
+def run(cube, tmp_path, capfd, renderer):
+    """``elvis render`` of the cube; status, what was said, what is there afterwards."""
+    from elvis.formats import write
+
+    renderer("vulkan")
+    files = (tmp_path / "cube.xml", tmp_path / "cube.fld")
+    write(cube, *files)
+
+    def run(*options):
+        with pytest.raises(SystemExit) as ended:
+            command.main(["render", *map(str, (*files, *options))])
+        names = sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith("cube."))
+        return ended.value.code or 0, capfd.readouterr().err, names
+
+    return run
+
+
+def test_an_interrupted_picture_leaves_no_file(run, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(canvas.Canvas, "_drawn", interrupted)
+    status, err, names = run("--faces", "all", "-o", tmp_path / "a.png", "--save-scene", tmp_path / "s.toml")
+    assert (status, names) == (130, [])
+    assert "interrupted" in err
+
+
+def test_remarks_are_warnings(run, tmp_path):
+    cut = ("--cut", "sphere:9,9,9:1", "--size", "30x20", "--camera", "2,-2,2:0.5,0.5,0.5:0,0,1:30")
+    status, err, names = run("--plane", "0.5,0.5,0.5:0,0,1", *cut, "-o", tmp_path / "a.png")
+    assert (status, names) == (0, ["a.png"])
+    assert err == "elvis: warning: objects[1] shows nothing\n"
+
+
+def test_a_saved_scene_makes_the_same_bytes(run, tmp_path):
+    look = ("--contours", "5", "--mesh-lines", "--opacity", "0.7", "--light", "1,-1,1:0.5", "--samples", "2")
+    first = ("--faces", "all", "--cut", "sphere:0.5,0.5,0.5:0.4", *look, "--size", "50x40", "--camera", "iso")
+    status, err, _ = run(
+        *first, "-o", tmp_path / "a.png", "-o", tmp_path / "a.npz", "--save-scene", tmp_path / "s.toml"
+    )
+    assert (status, err) == (0, "")
+    outputs = ("-o", str(tmp_path / "b.png"), "-o", str(tmp_path / "b.npz"))
+    with pytest.raises(SystemExit) as ended:
+        command.main(["render", str(tmp_path / "s.toml"), *outputs])
+    assert not ended.value.code
+    for suffix in ("png", "npz"):
+        assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
+
+
+def test_a_terminal_is_told_what_is_known_of_the_pixels(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    status, err, _ = run("--faces", "all", "--size", "30x20", "-o", tmp_path / "a.png")
+    assert status == 0
+    assert " pixels certain, " in err
+    assert " pixels failed" in err
+
+
+def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
+    from dataclasses import fields
+
+    from elvis.renderer.commands.render import OPTIONS
+
+    assert {field.name for field in fields(Scene)} - {"data"} == set(OPTIONS)
+
+
+def test_settings_change_any_key(run, tmp_path):
+    cut = ("--faces", "all", "--size", "20x16")
+    assert (
+        run(*cut, "--set", "objects[0].style.color=[1, 0, 0]", "--set", "ambient=0.5", "-o", tmp_path / "a.png")[0] == 0
+    )
+    for setting, sentence in (
+        ("objects[7].style.opacity=1", "--set objects[7].style.opacity: the scene has no such place"),
+        ("objects[0].style.opacty=1", "unknown key 'objects[0].style.opacty', did you mean opacity?"),
+        ("ambient=bright", "ambient: expected a finite number, found 'bright'"),
+    ):
+        status, err, _ = run(*cut, "--set", setting, "-o", tmp_path / "b.png")
+        assert status == 1
+        assert sentence in err
+    assert run(*cut, "--set", "ambient", "-o", tmp_path / "b.png")[0] == 2
