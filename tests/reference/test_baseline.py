@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from elvis.formats import Dataset
-from elvis.formats.patch import patches
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.reference.baseline.drawing import Baseline, affordable
@@ -13,7 +12,7 @@ from elvis.reference.baseline.sections import section
 from elvis.reference.baseline.templates import pulling, template
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.picture import render
-from elvis.reference.quantities import at_corners
+from elvis.reference.quantities import Quantities
 from elvis.reference.record import Record
 from elvis.renderer import Camera, Plane, Scene
 from elvis.renderer.scene import CutSurface, Faces, Isosurface, Sphere
@@ -39,7 +38,7 @@ def solid(mesh, modes=7):
 
 
 def baseline(dataset, level):
-    return Baseline.of(dataset, patches(dataset, ["u"]), level, at_corners(["u"]))
+    return Baseline.of(dataset, Quantities(dataset, ["u"]), level)
 
 
 def volumes(points, simplices):

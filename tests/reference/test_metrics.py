@@ -7,7 +7,6 @@ import pytest
 
 from elvis.formats import Dataset
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.patch import patches
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, grid
 from elvis.reference.bars import bars
@@ -16,7 +15,7 @@ from elvis.reference.baseline.drawing import Baseline
 from elvis.reference.cameras import same_camera
 from elvis.reference.contours import crossings, displacement
 from elvis.reference.metrics import check_comparable, errors
-from elvis.reference.quantities import at_corners
+from elvis.reference.quantities import Quantities
 from elvis.reference.record import CHANNELS, Record
 from elvis.renderer import Camera, Plane
 from elvis.renderer.scene import Isosurface
@@ -168,7 +167,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path):
 def isosurface(function, value, level, cells=4):
     mesh = grid(Shape.TETRAHEDRON, cells)
     dataset = Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes=5),))
-    made = Baseline.of(dataset, patches(dataset, ["u"]), level, at_corners(["u"]))
+    made = Baseline.of(dataset, Quantities(dataset, ["u"]), level)
     return made.triangles(Isosurface((value,)), "u")
 
 

@@ -35,13 +35,15 @@ class Layer:
 
 
 def record(layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float, float]) -> Record:
-    """The picture of some layers over the background; the channels are those of the nearest one."""
+    """The picture of some layers over the background; the channels are those of the nearest of the most opaque ones."""
     shape = (view.height, view.width)
-    nearest = Hits.none(view.count, ("shown",))
+    nearest, opacity = Hits.none(view.count, ("shown",)), np.zeros(view.count)
     for layer in layers:
-        closer = nearest.nearer(layer.hits)
+        more = layer.style.opacity > opacity
+        better = layer.hits.seen & (more | ((layer.style.opacity == opacity) & nearest.nearer(layer.hits)))
         named = Hits(**{**vars(layer.hits), "values": {"shown": layer.hits.values[layer.quantity]}})
-        nearest.put(closer, named, closer)
+        nearest.put(better, named, better)
+        opacity[better] = layer.style.opacity
     colors = blended([(layer.hits, *painted(layer, scene, view, ends)) for layer in layers], scene)
     return Record(
         colors.reshape(*shape, 3),

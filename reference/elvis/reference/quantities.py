@@ -1,16 +1,23 @@
-"""Quantities of a scene by name, evaluated from the modal expansions."""
+"""Quantities of a scene by name, evaluated from the modal expansions in NumPy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.evaluation import evaluate
+from elvis.formats.dataset import Dataset
+from elvis.formats.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.formats.patch import Patch
-from elvis.reference.baseline.mesh import Quantity
-from elvis.renderer.scene import Isosurface, Scene, VolumeRendering
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.sampling import Evaluator
+from elvis.renderer.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
+
+#: values of a quantity in elements ``rows`` (n,) of a patch, all at the same reference points (k, D): (n, k)
+Corners = Callable[[Patch, Ints, Floats], Floats]
+#: step of central differences in reference coordinates, for gradients of expressions
+_STEP = 1e-5
 
 
 def names_of(scene: Scene) -> tuple[str, ...]:
@@ -19,23 +26,76 @@ def names_of(scene: Scene) -> tuple[str, ...]:
     for shown in scene.every_object:
         if isinstance(shown, (Isosurface, VolumeRendering)):
             names.append(shown.quantity or scene.field)
+        if isinstance(shown, CutSurface) and isinstance(shown.surface, Implicit):
+            names.append(shown.surface.expression)
         if not isinstance(shown, VolumeRendering):
             style = shown.style
             names.append(style.quantity or scene.field)
             names.append((style.contours.quantity if style.contours else None) or scene.field)
+    names += [clip.surface.expression for clip in scene.clip if isinstance(clip.surface, Implicit)]
     return tuple(dict.fromkeys(names))
 
 
-def at_corners(names: Sequence[str]) -> Mapping[str, Quantity]:
-    """The fields of patches that carry ``names`` in this order."""
-    return {name: _field(number) for number, name in enumerate(names)}
+class Quantities:
+    """Fields and expressions of one dataset.
 
+    names    as scenes call them
+    patches  the elements that carry the first of them
+    """
 
-def _field(number: int) -> Quantity:
-    def values(patch: Patch, rows: Ints, points: Floats) -> Floats:
-        expansion, coefficients = patch.fields[number], patch.coefficients[number]
-        if expansion is None or coefficients is None:
-            return np.full((len(rows), len(points)), np.nan)
-        return evaluate(expansion, coefficients[rows], points)
+    def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
+        """Raises ElvisError for a name that means nothing of these data."""
+        self.names = tuple(names)
+        self._expressions = {name: Expression.of(dataset, name) for name in names}
+        self._evaluator = Evaluator(dataset, list(self._expressions.values()))
+        every = range(len(self._evaluator.names))
+        needed = [number for number in every if self._evaluator.names[number] in self._expressions[names[0]].fields]
+        found = self._evaluator.patches
+        self.patches = [patch for patch in found if all(patch.fields[number] is not None for number in needed)]
 
-    return values
+    def corners(self) -> Mapping[str, Corners]:
+        """Each quantity at the same points of many elements."""
+        return {name: self._at_corners(name) for name in self.names}
+
+    def values(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
+        """(n,) values in elements ``rows`` (n,) at reference points (n, D)."""
+        return self._evaluator.values(self._expressions[name], patch, rows, points)
+
+    def values_and_slopes(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+        """Values (n,) and their derivatives (n, D) in the reference coordinates.
+
+        Those of fields are the modes' own; those of expressions are central differences.
+        """
+        number = self._number(name)
+        if number is not None and patch.homogeneous is None:
+            expansion, coefficients = patch.fields[number], patch.coefficients[number]
+            if expansion is None or coefficients is None:
+                return np.full(len(rows), np.nan), np.full(points.shape, np.nan)
+            return evaluate_at_with_gradients(expansion, coefficients, rows, points)
+        slopes = np.empty(points.shape)
+        for axis in range(points.shape[1]):
+            step = _STEP * np.eye(points.shape[1])[axis]
+            after, before = (self.values(name, patch, rows, points + way) for way in (step, -step))
+            slopes[:, axis] = (after - before) / (2 * _STEP)
+        return self.values(name, patch, rows, points), slopes
+
+    def _number(self, name: str) -> int | None:
+        """Which field of the patches a name is; None for an expression."""
+        expression = self._expressions[name]
+        return self._evaluator.names.index(expression.fields[0]) if expression.is_field else None
+
+    def _at_corners(self, name: str) -> Corners:
+        number = self._number(name)
+
+        def field(patch: Patch, rows: Ints, points: Floats) -> Floats:
+            assert number is not None
+            expansion, coefficients = patch.fields[number], patch.coefficients[number]
+            if expansion is None or coefficients is None:
+                return np.full((len(rows), len(points)), np.nan)
+            return evaluate(expansion, coefficients[rows], points)
+
+        def expression(patch: Patch, rows: Ints, points: Floats) -> Floats:
+            every = self.values(name, patch, np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))
+            return every.reshape(len(rows), len(points))
+
+        return expression if number is None else field

@@ -12,15 +12,15 @@ import numpy as np
 from elvis.formats.arrays import Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
-from elvis.formats.patch import Patch, patches
+from elvis.formats.patch import Patch
 from elvis.reference.bars import Bar, bars
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
 from elvis.reference.baseline.drawing import Baseline, affordable
 from elvis.reference.baseline.exact import FINE, exact_isosurface
-from elvis.reference.baseline.lines import contour_values
-from elvis.reference.baseline.mesh import LinearMesh, Quantity, estimate
+from elvis.reference.baseline.mesh import LinearMesh, estimate
 from elvis.reference.metrics import Errors, check_comparable, errors
-from elvis.reference.quantities import at_corners, names_of
+from elvis.reference.pixel_lines import contour_values
+from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
 from elvis.renderer.frame import Frame
 from elvis.renderer.scene import Isosurface, Scene
@@ -144,11 +144,10 @@ def compare_scene(
     seconds = {"exact": perf_counter() - start}
     exact, settled = Record.of(frame), _settled(frame)
     names = names_of(settled)
-    chosen = patches(dataset, names)
     values = _contours(settled, exact, frame.range)
-    quantities, allowed = at_corners(names), memory_limit() if limit is None else limit
-    surfaces = exact_surfaces(dataset, settled, chosen, quantities, allowed)
-    rivals = Rivals(dataset, settled, frame.view, exact, frame.range, values, chosen, quantities, surfaces)
+    quantities, allowed = Quantities(dataset, names), memory_limit() if limit is None else limit
+    surfaces = exact_surfaces(dataset, settled, quantities, allowed)
+    rivals = Rivals(dataset, settled, frame.view, exact, frame.range, values, quantities, surfaces)
     fine = max(levels) + 1
     return Study(
         exact,
@@ -157,11 +156,11 @@ def compare_scene(
         values,
         settled,
         dataset,
-        chosen,
+        quantities.patches,
         _judged(dataset, settled, draw, judged),
         str(frame.stats.get("device", {}).get("label", "")),
-        sum(_stored(patch) for patch in chosen),
-        (fine, estimate(chosen, fine, len(names))[2]),
+        sum(map(_stored, quantities.patches)),
+        (fine, estimate(quantities.patches, fine, len(names))[2]),
         seconds,
         tuple(frame.stats.get("remarks", ())),
     )
@@ -177,19 +176,19 @@ class Rivals:
     exact: Record
     ends: tuple[float, float]
     contours: Sequence[float]
-    patches: Sequence[Patch]
-    quantities: Mapping[str, Quantity]
+    quantities: Quantities
     surfaces: Mapping[str, tuple[Isosurface, LinearMesh]]
 
     def at(self, level: int, limit: int) -> Rival:
         """The picture of elements cut ``level`` times; skipped where it would exceed the limit."""
         name = f"{level} refinement{'s' * (level != 1)}"
-        fits, needed = affordable(self.patches, level, len(self.quantities), limit)
-        simplices, points, _ = estimate(self.patches, level, len(self.quantities))
+        elements, count = self.quantities.patches, len(self.quantities.names)
+        fits, needed = affordable(elements, level, count, limit)
+        simplices, points, _ = estimate(elements, level, count)
         counts = {"simplices": simplices, "points": points, "needed": needed}
         if not fits:
             return Rival(f"n{level}", name, level, counts=counts, skipped="more than the memory limit")
-        made = Baseline.of(self.dataset, self.patches, level, self.quantities)
+        made = Baseline.of(self.dataset, self.quantities, level)
         record = made.draw(self.scene, self.view, self.ends)
         return Rival(
             f"n{level}",
@@ -211,18 +210,16 @@ class Rivals:
 
 
 def exact_surfaces(
-    dataset: Dataset, scene: Scene, patches: Sequence[Patch], quantities: Mapping[str, Quantity], limit: int
+    dataset: Dataset, scene: Scene, quantities: Quantities, limit: int
 ) -> dict[str, tuple[Isosurface, LinearMesh]]:
     """By name, each isosurface of a scene at one value, and its exact triangles, as fine as the memory limit allows."""
-    level = max(
-        level for level in range(FINE + 1) if level == 0 or affordable(patches, level, len(quantities), limit)[0]
-    )
+    elements, count = quantities.patches, len(quantities.names)
+    level = max(level for level in range(FINE + 1) if level == 0 or affordable(elements, level, count, limit)[0])
     found = {}
     for shown in scene.objects:
         for value in shown.values if isinstance(shown, Isosurface) else ():
             quantity = (shown.quantity if isinstance(shown, Isosurface) else None) or scene.field
-            number = list(quantities).index(quantity)
-            mesh = exact_isosurface(dataset, patches, quantities, number, value, level)
+            mesh = exact_isosurface(dataset, quantities, quantity, value, level)
             found[f"{quantity} = {value:g}"] = Isosurface((value,), quantity), mesh
     return found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -12,16 +12,17 @@ from elvis.formats.arrays import Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.patch import Patch
-from elvis.reference.baseline.lines import lines
-from elvis.reference.baseline.mesh import LinearMesh, Quantity, estimate, joined, linear_meshes
+from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_meshes
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.templates import template
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.composing import Layer, is_lit, record
+from elvis.reference.pixel_lines import lines
+from elvis.reference.quantities import Quantities
 from elvis.reference.record import Record
 from elvis.reference.selection import chosen_faces, on_faces
 from elvis.reference.surfaces import levels
-from elvis.renderer.scene import CutSurface, Faces, Isosurface, Scene, SceneObject, Style
+from elvis.renderer.scene import CutSurface, Faces, Implicit, Isosurface, Scene, SceneObject, Style
 from elvis.renderer.view import View
 
 #: surfaces of one object that a ray is followed through
@@ -43,10 +44,11 @@ class Baseline:
     seconds: dict[str, float] = field(default_factory=dict)
 
     @staticmethod
-    def of(dataset: Dataset, patches: Sequence[Patch], level: int, quantities: Mapping[str, Quantity]) -> Baseline:
+    def of(dataset: Dataset, quantities: Quantities, level: int) -> Baseline:
         """All elements, each cut ``level`` times, with the quantities at the corners."""
         start = perf_counter()
-        made = Baseline(dataset, patches, level, linear_meshes(patches, level, quantities))
+        parts = linear_meshes(quantities.patches, level, quantities.corners())
+        made = Baseline(dataset, quantities.patches, level, parts)
         made.seconds["mesh"] = perf_counter() - start
         return made
 
@@ -77,6 +79,8 @@ class Baseline:
         match shown:
             case CutSurface() if self.flat:
                 cuts = list(self.parts)
+            case CutSurface(surface=Implicit(expression=expression)):
+                cuts = [section(part, part.values[expression]) for part in self._solid()]
             case CutSurface(surface=surface):
                 cuts = [section(part, _levels(surface, part.points)) for part in self._solid()]
             case Isosurface(values=values, quantity=quantity):

@@ -5,7 +5,7 @@ Elements keep corners of their own, so that fields may jump between them; what i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,9 +18,7 @@ from elvis.formats.evaluation import evaluate
 from elvis.formats.patch import Patch
 from elvis.formats.shapes import Shape
 from elvis.reference.baseline.templates import Template, pulling, template
-
-#: a quantity of a patch: rows (n,) and reference points (k, D) to values (n, k)
-Quantity = Callable[[Patch, Ints, Floats], Floats]
+from elvis.reference.quantities import Corners
 
 #: the order of corners: along this direction, in which no two points of a mesh are likely to tie
 _GENERIC = np.array([0.5772156649, 0.6180339887, 0.5345224838])
@@ -62,7 +60,7 @@ class LinearMesh:
         return replace(self, simplices=self.simplices[chosen], element=self.element[chosen])
 
 
-def linear_meshes(patches: Sequence[Patch], level: int, quantities: Mapping[str, Quantity]) -> list[LinearMesh]:
+def linear_meshes(patches: Sequence[Patch], level: int, quantities: Mapping[str, Corners]) -> list[LinearMesh]:
     """The elements of each patch, cut ``level`` times, with the quantities at the corners.
 
     Raises ElvisError for elements of fewer or more dimensions than a picture needs.
@@ -95,7 +93,7 @@ def estimate(patches: Sequence[Patch], level: int, quantities: int = 1) -> tuple
     return simplices, points, 2 * (points * 8 * (6 + quantities) + simplices * (4 * 4 + 8) + points * 8 + simplices * 4)
 
 
-def _cut(patch: Patch, level: int, quantities: Mapping[str, Quantity]) -> LinearMesh:
+def _cut(patch: Patch, level: int, quantities: Mapping[str, Corners]) -> LinearMesh:
     """The elements of one patch."""
     if patch.shape.dimension < 2 or patch.periods:
         kind = "with Fourier directions" if patch.periods else "of one dimension"

@@ -1,0 +1,127 @@
+"""All places at which rays cross surfaces: any number for each pixel, with what is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.patch import Patch
+from elvis.reference.hits import Hits, turned
+from elvis.reference.quantities import Quantities
+from elvis.renderer.frame import Status
+from elvis.renderer.view import View
+
+#: hits of one surface nearer to one another than this part of the scene's size are one hit
+_ONE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Hits, sorted by pixel, then by depth.
+
+    pixel      (k,)    row by row from the top
+    depth      (k,)    distance from the eye's plane along the view
+    patch, row (k,)    the element
+    reference  (k, 3)  reference coordinates
+    normal     (k, 3)  normals of any length, towards either side
+    status     (k,)    of `Status`; FAILED where a search did not settle: such a hit shows nothing
+    """
+
+    pixel: Ints
+    depth: Floats
+    patch: Ints
+    row: Ints
+    reference: Floats
+    normal: Floats
+    status: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    @staticmethod
+    def none() -> Crossings:
+        """No hit."""
+        whole, vectors = np.empty(0, np.int64), np.empty((0, 3))
+        return Crossings(whole, np.empty(0), whole, whole, vectors, vectors, np.empty(0, np.uint8))
+
+    def part(self, which: Ints | Bools) -> Crossings:
+        """Some of the hits."""
+        return Crossings(*(getattr(self, own.name)[which] for own in fields(self)))
+
+    @staticmethod
+    def joined(parts: Sequence[Crossings]) -> Crossings:
+        """Several lists as one, in order."""
+        every = [Crossings.none(), *parts]
+        columns = [np.concatenate([getattr(part, own.name) for part in every]) for own in fields(Crossings)]
+        found = Crossings(*columns)
+        return found.part(np.lexsort([found.depth, found.pixel]))
+
+    def distinct(self, size: float) -> Crossings:
+        """The hits without those that are there twice: of one element, at one place; ``size`` is that of the scene."""
+        order = np.lexsort([self.depth, self.row, self.patch, self.pixel])
+        found = self.part(order)
+        again = np.diff(found.depth, prepend=-np.inf) <= 1e-9 * size
+        for column in (found.pixel, found.patch, found.row):
+            again &= np.diff(column, prepend=-1) == 0
+        return Crossings.joined([found.part(~again)])
+
+    def once(self, patches: Sequence[Patch], size: float) -> Crossings:
+        """The hits with those that several elements share given to the one of lowest id; these are ambiguous.
+
+        size  of the scene, in world units
+        """
+        if not len(self):
+            return self
+        ids = self.ids(patches)
+        new = (np.diff(self.pixel, prepend=-1) != 0) | (np.diff(self.depth, prepend=-np.inf) > _ONE * size)
+        group = np.cumsum(new) - 1
+        order = np.lexsort([ids, group])
+        first = order[np.diff(group[order], prepend=-1) != 0]
+        several = np.bincount(group, weights=None) > 1
+        elements = np.zeros(len(first), np.int64)
+        np.maximum.at(elements, group, ids)
+        shared = several & (elements != ids[first])
+        found = self.part(first)
+        found.status[shared & (found.status == Status.CERTAIN)] = Status.AMBIGUOUS
+        return found
+
+    def ids(self, patches: Sequence[Patch]) -> Ints:
+        """(k,) global ids of the elements."""
+        result = np.full(len(self), -1)
+        for number, patch in enumerate(patches):
+            here = self.patch == number
+            result[here] = patch.element_ids[self.row[here]]
+        return result
+
+    def values(self, name: str, quantities: Quantities) -> Floats:
+        """(k,) values of a quantity."""
+        result = np.full(len(self), np.nan)
+        for number, patch in enumerate(quantities.patches):
+            here = np.flatnonzero(self.patch == number)
+            own = self.reference[here, : patch.dimension]
+            result[here] = quantities.values(name, patch, self.row[here], own)
+        return result
+
+    def layers(self, view: View, quantities: Quantities, names: Sequence[str], most: int) -> Iterator[Hits]:
+        """What rays meet first, second, and so on, ``most`` times at most."""
+        seen = self.part(self.status != Status.FAILED)
+        rank = np.arange(len(seen)) - np.searchsorted(seen.pixel, seen.pixel)
+        for number in range(min(most, int(rank.max(initial=-1)) + 1)):
+            yield seen.part(rank == number).hits(view, quantities, names)
+
+    def hits(self, view: View, quantities: Quantities, names: Sequence[str]) -> Hits:
+        """These hits, one at most for each pixel, with the values of some quantities."""
+        found, here = Hits.none(view.count, tuple(names)), self.pixel
+        rows, columns = np.divmod(here, view.width)
+        origins, directions = view.rays(columns.astype(np.float64), rows.astype(np.float64))
+        found.element[here], found.depth[here] = self.ids(quantities.patches), self.depth
+        found.reference[here], found.status[here] = self.reference, self.status
+        found.position[here] = origins + self.depth[:, None] * directions
+        found.normal[here] = turned(self.normal, directions)
+        for name in names:
+            found.values[name][here] = self.values(name, quantities)
+        return found

@@ -1,0 +1,142 @@
+"""Rays against surfaces in space: where they meet the surface follows from formulas; the points are located."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.inverse import Status as Verdict
+from elvis.formats.locate import Location, Locator
+from elvis.formats.margins import TOLERANCE
+from elvis.reference.baseline.mesh import LinearMesh
+from elvis.reference.baseline.tracing import Tracer
+from elvis.reference.extras import needed
+from elvis.reference.picture import owners, polish
+from elvis.reference.scenes.crossings import Crossings
+from elvis.reference.surfaces import slopes
+from elvis.renderer.errors import SceneError
+from elvis.renderer.frame import Status
+from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, unit
+from elvis.renderer.view import View
+
+#: hits of one ray with a triangle mesh, at most
+_MOST = 64
+
+
+def cut_crossings(locator: Locator, surface: Surface, view: View) -> Crossings:
+    """All hits of rays with the part of a surface that lies in the elements."""
+    pixel, depth, normal = surface_hits(surface, view)
+    row, column = np.divmod(pixel, view.width)
+    origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+    points = origins + depth[:, None] * directions
+    possible = _within(locator, points)
+    pixel, depth, normal, points = pixel[possible], depth[possible], normal[possible], points[possible]
+    found = owners(locator, points)
+    polish(locator.patches, found, points)
+    return Crossings.joined([_located(found, pixel, depth, normal)])
+
+
+def _within(locator: Locator, points: Floats) -> Ints:
+    """Which points (n, 3) may be in an element: all, but those outside of one period of Fourier directions."""
+    possible = np.isfinite(points).all(axis=1)
+    for axis, length in {period for patch in locator.patches for period in patch.periods}:
+        possible &= np.abs(points[:, axis] - length / 2) <= length * (0.5 + TOLERANCE)
+        points[:, axis] = np.clip(points[:, axis], 0, length)
+    return np.flatnonzero(possible)
+
+
+def _located(found: Location, pixel: Ints, depth: Floats, normal: Floats) -> Crossings:
+    """The points that lie in elements; those in doubt are failed."""
+    here = np.flatnonzero(np.isin(found.status, (Verdict.INSIDE, Verdict.FAILED)))
+    known = found.status[here] == Verdict.INSIDE
+    certain = np.where(found.margin[here] > TOLERANCE, Status.CERTAIN, Status.AMBIGUOUS)
+    status = np.where(known, certain, Status.FAILED).astype(np.uint8)
+    reference = np.zeros((len(here), 3))
+    reference[:, : found.reference.shape[1]] = found.reference[here]
+    return Crossings(pixel[here], depth[here], found.patch[here], found.row[here], reference, normal[here], status)
+
+
+def surface_hits(surface: Surface, view: View) -> tuple[Ints, Floats, Floats]:
+    """Pixels (k,), depths (k,) and normals (k, 3) of all hits in front of the eye.
+
+    Raises SceneError for a surface that isn't drawn this way.
+    """
+    if isinstance(surface, TriangleMesh):
+        return _triangle_hits(surface, view)
+    pixel = np.arange(view.count)
+    origins, directions = view.rays((pixel % view.width).astype(np.float64), (pixel // view.width).astype(np.float64))
+    depths = ray_depths(surface, origins, directions)
+    pixel, which = np.nonzero(np.isfinite(depths) & (depths > 0))
+    depth = depths[pixel, which]
+    return pixel, depth, slopes(surface, origins[pixel] + depth[:, None] * directions[pixel])
+
+
+def ray_depths(surface: Surface, origins: Floats, directions: Floats) -> Floats:
+    """(n, 1 or 2) depths at which rays meet a surface, NaN where they don't.
+
+    A sphere, cylinder or cone is where |w|^2 = r^2 of what is left of x - c without its part along the axis; for a cone
+    r is that part times the tangent of its angle.
+    """
+    if isinstance(surface, Plane):
+        normal = unit(surface.normal, "the normal of the plane")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = ((np.asarray(surface.point) - origins) @ normal) / (directions @ normal)
+        return np.where(np.isfinite(depth), depth, np.nan)[:, None]
+    if not isinstance(surface, (Sphere, Cylinder, Cone)):
+        raise SceneError(f"the reference cuts no elements by {type(surface).__name__}")
+    weights, center, radius = _round(surface)
+
+    # about the point of the ray that is nearest to the centre
+    shift = np.einsum("ni,ni->n", center - origins, directions) / np.einsum("ni,ni->n", directions, directions)
+    start = origins + shift[:, None] * directions - center
+    square, mixed, rest = (
+        np.einsum("ni,ij,nj->n", u, weights, v)
+        for u, v in ((directions, directions), (directions, start), (start, start))
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(mixed**2 - square * (rest - radius**2))
+        far = -(mixed + np.where(mixed < 0, -root, root))
+        depths = np.column_stack([far / square, (rest - radius**2) / far])
+    if isinstance(surface, Cone):
+        along = (start @ unit(surface.axis, "the axis"))[:, None]
+        along = along + depths * (directions @ unit(surface.axis, "the axis"))[:, None]
+        depths[~(along >= 0)] = np.nan
+    return np.where(np.isfinite(depths), depths + shift[:, None], np.nan)
+
+
+def _round(surface: Sphere | Cylinder | Cone) -> tuple[Floats, Floats, float]:
+    """Matrix, centre and radius of a quadric of revolution."""
+    if isinstance(surface, Sphere):
+        return np.eye(3), np.asarray(surface.center, np.float64), surface.radius
+    axis = unit(surface.axis, "the axis")
+    across = np.eye(3) - np.outer(axis, axis)
+    if isinstance(surface, Cylinder):
+        return across, np.asarray(surface.point, np.float64), surface.radius
+    steep = np.tan(np.deg2rad(surface.angle)) ** 2
+    return across - steep * np.outer(axis, axis), np.asarray(surface.apex, np.float64), 0.0
+
+
+def _triangle_hits(surface: TriangleMesh, view: View) -> tuple[Ints, Floats, Floats]:
+    """Hits with the triangles of a file, one behind the other, proposed by Embree."""
+    tracer, found, beyond = Tracer(_triangles(surface.file)), [], None
+    for _ in range(_MOST):
+        hits = tracer.first(view, beyond)
+        here = np.flatnonzero(hits.seen)
+        if not len(here):
+            break
+        found.append((here, hits.depth[here], hits.normal[here]))
+        beyond = hits.depth
+    empty = (np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
+    pixel, depth, normal = (np.concatenate(parts) for parts in zip(empty, *found, strict=True))
+    return pixel, depth, normal
+
+
+@lru_cache(maxsize=4)
+def _triangles(file: str) -> LinearMesh:
+    """The triangles of a file."""
+    mesh = needed("trimesh").load_mesh(file, process=False)
+    points = np.asarray(mesh.vertices, np.float64)
+    element = np.zeros(len(mesh.faces), np.int64)
+    return LinearMesh(points, {}, np.zeros_like(points), np.asarray(mesh.faces, np.int32), element)

@@ -1,0 +1,207 @@
+"""Pictures of scenes with any objects, for the device ``reference``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from time import perf_counter
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats
+from elvis.formats.boxes import element_boxes
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.formats.locate import Locator
+from elvis.reference.composing import Layer, is_lit, record
+from elvis.reference.hits import Hits
+from elvis.reference.pixel_lines import lines
+from elvis.reference.quantities import Quantities, names_of
+from elvis.reference.scenes.crossings import Crossings
+from elvis.reference.scenes.cuts import cut_crossings
+from elvis.reference.scenes.faces import face_crossings
+from elvis.reference.scenes.isosurfaces import iso_crossings
+from elvis.reference.selection import chosen_faces
+from elvis.reference.surfaces import levels
+from elvis.renderer.errors import SceneError
+from elvis.renderer.fitting import automatic, missed, surrounding
+from elvis.renderer.frame import Drawing, Frame, Legend, Status
+from elvis.renderer.palette import Palette, automatic_range
+from elvis.renderer.scene import (
+    Camera,
+    Clip,
+    CutSurface,
+    Faces,
+    Implicit,
+    Isosurface,
+    Scene,
+    SceneObject,
+    Style,
+    VolumeRendering,
+)
+from elvis.renderer.view import View
+
+#: ends of the colour range of each quantity
+Ranges = dict[str, tuple[float, float]]
+
+#: surfaces of one object that a ray is followed through, and what is left of light that isn't followed
+_DEEPEST, _FAINT = 64, 1e-3
+
+
+def render(dataset: Dataset, scene: Scene) -> Frame:
+    """A picture of a scene; ElvisError or SceneError where nothing is seen or something can't be drawn."""
+    start = perf_counter()
+    quantities = Quantities(dataset, names_of(scene))
+    boxes = [element_boxes(patch) for patch in quantities.patches]
+    tracer = Scenery(dataset, quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
+
+    def glance(small: Scene) -> Bools:
+        view = _view(small)
+        seen = np.zeros(view.count, bool)
+        for shown in small.every_object:
+            seen[tracer.crossings(shown, small, view).pixel] = True
+        return seen.reshape(view.height, view.width)
+
+    scene = automatic(scene, boxes, glance)
+    frame = tracer.frame(scene, _view(scene))
+    if not frame.status.any():
+        raise SceneError(missed(scene.only_plane, surrounding(boxes)))
+    frame.stats.update(
+        device={"name": "reference", "label": "NumPy"},
+        elements=sum(map(len, quantities.patches)),
+        pixels=frame.counts(),
+        seconds={"frame": perf_counter() - start},
+    )
+    return frame
+
+
+def _view(scene: Scene) -> View:
+    assert isinstance(scene.camera, Camera)
+    assert scene.size is not None
+    return View.through(scene.camera, scene.size)
+
+
+@dataclass(eq=False)
+class Scenery:
+    """A dataset whose surfaces rays are sent against.
+
+    box  (2, 3) around all elements
+    """
+
+    dataset: Dataset
+    quantities: Quantities
+    box: Floats
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the box."""
+        return float(np.linalg.norm(self.box[1] - self.box[0]))
+
+    @cached_property
+    def locator(self) -> Locator:
+        """Points among the elements."""
+        return Locator(self.quantities.patches)
+
+    def crossings(self, shown: SceneObject, scene: Scene, view: View) -> Crossings:
+        """All hits of rays with an object that no clip takes away."""
+        match shown:
+            case CutSurface(surface=Implicit(expression=expression)):
+                found = self._levels(expression, (0.0,), view)
+            case CutSurface(surface=surface):
+                found = cut_crossings(self.locator, surface, view)
+            case Isosurface(values=values, quantity=quantity):
+                found = self._levels(quantity or scene.field, values, view)
+            case Faces(select=select):
+                found = self._faces(select, view)
+            case _:
+                raise ElvisError("the reference draws no volumes yet")
+        for clip in scene.clip:
+            found = found.part(~self._clipped(found, clip, view))
+        return found.once(self.quantities.patches, self.size)
+
+    def _levels(self, name: str, values: Sequence[float], view: View) -> Crossings:
+        """Isosurfaces of a quantity."""
+        self._check_solid("isosurfaces")
+        made, size = self.quantities, self.size
+        pairs = [(value, number, patch) for value in values for number, patch in enumerate(made.patches)]
+        return Crossings.joined([iso_crossings(k, patch, made, name, value, view, size) for value, k, patch in pairs])
+
+    def _faces(self, select: Sequence[str], view: View) -> Crossings:
+        """Element faces."""
+        self._check_solid("faces")
+        found = []
+        for number, patch in enumerate(self.quantities.patches):
+            chosen = chosen_faces(self.dataset.mesh, patch, select)
+            found.append(face_crossings(number, patch, chosen, view, self.size))
+        return Crossings.joined(found)
+
+    def _check_solid(self, what: str) -> None:
+        for patch in self.quantities.patches:
+            if patch.shape.dimension != 3:
+                kind = "with Fourier directions" if patch.periods else "of two dimensions"
+                raise ElvisError(f"the reference draws {what} of volume elements only, found elements {kind}")
+
+    def _clipped(self, found: Crossings, clip: Clip, view: View) -> Bools:
+        """(k,) hits that a clip takes away."""
+        if isinstance(clip.surface, Implicit):
+            inside = found.values(clip.surface.expression, self.quantities) < 0
+        else:
+            row, column = np.divmod(found.pixel, view.width)
+            origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+            try:
+                inside = levels(clip.surface, origins + found.depth[:, None] * directions) < 0
+            except TypeError as error:
+                raise SceneError(f"the reference clips by no {error}") from error
+        return np.asarray(inside == (clip.away == "inside"))
+
+    def frame(self, scene: Scene, view: View) -> Frame:
+        """The picture."""
+        drawn = [(shown, self.crossings(shown, scene, view)) for shown in scene.every_object]
+        failed, doubt = np.zeros(view.count, bool), np.zeros(view.count, bool)
+        for _, found in drawn:
+            failed[found.pixel[found.status == Status.FAILED]] = True
+            doubt[found.pixel[found.status == Status.AMBIGUOUS]] = True
+        stacks = [(shown, self._hits(found, _style(shown), scene, view)) for shown, found in drawn]
+        ranges = self._ranges(stacks, scene)
+        layers = [layer for shown, hits in stacks for layer in self._layers(shown, hits, scene, view, ranges)]
+        made = record(layers, scene, view, ranges[scene.field])
+        status = made.status.astype(np.uint8)
+        status[doubt.reshape(status.shape) & (made.element < 0)] = Status.AMBIGUOUS
+        status[failed.reshape(status.shape)] = Status.FAILED
+        palette = Palette.named(scene.palette, *ranges[scene.field])
+        drawing = Drawing(made.depth, made.normal, made.color, (Legend(scene.field, palette),))
+        return Frame(scene, view, made.field, made.element, made.reference, status, {}, drawing)
+
+    def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:
+        """The surfaces of one object, nearest first, as far as they are seen."""
+        own = style.quantity or scene.field
+        names = {own, (style.contours.quantity if style.contours else None) or own}
+        most = 1 if style.opacity == 1.0 else min(_DEEPEST, int(np.ceil(np.log(_FAINT) / np.log(1 - style.opacity))))
+        return list(found.layers(view, self.quantities, sorted(names), most))
+
+    def _ranges(self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene) -> Ranges:
+        """Ends of the colour range of each quantity: two values of the scene for its field, else what is seen."""
+        seen: dict[str, list[Floats]] = {scene.field: []}
+        for _, stack in stacks:
+            for hits in stack:
+                for name, values in hits.values.items():
+                    seen.setdefault(name, []).append(values)
+        ranges = {name: automatic_range(np.concatenate([np.empty(0), *values])) for name, values in seen.items()}
+        if isinstance(scene.range, tuple):
+            ranges[scene.field] = scene.range
+        return ranges
+
+    def _layers(self, shown: SceneObject, stack: list[Hits], scene: Scene, view: View, ranges: Ranges) -> list[Layer]:
+        """The hits of an object with all that colours them."""
+        style = _style(shown)
+        quantity = style.quantity or scene.field
+        lit = is_lit(style, not isinstance(shown, CutSurface))
+        style = replace(style, range=style.range or ranges.get(quantity))
+        ends = ranges.get(quantity, (0.0, 1.0))
+        return [Layer(hits, style, quantity, lit, lines(hits, style, quantity, view, ends)) for hits in stack]
+
+
+def _style(shown: SceneObject) -> Style:
+    assert not isinstance(shown, VolumeRendering)
+    return shown.style

@@ -1,0 +1,171 @@
+"""Rays against the curved faces of elements.
+
+A face is cut into flat triangles until they stay within a part of a pixel of it on the screen; pixels within that
+distance of a triangle are its candidates, and Newton's method on the exact face decides them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.evaluation import evaluate
+from elvis.formats.margins import TOLERANCE, facets, heights
+from elvis.formats.orientation import face_shape
+from elvis.formats.patch import Patch
+from elvis.formats.shapes import Shape
+from elvis.reference.baseline.templates import pulling, template
+from elvis.reference.scenes.crossings import Crossings
+from elvis.reference.scenes.newton import Constraint, Roots, solve
+from elvis.reference.scenes.rasters import covered, on_screen
+from elvis.reference.selection import face_heights
+from elvis.renderer.frame import Status
+from elvis.renderer.view import View
+
+#: pixels by which a triangle may be off its face, and cuts after which it may be off by any
+_FLAT, _DEEPEST = 0.25, 6
+#: pixels by which all candidates are wider, and how much wider than what was measured at the middles of sides
+_WIDER, _SAFETY = 0.05, 2.0
+#: cosine between a ray and a face below which it may turn away within a triangle
+_STEEP = 0.35
+#: cosine below which a hit is at a silhouette, as certain as rounding allows
+_GRAZING = 1e-6
+
+
+def face_crossings(number: int, patch: Patch, chosen: Bools, view: View, size: float) -> Crossings:
+    """All hits of rays with the chosen faces (e, local faces) of a patch of volume elements."""
+    found = []
+    for local in range(len(patch.shape.faces)):
+        rows = np.flatnonzero(chosen[:, local])
+        for own, corners, starts, slack in _triangles(patch, local, rows, view):
+            for triangle, pixel in covered(view, corners, slack):
+                found += _decided(number, patch, local, own, corners, starts, triangle, pixel, view, size)
+    return Crossings.joined(found).distinct(size)
+
+
+def frame(shape: Shape, local: int) -> Floats:
+    """(3, 3) rows f0, f1, f2: the point (s, t) of a face lies at f0 + s f1 + t f2 in reference coordinates."""
+    first, along, across = (shape.vertices[i] for i in (*shape.faces[local][:2], shape.faces[local][-1]))
+    return np.array([(along + across) / 2, (along - first) / 2, (across - first) / 2])
+
+
+def _triangles(patch: Patch, local: int, rows: Ints, view: View) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
+    """Flat triangles of faces, those of like cuts together.
+
+    Yields rows (m,) of their elements, world corners (m, 3, 3), reference corners (m, 3, 3), and pixels (m,) by which
+    candidates may lie outside of them.
+    """
+    base = frame(patch.shape, local)
+    for level in range(_DEEPEST + 1):
+        if not len(rows):
+            return
+        cut = template(face_shape(patch.shape.faces[local]), level)
+        cells = np.concatenate([pulling(kind, own, np.tile(np.arange(own.shape[1]) * 1.0, (len(own), 1)))
+                                for kind, own in cut.cells.items()])  # fmt: skip
+        corners = base[0] + cut.points[cells] @ base[1:]
+        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+        world, bent = (_placed(patch, rows, points) for points in (corners, middles))
+
+        # how far the face bends away from the sides, on the screen
+        flat = 0.5 * (world + np.roll(world, -1, axis=2))
+        (at, ahead), (off, _) = on_screen(view, flat), on_screen(view, bent)
+        away = np.where(ahead, np.linalg.norm(at - off, axis=-1), 0.0).max(axis=(1, 2))
+        ready = (away <= _FLAT) | (level == _DEEPEST)
+        count = int(ready.sum())
+        if count:
+            slack = np.repeat(_SAFETY * away[ready] + _WIDER, len(cells))
+            starts = np.tile(corners, (count, 1, 1))
+            yield np.repeat(rows[ready], len(cells)), world[ready].reshape(-1, 3, 3), starts, slack
+        rows = rows[~ready]
+
+
+def _placed(patch: Patch, rows: Ints, points: Floats) -> Floats:
+    """(e, c, k, 3) world coordinates of reference points (c, k, 3) in all elements."""
+    flat = evaluate(patch.geometry, patch.geometry_coefficients[rows], points.reshape(-1, points.shape[-1]))
+    return np.asarray(flat.transpose(0, 2, 1).reshape(len(rows), *points.shape[:2], 3))
+
+
+def _decided(
+    number: int,
+    patch: Patch,
+    local: int,
+    rows: Ints,
+    corners: Floats,
+    starts: Floats,
+    triangle: Ints,
+    pixel: Ints,
+    view: View,
+    size: float,
+) -> list[Crossings]:
+    """The hits among candidate pairs of a triangle and a pixel: from the middle of each, and where it is steep from
+    its corners too."""
+    row, column = np.divmod(pixel, view.width)
+    origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+    steep = _is_steep(corners[triangle], directions)
+    found = []
+    for start, which in _starts(starts[triangle], corners[triangle], origins, directions, steep):
+        own = rows[triangle[which]]
+        roots = solve(patch, own, start, origins[which], directions[which], _on_face(patch.shape, local), size)
+        found.append(_hits(number, patch.shape, local, own, pixel[which], roots, directions[which]))
+    return found
+
+
+def _starts(
+    reference: Floats, corners: Floats, origins: Floats, directions: Floats, steep: Bools
+) -> Iterator[tuple[Floats, Ints]]:
+    """Starting points (k, 3) and the candidates (k,) that they are for."""
+    every = np.arange(len(reference))
+    yield np.einsum("nk,nki->ni", weights(corners, origins, directions), reference), every
+    which = np.flatnonzero(steep)
+    for corner in range(3) if len(which) else ():
+        yield reference[which, corner], which
+
+
+def weights(corners: Floats, origins: Floats, directions: Floats) -> Floats:
+    """(n, 3) weights of the corners where rays pass the planes of triangles (n, 3, 3), drawn into the triangle."""
+    a, b, c = (corners[:, i] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth = np.einsum("ni,ni->n", normal, a - origins) / np.einsum("ni,ni->n", normal, directions)
+        point, area = origins + depth[:, None] * directions, np.einsum("ni,ni->n", normal, normal)
+        second = np.einsum("ni,ni->n", np.cross(point - a, c - a), normal) / area
+        third = np.einsum("ni,ni->n", np.cross(b - a, point - a), normal) / area
+    found = np.nan_to_num(np.column_stack([1 - second - third, second, third]), nan=1 / 3, posinf=1, neginf=0)
+    found = np.clip(found, 0, 1)
+    return np.asarray(found / found.sum(axis=1, keepdims=True))
+
+
+def _is_steep(corners: Floats, directions: Floats) -> Bools:
+    """(n,) triangles that rays meet at small angles."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sizes = np.linalg.norm(normal, axis=1) * np.linalg.norm(directions, axis=1)
+    return np.asarray(np.abs(np.einsum("ni,ni->n", normal, directions)) < _STEEP * sizes)
+
+
+def _on_face(shape: Shape, local: int) -> Constraint:
+    """The constraint of points on a face: its height is zero."""
+    normals, offsets = facets(shape)
+    normal, offset = normals[face_heights(shape)[local]], offsets[face_heights(shape)[local]]
+
+    def constraint(rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+        return points @ normal + offset, np.tile(normal, (len(points), 1))
+
+    return constraint
+
+
+def _hits(
+    number: int, shape: Shape, local: int, rows: Ints, pixel: Ints, roots: Roots, directions: Floats
+) -> Crossings:
+    """The roots that lie on the face, before the eye; those at its border and at silhouettes are ambiguous."""
+    other = np.delete(heights(shape, roots.reference), face_heights(shape)[local], axis=1).min(axis=1)
+    here = np.flatnonzero(roots.found & (other >= -TOLERANCE) & (roots.depth > 0))
+    normal = roots.normal[here]
+    with np.errstate(invalid="ignore"):
+        cosine = np.abs(np.einsum("ni,ni->n", normal, directions[here]))
+        cosine /= np.linalg.norm(normal, axis=1) * np.linalg.norm(directions[here], axis=1)
+    doubt = (other[here] <= TOLERANCE) | ~(cosine > _GRAZING)
+    status = np.where(doubt, Status.AMBIGUOUS, Status.CERTAIN).astype(np.uint8)
+    patch = np.full(len(here), number)
+    return Crossings(pixel[here], roots.depth[here], patch, rows[here], roots.reference[here], normal, status)
