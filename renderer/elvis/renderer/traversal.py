@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, frozen_floats
+from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.formats.bernstein import BernsteinSpace, bernstein_values
 from elvis.formats.shapes import Shape
 from elvis.renderer.device import Kernel
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import UNKNOWN
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.renderer.view import View
 
@@ -142,3 +143,37 @@ def _simplex(degree: int) -> tuple[Floats, Floats]:
     space = BernsteinSpace(Shape.TETRAHEDRON, (degree,))
     points = 2.0 * space.powers / degree - 1
     return frozen_floats(points), frozen_floats(np.linalg.inv(bernstein_values(space, points)))
+
+
+def stretched(hits: NDArray[Any], dtype: np.dtype[Any], first: int) -> tuple[NDArray[Any], Ints, Ints]:
+    """Stretches (shaders/volume_trace.slang) of rays in curved elements, from hits of their faces; and pixels of each.
+
+    hits   as FaceDrawer.hits lists them
+    first  running number of the part's first element
+    Of hits that enter an element twice before they leave it the first counts, of those that leave it twice the first
+    too: at edges two faces are met at once.  What is not paired belongs to the pixels returned last.
+    """
+    found = hits[hits["verdict"] != UNKNOWN]
+    lost = hits["pixel"][hits["verdict"] == UNKNOWN]
+    found = found[np.lexsort((found["depth"], found["element"], found["pixel"]))]
+    fresh = np.ones(len(found), bool)
+    fresh[1:] = (np.diff(found["pixel"].astype(np.int64)) != 0) | (np.diff(found["element"].astype(np.int64)) != 0)
+    repeated = np.zeros(len(found), bool)
+    repeated[1:] = ~fresh[1:] & (found["entering"][1:] == found["entering"][:-1])
+    found, fresh = found[~repeated], fresh[~repeated]
+
+    # an eye within an element sees no face before the one it leaves by
+    enters = found["entering"] == 1
+    paired = np.append(enters[:-1] & ~enters[1:] & ~fresh[1:], False)[: len(found)]
+    alone = np.flatnonzero(~enters & fresh)
+    at = np.sort(np.concatenate([np.flatnonzero(paired), alone]))
+    inside = ~enters[at]
+    leave = np.where(inside, at, at + 1)
+    stretches = np.zeros(len(at), dtype)
+    stretches["element"], stretches["last"] = found["element"][at] - first, found["depth"][leave]
+    stretches["first"] = np.where(inside, 0.0, found["depth"][at])
+    stretches["enters"], stretches["leaves"] = found["reference"][at], found["reference"][leave]
+    pixel = found["pixel"][at].astype(np.int64)
+    order = np.lexsort((stretches["first"], pixel))
+    unpaired = found["pixel"][enters & ~paired]
+    return stretches[order], pixel[order], np.concatenate([lost, unpaired]).astype(np.int64)

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.renderer.device import STAND_IN, Kernel
+from elvis.renderer.device import STAND_IN
 from elvis.renderer.errors import SceneError
+from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.scene import Transfer
 from elvis.renderer.tiles import TILE
-from elvis.renderer.traversal import Traversal, binned, seen
+from elvis.renderer.traversal import Traversal, binned, seen, stretched
 from elvis.renderer.view import View
-
-if TYPE_CHECKING:
-    import slangpy
 
 #: bytes of the lists that rays have at one time
 MOST_BYTES = 192 << 20
+#: rows of pixels whose hits of curved faces are looked for at one time
+STRIP = 64
 LANES = TILE * TILE
 
 
@@ -36,6 +36,7 @@ class Gathered:
     error      (n,)   estimated error of the colour
     segments   (n,)   their number
     undefined  (n,)   segments left out because their field is not a number
+    lost       (n,)   places in curved elements, and ends of segments, that were not found
     """
 
     color: Floats
@@ -44,23 +45,40 @@ class Gathered:
     error: Floats
     segments: Ints
     undefined: Ints
+    lost: Ints
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Seen:
-    """What is seen of a part: bins of tiles, and elements one bin after another."""
+    """What is seen of a part: tiles, and what the stage that lists their segments needs beside them.
+
+    rows  (tiles,) of 64 entries, one a pixel, that each needs at most
+    """
 
     number: int
-    bins: NDArray[Any]
-    order: NDArray[np.uint32]
-    tile: Ints
+    stage: str
+    tiles: NDArray[Any]
+    rows: Ints
+    data: dict[str, NDArray[Any]]
+
+    def within(self, places: Ints, tiles: NDArray[Any]) -> _Seen:
+        """What is seen in the given tiles at these places alone."""
+        own = _place(self.tiles)
+        at = np.minimum(np.searchsorted(places, own), len(places) - 1)
+        held = places[at] == own
+        kept = self.tiles[held]
+        kept["base"], kept["number"] = tiles["base"][at[held]], tiles["number"][at[held]]
+        return _Seen(self.number, self.stage, kept, self.rows[held], self.data)
 
 
 class VolumeRenderer:
-    """A loaded volume, ready for any transfer function from any view."""
+    """A loaded volume, ready for any transfer function from any view.
 
-    def __init__(self, loaded: Loaded) -> None:
-        self.loaded, self.device, self.traversal = loaded, loaded.device, Traversal(loaded)
+    faces  of its elements, for those that are curved
+    """
+
+    def __init__(self, loaded: Loaded, faces: FaceDrawer | None = None) -> None:
+        self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
 
     def draw(
         self,
@@ -77,112 +95,182 @@ class VolumeRenderer:
         quantity  one of the parts' quantities; None is their own field
         error     greatest estimated error of a pixel's colour
 
-        Raises SceneError for 2D data, and where densities are so large that lengths times them overflow.
+        Raises SceneError for 2D data, for curved elements without faces, and where densities times lengths overflow.
         """
         self._check(transfer)
-        degree = max(self.traversal.degree(number, quantity) or STAND_IN for number in range(len(self.loaded.parts)))
-        march = self.device.kernel("volume_march", self.loaded.parts[0], quantity, line_degree=degree)
-        limits = {
-            "start": self.device.buffer(np.zeros(view.count) if start is None else start),
-            "end": self.device.buffer(np.full(view.count, np.inf) if end is None else end),
-        }
-        look = np.zeros(1, march.dtype("look"))
-        look["error"], look["breakpoints"] = error, len(transfer.values)
-        limits |= {
-            "look": self.device.buffer(look),
-            "values": self.device.buffer(np.asarray(transfer.values, np.float64)),
-            "densities": self.device.buffer(np.asarray(transfer.densities, np.float64)),
-            "colors": self.device.buffer(np.asarray(transfer.colors, np.float64)),
-        }
-        lights = np.zeros(view.count, march.dtype("lights"))
-        for tiles, parts in self._bands(view, quantity, march.dtype("segments").itemsize + 8 * (degree + 1)):
-            self._band(view, quantity, degree, march, tiles, parts, limits, lights)
+        march = _March(self, view, transfer, quantity, error)
+        march.limit("start", np.zeros(view.count) if start is None else start)
+        march.limit("end", np.full(view.count, np.inf) if end is None else end)
+        step = STRIP if march.curved else view.height
+        for row in range(0, view.height, step):
+            march.strip((row, min(row + step, view.height)))
         names = ("color", "alpha", "length", "error", "segments", "undefined")
-        return Gathered(*(np.array(lights[name]) for name in names))
+        return Gathered(**{name: np.array(march.lights[name]) for name in names}, lost=march.lost)
 
     def _check(self, transfer: Transfer) -> None:
         if self.loaded.dimension != 3:
             raise SceneError("volumes are drawn of 3D data")
         if len(transfer.colors) != len(transfer.values):
-            raise SceneError(
-                f"a volume needs a colour for each of {len(transfer.values)} values of its transfer function"
-            )
+            raise SceneError(f"colors of a volume: expected one for each of {len(transfer.values)} values")
         densest, reach = max(transfer.densities), self.loaded.reach
         if densest * 4 > np.finfo(float).max / max(reach, 1.0):
             raise SceneError(f"densities of a volume: {densest:g} overflows over lengths of {reach:g}")
 
-    def _bands(self, view: View, quantity: str | None, size: int) -> Iterator[tuple[NDArray[Any], list[_Seen]]]:
-        """Groups of tiles whose lists have room together: base of each tile's lists by its place, and what is seen."""
-        every = []
-        for number in range(len(self.loaded.parts)):
-            if not self.traversal.is_straight(number, quantity):
-                raise SceneError("volumes of curved elements can't be drawn")
-            list_kernel = self.device.kernel("volume_list", self.loaded.parts[number], quantity)
-            extents = self.traversal.extents(number, quantity)
-            sections = seen(view, extents.corners, np.ones(len(extents.low), bool))
-            bins, order = binned(sections, list_kernel.dtype("tiles"))
-            every.append(_Seen(number, bins, sections["element"][order], _place(bins)))
 
-        # rows of 64 entries that each tile needs
-        places = np.unique(np.concatenate([some.tile for some in every]))
+class _March:
+    """One picture of a volume, in the making.
+
+    curved  numbers of the parts in which rays are not lines, or the quantity not a polynomial along them
+    """
+
+    def __init__(
+        self, renderer: VolumeRenderer, view: View, transfer: Transfer, quantity: str | None, error: float
+    ) -> None:
+        self.loaded, self.traversal, self.faces = renderer.loaded, renderer.traversal, renderer.faces
+        self.device, self.view, self.quantity = self.loaded.device, view, quantity
+        parts = range(len(self.loaded.parts))
+        self.curved = [n for n in parts if not self.traversal.is_straight(n, quantity)]
+        self.degree = max(self.traversal.degree(n, quantity) or STAND_IN for n in parts)
+        self.march = self.device.kernel("volume_march", self.loaded.parts[0], quantity, line_degree=self.degree)
+        self.lights = np.zeros(view.count, self.march.dtype("lights"))
+        self.lost = np.zeros(view.count, np.int64)
+        look = np.zeros(1, self.march.dtype("look"))
+        look["error"], look["breakpoints"] = error, len(transfer.values)
+        self.tolerance = _tolerance(transfer, error, 4 * self.loaded.reach)
+        self.fixed = {**self.traversal.lines(self.degree), "look": self.device.buffer(look)}
+        for name in ("values", "densities", "colors"):
+            self.limit(name, getattr(transfer, name))
+
+    def limit(self, name: str, data: Any) -> None:
+        """Numbers that all stages share."""
+        self.fixed[name] = self.device.buffer(np.asarray(data, np.float64))
+
+    def strip(self, rows: tuple[int, int]) -> None:
+        """The pixels of some rows, the first and the one after the last, both whole tiles."""
+        every = [self._straight(n, rows) for n in range(len(self.loaded.parts)) if n not in self.curved]
+        every += self._stretches(rows) if self.curved else []
+        if sum(len(some.tiles) for some in every):
+            for tiles, parts in self._bands(every):
+                self._band(tiles, parts)
+
+    def _straight(self, number: int, rows: tuple[int, int]) -> _Seen:
+        """A part of straight tetrahedra."""
+        kernel = self.device.kernel("volume_list", self.loaded.parts[number], self.quantity, line_degree=self.degree)
+        extents = self.traversal.extents(number, self.quantity)
+        sections = seen(self.view, extents.corners, np.ones(len(extents.low), bool))
+        tiles, order = binned(sections, kernel.dtype("tiles"))
+        tiles = tiles[(tiles["y"] >= rows[0]) & (tiles["y"] < rows[1])]
+        counts = (tiles["end"] - tiles["first"]).astype(np.int64)
+        return _Seen(number, "volume_list", tiles, counts, {"order": sections["element"][order]})
+
+    def _stretches(self, rows: tuple[int, int]) -> list[_Seen]:
+        """Parts of curved elements: where rays enter and leave them; segments are counted before they are kept."""
+        if self.faces is None:
+            raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
+        solids = sorted({block.solid for block in self.faces.faces.blocks if block.part in self.curved})
+        hits = self.faces.hits(self.view, [f"shape:{solid}" for solid in solids], rows)
+        found = []
+        for number in self.curved:
+            first, last = self.loaded.first[number : number + 2]
+            own = hits[(hits["element"] >= first) & (hits["element"] < last)]
+            kernel = self.device.kernel(
+                "volume_trace", self.loaded.parts[number], self.quantity, line_degree=self.degree
+            )
+            stretches, pixel, lost = stretched(own, kernel.dtype("stretches"), int(first))
+            np.add.at(self.lost, lost, 1)
+            tiles, starts, order = _lists(pixel, self.view, kernel.dtype("tiles"))
+            wanted = np.zeros(1, kernel.dtype("wanted"))
+            wanted["tolerance"] = self.tolerance
+            data = {"stretches": stretches[order], "starts": starts, "wanted": wanted}
+            some = _Seen(number, "volume_trace", tiles, np.ones(len(tiles), np.int64), data)
+            counts = self._list(some, tiles, len(tiles))["counts"]
+            some.rows = (
+                self.device.read(counts, np.uint32)[: LANES * len(tiles)].reshape(-1, LANES).max(axis=1).astype(int)
+            )
+            wanted["writes"] = 1
+            found.append(some)
+        return found
+
+    def _bands(self, every: list[_Seen]) -> Iterator[tuple[NDArray[Any], list[_Seen]]]:
+        """Groups of tiles whose lists have room together, and what is seen there."""
+        places = np.unique(np.concatenate([_place(some.tiles) for some in every]))
         rows = np.zeros(len(places), np.int64)
         for some in every:
-            rows[np.searchsorted(places, some.tile)] += some.bins["end"] - some.bins["first"]
-        band = np.cumsum(rows) // max(MOST_BYTES // ((size + 12) * LANES), 1)
+            rows[np.searchsorted(places, _place(some.tiles))] += some.rows
+        size = self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12
+        band = np.cumsum(rows) // max(MOST_BYTES // (size * LANES), 1)
         for own in np.split(np.arange(len(places)), np.flatnonzero(np.diff(band)) + 1):
-            tiles = np.zeros(len(own), every[0].bins.dtype)
+            tiles = np.zeros(len(own), self.march.dtype("tiles"))
             tiles["x"], tiles["y"], tiles["number"] = places[own] & 0xFFFFF, places[own] >> 20, np.arange(len(own))
             tiles["base"], tiles["end"] = np.cumsum(rows[own]) - rows[own], rows[own]
-            yield tiles, [_within(some, places[own], tiles) for some in every]
+            yield tiles, [some.within(places[own], tiles) for some in every]
 
-    def _band(
-        self,
-        view: View,
-        quantity: str | None,
-        degree: int,
-        march: Kernel,
-        tiles: NDArray[Any],
-        parts: list[_Seen],
-        limits: dict[str, slangpy.Buffer],
-        lights: NDArray[Any],
-    ) -> None:
-        """List and march the rays of some tiles."""
-        room = LANES * int(tiles["end"].sum())
-        lists = {
-            "segments": self.device.empty(march.dtype("segments"), room),
-            "fields": self.device.empty(np.float64, room * (degree + 1)),
-            "ranks": self.device.empty(np.uint32, room),
-            "depths": self.device.empty(np.float64, room),
-            "counts": self.device.buffer(np.zeros(LANES * len(tiles), np.uint32)),
-            **limits,
-        }
+    def _band(self, tiles: NDArray[Any], parts: list[_Seen]) -> None:
+        """List the segments of the rays of some tiles, then march along them."""
+        lists: dict[str, Any] = {}
         for some in parts:
-            kernel = self.device.kernel("volume_list", self.loaded.parts[some.number], quantity, line_degree=degree)
-            buffers = {**self.loaded.bound(some.number, quantity), **lists, **self.traversal.lines(degree)}
-            buffers["rays"] = self.traversal.rays(kernel, view, some.number, len(some.bins))
-            buffers["tiles"], buffers["order"] = self.device.buffer(some.bins), self.device.buffer(some.order)
-            kernel(len(some.bins), buffers, groups=True)
-        lists["rays"], lists["tiles"] = self.traversal.rays(march, view, 0, len(tiles)), self.device.buffer(tiles)
-        lists["lights"] = self.device.empty(march.dtype("lights"), LANES * len(tiles))
-        march(len(tiles), {**self.loaded.bound(0, quantity), **lists}, groups=True)
-        found = self.device.read(lists["lights"], lights.dtype).reshape(len(tiles), TILE, TILE)
+            lists = self._list(some, tiles, int(tiles["end"].sum()), lists)
+        lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(tiles))
+        lists["tiles"] = self.device.buffer(tiles)
+        lists["lights"] = self.device.empty(self.march.dtype("lights"), LANES * len(tiles))
+        self.march(len(tiles), {**self.loaded.bound(0, self.quantity), **lists}, groups=True)
 
         # tiles reach beyond the picture's edge
-        x, y = (tiles[name].astype(np.int64)[:, None, None] for name in ("x", "y"))
-        x, y = np.broadcast_arrays(x + np.arange(TILE), y + np.arange(TILE)[:, None])
-        held = (x < view.width) & (y < view.height)
-        lights[(y * view.width + x)[held]] = found[held]
+        x, y = (tiles[name].astype(np.int64)[:, None] for name in ("x", "y"))
+        x, y = x + np.arange(LANES) % TILE, y + np.arange(LANES) // TILE
+        held = (x < self.view.width) & (y < self.view.height)
+        pixel = (y * self.view.width + x)[held]
+        found = self.device.read(lists["lights"], self.lights.dtype).reshape(len(tiles), LANES)
+        self.lights[pixel] = found[held]
+        self.lost[pixel] += self.device.read(lists["lost"], np.uint32).reshape(len(tiles), LANES)[held]
+
+    def _list(self, some: _Seen, tiles: NDArray[Any], rows: int, lists: dict[str, Any] | None = None) -> dict[str, Any]:
+        """The lists of some tiles, with the segments of a part added to them."""
+        lists, room = dict(lists or {}), LANES * rows
+        if not lists:
+            zeros = np.zeros(LANES * len(tiles), np.uint32)
+            lists = {"counts": self.device.buffer(zeros), "lost": self.device.buffer(zeros), **self.fixed}
+            lists["segments"] = self.device.empty(self.march.dtype("segments"), room)
+            lists["fields"] = self.device.empty(np.float64, room * (self.degree + 1))
+            lists["ranks"], lists["depths"] = self.device.empty(np.uint32, room), self.device.empty(np.float64, room)
+        if len(some.tiles):
+            part = self.loaded.parts[some.number]
+            kernel = self.device.kernel(some.stage, part, self.quantity, line_degree=self.degree)
+            data = {name: self.device.buffer(array) for name, array in {**some.data, "tiles": some.tiles}.items()}
+            rays = self.traversal.rays(kernel, self.view, some.number, len(some.tiles))
+            buffers = {**self.loaded.bound(some.number, self.quantity), **lists, **data, "rays": rays}
+            kernel(len(some.tiles), buffers, groups=True)
+        return lists
 
 
-def _place(bins: NDArray[Any]) -> Ints:
+def _place(tiles: NDArray[Any]) -> Ints:
     """(n,) a number for each tile's place, by rows."""
-    return np.asarray(bins["y"].astype(np.int64) << 20 | bins["x"])
+    return np.asarray(tiles["y"].astype(np.int64) << 20 | tiles["x"])
 
 
-def _within(some: _Seen, places: Ints, tiles: NDArray[Any]) -> _Seen:
-    """What is seen in the tiles at these places alone."""
-    at = np.searchsorted(places, some.tile)
-    held = places[np.minimum(at, len(places) - 1)] == some.tile
-    bins = some.bins[held]
-    bins["base"], bins["number"] = tiles["base"][at[held]], tiles["number"][at[held]]
-    return _Seen(some.number, bins, some.order, some.tile[held])
+def _lists(pixel: Ints, view: View, dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32], Ints]:
+    """Tiles that hold the pixels (n,), where the list of each of their pixels starts, and the order of all lists."""
+    y, x = np.divmod(pixel, view.width)
+    place = (y // TILE * TILE) << 20 | (x // TILE * TILE)
+    lane = y % TILE * TILE + x % TILE
+    places, tile = np.unique(place, return_inverse=True)
+    key = tile * LANES + lane
+    order = np.argsort(key, kind="stable")
+    starts = np.searchsorted(key[order], np.arange(LANES * len(places) + 1)).astype(np.uint32)
+    tiles = np.zeros(len(places), dtype)
+    tiles["x"], tiles["y"] = places & 0xFFFFF, places >> 20
+    tiles["first"] = tiles["number"] = np.arange(len(places))
+    return tiles, starts, order
+
+
+def _tolerance(transfer: Transfer, error: float, length: float) -> float:
+    """Error of the quantity that changes colours by less than a quarter of ``error`` along rays of some length."""
+    values, densities, colors = (
+        np.asarray(x, np.float64) for x in (transfer.values, transfer.densities, transfer.colors)
+    )
+    if len(values) < 2:
+        return float("inf")
+    steps = np.diff(values)
+    steepest = np.abs(np.diff(densities) / steps).max()
+    steepest += densities.max() * np.abs(np.diff(colors, axis=0) / steps[:, None]).max()
+    return float(0.25 * error / max(steepest * length, 1e-300))
