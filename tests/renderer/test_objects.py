@@ -16,6 +16,7 @@ from elvis.renderer import (
     Cylinder,
     Faces,
     Implicit,
+    Isosurface,
     Light,
     MeshLines,
     Plane,
@@ -23,7 +24,9 @@ from elvis.renderer import (
     Sphere,
     Status,
     Style,
+    Transfer,
     TriangleMesh,
+    VolumeRendering,
     canvas,
 )
 from elvis.renderer.hits import hits, outside
@@ -321,3 +324,32 @@ def test_pictures_of_objects_have_their_legends(draw, cube):
     assert picture(frame, plain=True).size == (300, 240)
     assert np.array_equal(np.asarray(picture(frame, plain=True)), frame.rgb)
     assert (frame.status[~frame.seen] == Status.MISS).all()
+
+
+def test_fog_lies_before_and_behind_surfaces(draw, linear):
+    """Density 2 all over the cube, seen along y, with a half opaque plane in its middle: closed form."""
+    camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.6)
+    straight = linear(grid(Shape.TETRAHEDRON, 1))
+    fog = VolumeRendering(Transfer((-9.0, 9.0), (2.0, 2.0), ((0.0, 1.0, 0.0),) * 2), error=1e-6)
+    left = np.exp(-2.0)
+    alone = draw(straight, objects=(fog,), camera=camera, size=(16, 12))
+    assert np.allclose(alone.color, [left, 1.0, left], atol=1e-5)
+    assert (alone.status == Status.CERTAIN).all()
+    half = CutSurface(Plane((0.5, 0.5, 0.5), (0, 1, 0)), Style(color=(1.0, 0.0, 0.0), opacity=0.5))
+    both = draw(straight, objects=(half, fog), camera=camera, size=(16, 12))
+    first = np.exp(-1.0)
+    red = first * (0.5 + 0.5 * first)
+    green = (1 - first) + first * 0.5 * (1 - first) + first * 0.5 * first
+    assert np.allclose(both.color, [red, green, first * 0.5 * first], atol=1e-5)
+    assert np.allclose(both.position[..., 1], 0.5)
+
+
+def test_hits_are_not_found_again_behind_themselves(draw, linear):
+    """A transparent isosurface that every ray meets once has one layer: one colour all over."""
+    style = Style(color=(1.0, 0.0, 0.0), opacity=0.5, lit=False)
+    camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.8)
+    frame = draw(
+        linear(grid(Shape.TETRAHEDRON, 2)), objects=(Isosurface((0.0,), style=style),), camera=camera, size=(40, 30)
+    )
+    assert frame.seen.sum() > 300
+    assert np.allclose(frame.color[frame.seen], [1.0, 0.5, 0.5], atol=1e-12)

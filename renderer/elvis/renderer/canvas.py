@@ -13,7 +13,8 @@ import numpy as np
 
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Drawing, Frame, whole
+from elvis.renderer.frame import Drawing, Frame, Status, whole
+from elvis.renderer.pixels import NOBODY
 from elvis.renderer.scene import Scene
 from elvis.renderer.shading import Drawn, Painter, record_of
 from elvis.renderer.stages import Stages
@@ -103,13 +104,14 @@ class Canvas:
         def inner(values: Any) -> Any:
             return values.reshape(*shape, *values.shape[1:])[band.inner]
 
+        color = inner(self._colors(drawn, band.view))
+        self.arrays["color"][rows] = color if self.records else whole(color)
+        record.status[(record.owner == NOBODY) & self.glow & (record.status == Status.MISS)] = Status.CERTAIN
         self.arrays["status"][rows] = inner(record.status)
         if self.records:
             self.arrays["element"][rows] = inner(self.stages.loaded.ids.take(record.owner, mode="clip"))
             for name in ("field", "depth", "reference", "normal"):
                 self.arrays[name][rows] = inner(getattr(record, name))
-        color = inner(self._colors(drawn, band.view))
-        self.arrays["color"][rows] = color if self.records else whole(color)
 
     def _drawn(self, view: View) -> Drawn:
         """All layers of all sheets."""
@@ -127,12 +129,13 @@ class Canvas:
         """(n, 3) means over the samples of each pixel; ``drawn`` are the layers at its centre."""
         count = self.scene.samples
         steps = (np.arange(count) - 0.5 * (count - 1)) / count
-        total = np.zeros((view.count, 3))
+        total, self.glow = np.zeros((view.count, 3)), np.zeros(view.count, bool)
         for x, y in product(steps, steps):
             here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
             layers = drawn if here is view else self._drawn(here)
             start = perf_counter()
             total += self.painter.paint(layers, here)
+            self.glow |= self.painter.glow
             self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start
             self._check_time()
         return total / count**2

@@ -31,6 +31,7 @@ from elvis.renderer.palette import automatic_range
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.scene import Camera, CutSurface, Faces, Plane, Scene
+from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
 from elvis.renderer.view import PlaneView, View, seen
 
@@ -246,6 +247,9 @@ class Renderer:
                 opaque = replace(sheet, style=replace(sheet.style, opacity=1.0))
                 for layer in self.stages.layers(opaque, view, scene.clip):
                     hit |= layer.owner != NOBODY
+            painter = Painter(scene, self.stages)
+            painter.paint([], view)
+            hit |= painter.glow
         return np.asarray(hit.reshape(view.height, view.width))
 
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool) -> Frame:

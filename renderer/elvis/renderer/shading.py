@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Bools, Floats
 from elvis.formats.errors import ElvisError
 from elvis.renderer.compositing import Coat, composite, lit
 from elvis.renderer.frame import Legend, Status
@@ -16,8 +16,8 @@ from elvis.renderer.layer import Layer
 from elvis.renderer.lines import levels
 from elvis.renderer.palette import Palette, automatic_range
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.scene import Scene, Vector, VolumeRendering
-from elvis.renderer.stages import Sheet, Stages
+from elvis.renderer.scene import Scene, Style, Vector, VolumeRendering
+from elvis.renderer.stages import FAINT, Sheet, Stages
 from elvis.renderer.view import View
 
 #: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
@@ -48,6 +48,7 @@ class Painter:
     def __init__(self, scene: Scene, stages: Stages) -> None:
         self.scene, self.stages = scene, stages
         self._shown: set[int] = set()
+        self.glow: Bools = np.zeros(0, bool)  # pixels of the last painting in which a volume is
         self._seen: dict[str, tuple[float, float]] = {}
         self._palettes: dict[Key, Palette] = {}
 
@@ -85,32 +86,48 @@ class Painter:
     def paint(self, drawn: Drawn, view: View) -> Floats:
         """(n, 3) colours of all layers of a view over the background."""
         coats = [self._coat(view, sheet, layer) for sheet, layer in drawn]
-        if not coats:
+        volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
+        between = list(_between(coats, view.count)) if volumes else []
+        self.glow = np.zeros(view.count, bool)
+        fog = [self._fog(item, view, *limits) for item in volumes for limits in between]
+        if not fog + coats:
             return np.tile(np.asarray(self.scene.background, dtype=np.float64), (view.count, 1))
-        return composite(coats, self.scene.background)
+        return composite(fog + coats, self.scene.background)
+
+    def _fog(self, item: VolumeRendering, view: View, start: Floats, end: Floats) -> Coat:
+        """What a volume adds between depths (n,), as a coat just before the surface at ``end``."""
+        transfer, quantity = item.transfer, self.stages.named(item.quantity, self.scene)
+        if not transfer.colors:
+            values = np.asarray(transfer.values, dtype=np.float64)
+            self._seen.setdefault(quantity or "", (values[0], values[-1]))
+            colors = self._palette(quantity, Style()).colors(values)
+            transfer = replace(transfer, colors=tuple(map(tuple, colors.tolist())))
+        light = self.stages.volumes.draw(view, transfer, quantity, item.error, start, end)
+        self.glow |= light.alpha > 0.0
+        return Coat(np.minimum(end, np.finfo(np.float64).max), light.color, light.alpha)
 
     def _coat(self, view: View, sheet: Sheet, layer: Layer) -> Coat:
         style, hit = sheet.style, layer.owner != NOBODY
         colors = np.zeros((view.count, 3))
         if style.color is None:
-            colors[hit] = self._palette(sheet).colors(layer.field[hit])
+            colors[hit] = self._palette(sheet.quantity, style).colors(layer.field[hit])
         else:
             colors[hit] = style.color
         if sheet.lit:
             colors = lit(view, layer, colors, self.scene.lights, self.scene.ambient)
         return Coat.of(layer, colors, style.opacity, list(self._lines(view, sheet, layer)))
 
-    def _palette(self, sheet: Sheet) -> Palette:
-        """A sheet's colour map, made when it is first used."""
-        key = sheet.quantity or "", sheet.style.palette or self.scene.palette, self._asked(sheet)
+    def _palette(self, quantity: str | None, style: Style) -> Palette:
+        """A colour map, made when it is first used."""
+        key = quantity or "", style.palette or self.scene.palette, self._asked(quantity, style)
         if key not in self._palettes:
-            self._palettes[key] = Palette.named(key[1], *self.range_of(sheet.quantity, key[2]))
+            self._palettes[key] = Palette.named(key[1], *self.range_of(quantity, key[2]))
         return self._palettes[key]
 
-    def _asked(self, sheet: Sheet) -> object:
-        """The range of a sheet's colour map as the scene has it: two values are meant for the scene's own field."""
-        general = self.scene.range if sheet.quantity is None or isinstance(self.scene.range, str) else None
-        return sheet.style.range or general or "seen"
+    def _asked(self, quantity: str | None, style: Style) -> object:
+        """The range of a colour map as the scene has it: two values are meant for the scene's own field."""
+        general = self.scene.range if quantity is None or isinstance(self.scene.range, str) else None
+        return style.range or general or "seen"
 
     def _lines(self, view: View, sheet: Sheet, layer: Layer) -> Iterator[tuple[Floats, tuple[float, float, float]]]:
         """Coverages (n,) and colours of the lines on a layer, in the order in which they are drawn."""
@@ -130,7 +147,7 @@ class Painter:
         if contours.count is None:
             return np.unique(np.asarray(contours.values, dtype=np.float64))
         quantity = self._of_contours(sheet)
-        asked = self._asked(sheet) if quantity == sheet.quantity else "seen"
+        asked = self._asked(quantity, sheet.style) if quantity == sheet.quantity else "seen"
         return levels(*self.range_of(quantity, asked), contours.count)
 
     def legends(self, sheets: Sequence[Sheet]) -> tuple[Legend, ...]:
@@ -181,7 +198,28 @@ class Painter:
     def settled(self, sheets: Sequence[Sheet]) -> bool:
         """Whether nothing depends on the range of what is seen."""
         return all(
-            (sheet.style.color is not None or self._asked(sheet) != "seen")
+            (sheet.style.color is not None or self._asked(sheet.quantity, sheet.style) != "seen")
             and (sheet.style.contours is None or sheet.style.contours.count is None)
             for sheet in sheets
         )
+
+
+def _between(coats: Sequence[Coat], count: int) -> Iterator[tuple[Floats, Floats]]:
+    """Depths (n,) before and behind each stretch of free sight: to the nearest coat, from it to the next, and so on.
+
+    Stretches behind what hides them have no length.
+    """
+    start, through = np.zeros(count), np.ones(count)
+    depths = np.stack([*(coat.depth for coat in coats), np.full(count, np.inf)])
+    alphas = np.stack([*(coat.alpha for coat in coats), np.ones(count)])
+    order = np.argsort(depths, axis=0, kind="stable")
+    for rank in range(len(depths)):
+        own = order[rank : rank + 1]
+        end = np.take_along_axis(depths, own, axis=0)[0]
+        open_ = through > FAINT
+        if not open_.any():
+            return
+        yield np.where(open_, start, 0.0), np.where(open_, end, 0.0)
+        through = through * (1.0 - np.take_along_axis(alphas, own, axis=0)[0])
+        through[np.isinf(end)] = 0.0
+        start = end

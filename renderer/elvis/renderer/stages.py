@@ -29,9 +29,12 @@ from elvis.renderer.scene import Clip, CutSurface, Faces, Implicit, Isosurface, 
 from elvis.renderer.scene.surfaces import Surface
 from elvis.renderer.solids import SolidDrawer, sampled
 from elvis.renderer.view import PlaneView, View
+from elvis.renderer.volume_rendering import VolumeRenderer
 
 #: what lies behind surfaces that together let less than this through is not looked for
 FAINT = 1e-3
+#: part of coordinates and depths within which two hits are one
+SAME = 2e-11
 #: part of the greatest coordinate within which a point is on the surface of a clip, and stays
 CLOSE = 1e-11
 
@@ -91,6 +94,11 @@ class Stages:
     def isosurfaces(self) -> IsosurfaceDrawer:
         """Isosurfaces."""
         return IsosurfaceDrawer(self.loaded)
+
+    @cached_property
+    def volumes(self) -> VolumeRenderer:
+        """Volumes."""
+        return VolumeRenderer(self.loaded)
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""
@@ -172,7 +180,7 @@ class Stages:
             further = hit if sheet.style.opacity < 1.0 else gone
             if sheet.once or not further.any():
                 return
-            beyond = np.where(further, layer.depth, np.inf)
+            beyond = np.where(further, layer.depth + SAME * (self.loaded.reach + np.abs(layer.depth)), np.inf)
 
     def clipped(self, layer: Layer, view: View, clips: Sequence[Clip]) -> Bools:
         """(n,) hits that lie where nothing is to be shown."""
