@@ -328,7 +328,7 @@ def test_pictures_of_objects_have_their_legends(draw, cube):
 
 def test_fog_lies_before_and_behind_surfaces(draw, linear):
     """Density 2 all over the cube, seen along y, with a half opaque plane in its middle: closed form."""
-    camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.6)
+    camera = Camera((0.507, -3.0, 0.5), (0.507, 0.5, 0.5), height=0.6)
     straight = linear(grid(Shape.TETRAHEDRON, 1))
     fog = VolumeRendering(Transfer((-9.0, 9.0), (2.0, 2.0), ((0.0, 1.0, 0.0),) * 2), error=1e-6)
     left = np.exp(-2.0)
