@@ -101,12 +101,15 @@ class Formula:
         if framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used):
             yield "Frame frame = V(element).frame(r);"
         valued = [leaf.name for leaf in used if leaf.op == "field" and not leaf.axes]
-        sloped = [leaf.name for leaf in used if leaf.op == "field" and leaf.axes]
+        sloped = [leaf.name for leaf in used if leaf.op == "field" and len(leaf.axes) == 1]
         risen = [leaf.name for leaf in moved if leaf.op == "field"]
         yield from self._gathered("value", "double", "value(r)", valued)
         yield from self._gathered("slope", "double3", "slope(r)", [*sloped, *risen])
         for m in self._rows(sloped):
             yield f"double3 gradient{m} = in_world(frame, slope{m});"
+        for m in self._rows([leaf.name for leaf in used if len(leaf.axes) > 1]):
+            row = f"element * {len(self.fields)}u + {m}u"
+            yield f"Hessian hessian{m} = Hessian(V({row}), V(element), r);"
 
     def _gathered(self, name: str, type: str, asked: str, fields: Sequence[str]) -> Iterator[str]:
         """What is asked of fields, in one loop: drivers take long to compile many copies of an element's code."""
@@ -153,8 +156,8 @@ class Formula:
             return f"frame.position.{'xyz'[node.axes[0]]}"
         if node.op == "attribute":
             return self._attribute(node.name)
-        m = self.fields.index(node.name)
-        return f"gradient{m}.{'xyz'[node.axes[0]]}" if node.axes else f"value{m}"
+        m, along = self.fields.index(node.name), "".join(f".{'xyz'[axis]}" for axis in node.axes)
+        return f"{('value', 'gradient', 'hessian')[len(node.axes)]}{m}{along}"
 
     def _attribute(self, name: str) -> str:
         if is_constant(name):
