@@ -12,6 +12,7 @@ from elvis.formats.arrays import Bools, Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.bounding import quantity_range
+from elvis.formats.ranges import Range
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
@@ -72,6 +73,7 @@ class Stages:
 
     def __init__(self, loaded: Loaded, volume: Volume, data: Dataset | Opened | None) -> None:
         self.loaded, self.volume = loaded, volume
+        self._ranges: dict[str, Range | None] = {}
         self.dataset = data if isinstance(data, Dataset) else None
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
@@ -98,12 +100,14 @@ class Stages:
     @cached_property
     def volumes(self) -> VolumeRenderer:
         """Volumes."""
-        return VolumeRenderer(self.loaded)
+        return VolumeRenderer(self.loaded, lambda: self.faces)
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""
         data = self.dataset
-        found = quantity_range(data, Expression.of(data, name)) if data else None
+        if data and name not in self._ranges:
+            self._ranges[name] = quantity_range(data, Expression.of(data, name))
+        found = self._ranges.get(name)
         if found is None or not np.isfinite((found.lower, found.upper)).all():
             raise SceneError(f"no bounds of {name!r} over all data are known: give two values for the range, or seen")
         return found.lower, found.upper
@@ -141,6 +145,7 @@ class Stages:
     def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> Sheet:
         """One value of an isosurface, which its style may colour by another quantity."""
         of = self.named(item.quantity, scene)
+        self._in_range(item.quantity or scene.field, value)
         own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
 
         def draw(view: View, beyond: Floats | None) -> Layer:
@@ -148,6 +153,15 @@ class Stages:
 
         lit = item.style.lit is not False
         return Sheet(f"{name} at {value:g}", item.style, own, draw, lit, of=of, levels=(value,))
+
+    def _in_range(self, name: str, value: float) -> None:
+        """SceneError where a quantity, by its certified bounds, has the value nowhere."""
+        try:
+            low, high = self.bounds(name)
+        except SceneError:
+            return
+        if not low <= value <= high:
+            raise SceneError(f"values of an isosurface: {name!r} lies between {low:g} and {high:g}, found {value:g}")
 
     def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> Layer:
         """What a surface meets of the volume."""

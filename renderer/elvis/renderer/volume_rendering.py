@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,10 +74,10 @@ class _Seen:
 class VolumeRenderer:
     """A loaded volume, ready for any transfer function from any view.
 
-    faces  of its elements, for those that are curved
+    faces  gives the faces of its elements, for those that are curved
     """
 
-    def __init__(self, loaded: Loaded, faces: FaceDrawer | None = None) -> None:
+    def __init__(self, loaded: Loaded, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
 
     def draw(
@@ -167,8 +167,9 @@ class _March:
         """Parts of curved elements: where rays enter and leave them; segments are counted before they are kept."""
         if self.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
-        solids = sorted({block.solid for block in self.faces.faces.blocks if block.part in self.curved})
-        hits = self.faces.hits(self.view, [f"shape:{solid}" for solid in solids], rows)
+        faces = self.faces()
+        solids = sorted({block.solid for block in faces.faces.blocks if block.part in self.curved})
+        hits = faces.hits(self.view, [f"shape:{solid}" for solid in solids], rows)
         found = []
         for number in self.curved:
             first, last = self.loaded.first[number : number + 2]
