@@ -49,7 +49,7 @@ def asked(part, count=40):
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_quantities_and_their_slopes_are_what_numpy_gives(renderer, dimension):
-    mesh = curved(mixed_volume(seed=1) if dimension == 3 else mixed_plane(seed=1), ripple(0.02), n=3)
+    mesh = curved(mixed_volume(seed=1) if dimension == 3 else mixed_plane(seed=1), ripple(0.02), n=4)
     dataset, drawing, shapes = flow(mesh), renderer("vulkan"), set()
     volume = volume_of(dataset, ("u", *TEXTS))
     drawing.show(volume)
