@@ -13,7 +13,8 @@ from elvis.formats.reading import read
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, one_element, ripple
 from elvis.plugins.registry import load
-from elvis.reference.picture import owners, render
+from elvis.reference.picture import render
+from elvis.reference.places import owners
 from elvis.renderer import Camera, Plane, Scene, SceneError, Status
 
 SHAPES = [*Shape.of_dimension(2), *Shape.of_dimension(3)]

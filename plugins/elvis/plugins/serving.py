@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.dataset import Block, Dataset, Field
+from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import geometry
 from elvis.formats.quantities import Expression, Names
 from elvis.plugins.formulas import Formula
 from elvis.plugins.native import NativeVolume
@@ -35,13 +34,6 @@ def dimension_of(dataset: Dataset) -> int:
     """Number of coordinates that a picture of the dataset has: those of its elements, and Fourier directions."""
     names = Names.of(dataset)
     return dataset.mesh.dimension + names.dimension - dataset.mesh.space
-
-
-def carrier(dataset: Dataset) -> Dataset:
-    """The mesh with one field, its own coordinate ``x``; maps that travel as fields stay where they are."""
-    blocks = tuple(Block(own.expansion, own.element_ids, own.coefficients[:, 0]) for own in geometry(dataset))
-    maps = tuple(field for field in dataset.fields if field.name.startswith("map_"))
-    return replace(dataset, fields=(*maps, Field("x", blocks)))
 
 
 def _opened(opened: Opened, texts: Sequence[str]) -> Volume:

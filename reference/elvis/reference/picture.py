@@ -1,4 +1,4 @@
-"""Pictures of plane cuts and plane data in NumPy: the device ``reference``.
+"""Pictures of plane cuts and plane data in NumPy: the device ``reference``; those of other scenes are in `scenes`.
 
 Every pixel's plane point is located among the elements, and the field's modal expansion is summed there in collapsed
 coordinates.  No kernel, Bernstein form or bound of the renderer takes part; what is shared with it is the scene, the
@@ -22,8 +22,9 @@ from elvis.formats.inverse import Status as Verdict
 from elvis.formats.locate import Location, Locator
 from elvis.formats.margins import TOLERANCE
 from elvis.formats.patch import Patch, patches
-from elvis.formats.pointwise import positions_and_jacobians, values
-from elvis.formats.tangents import duals
+from elvis.formats.pointwise import values
+from elvis.reference.places import owners, polish
+from elvis.reference.scenes.drawing import render as draw
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame, Status
@@ -38,6 +39,9 @@ def render(dataset: Dataset, scene: Scene) -> Frame:
     A point within 1e-10 of the border of elements (`elvis.formats.margins`) is ambiguous and goes to the one of lowest
     global id.  Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
     """
+    _check(dataset)
+    if not scene.is_plain or scene.field not in [field.name for field in dataset.fields]:
+        return draw(dataset, scene)
     start, chosen = perf_counter(), _patches(dataset, scene.field)
     boxes = [element_boxes(patch) for patch in chosen]
     locator = Locator(chosen)
@@ -81,30 +85,6 @@ def asked(patches: Sequence[Patch], view: PlaneView) -> tuple[Ints, Floats]:
     return pixels, points[pixels]
 
 
-def owners(locator: Locator, points: Floats) -> Location:
-    """One answer for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
-    found = locator.locate(points)
-    border = np.flatnonzero((found.status == Verdict.INSIDE) & (found.margin <= TOLERANCE))
-    every = locator.locate(points[border], all=True)
-
-    # the first answer in order of points, then ids
-    order = np.lexsort((every.element_id, every.point))
-    first = order[np.diff(every.point[order], prepend=-1) != 0]
-    columns = {name: getattr(found, name).copy() for name in Location.__dataclass_fields__}
-    for name, column in columns.items():
-        column[border] = border if name == "point" else getattr(every, name)[first]
-    return replace(found, **columns)
-
-
-def polish(patches: Sequence[Patch], found: Location, points: Floats) -> None:
-    """Take one more step of Newton's method at the points (n, 3) that were found, to the last digit there is."""
-    for number, patch in enumerate(patches):
-        here = np.flatnonzero(found.patch == number)
-        world, slopes = positions_and_jacobians(patch, found.row[here], found.reference[here])
-        step = np.einsum("nci,nc->ni", duals(slopes), points[here] - world)
-        found.reference[here] += np.where(np.abs(step) < 1e-6, step, 0.0)
-
-
 def field_of(patches: Sequence[Patch], found: Location) -> Floats:
     """(n,) the first field of the patches where each point was found, NaN where it was not."""
     result = np.full(len(found), np.nan)
@@ -114,13 +94,17 @@ def field_of(patches: Sequence[Patch], found: Location) -> Floats:
     return result
 
 
-def _patches(dataset: Dataset, field: str) -> list[Patch]:
-    """The patches that have the field; ElvisError for data without a plane picture."""
+def _check(dataset: Dataset) -> None:
+    """ElvisError for data that there are no pictures of."""
     mesh = dataset.mesh
     if mesh.dimension < 2 or mesh.space != mesh.dimension:
         raise ElvisError(
             f"pictures are made of 2D data in the plane and of 3D data, found DIM={mesh.dimension} SPACE={mesh.space}"
         )
+
+
+def _patches(dataset: Dataset, field: str) -> list[Patch]:
+    """The patches that have the field; ElvisError for data of too many dimensions."""
     found = [patch for patch in patches(dataset, [field]) if patch.fields[0] is not None]
     if any(patch.dimension > 3 for patch in found):
         raise ElvisError(f"pictures of data of more than three dimensions can't be made, as of field {field!r}")

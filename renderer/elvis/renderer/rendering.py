@@ -14,10 +14,9 @@ from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import Expression, Names
-from elvis.formats.quantities.sampling import Evaluator
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
-from elvis.plugins.serving import carrier, dimension_of, volume_of
+from elvis.plugins.serving import dimension_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas
@@ -63,7 +62,7 @@ def render(
     scene = completed(dataset, scene)
     if device in plugins("elvis.devices"):
         draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
-        return draw(dataset, scene) if scene.field in _names(dataset) else _judged(draw, dataset, scene)
+        return draw(dataset, scene)
     with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
         return renderer.render(scene, references=_is_exact(scene))
@@ -128,20 +127,6 @@ def _with_plane(scene: Scene, dimension: int) -> Scene:
     if not scene.every_object:
         raise SceneError("3D data need a cut plane: give a point and a normal, such as --plane 0,0,0:0,0,1")
     return scene
-
-
-def _judged(draw: Callable[[Dataset, Scene], Frame], dataset: Dataset, scene: Scene) -> Frame:
-    """An expression drawn by a device plugin: it finds the places, the expression says the values there."""
-    expression = Expression.of(dataset, scene.field)
-    named = expression.fields[:1] or _names(dataset)[:1]
-    frame = (
-        draw(dataset, replace(scene, field=named[0])) if named else draw(carrier(dataset), replace(scene, field="x"))
-    )
-    evaluator, seen = Evaluator(dataset, [expression]), frame.seen
-    field = np.full(frame.field.shape, np.nan)
-    assert frame.reference is not None
-    field[seen] = evaluator.at(expression, frame.element[seen], frame.reference[seen])
-    return replace(frame, scene=replace(frame.scene, field=scene.field), field=field)
 
 
 class Renderer:

@@ -13,7 +13,7 @@ from elvis.formats.margins import TOLERANCE
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.extras import needed
-from elvis.reference.picture import owners, polish
+from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.surfaces import slopes
 from elvis.renderer.errors import SceneError

@@ -195,7 +195,7 @@ def _starts(
 
 
 def _zeros(along: Callable[[float], Floats]) -> list[tuple[Floats, Ints]]:
-    """Where parabolas through a function's values at 0, 1/2 and 1 are zero, or nearly so: places (n,) and numbers (k,)."""
+    """Where parabolas through a function's values at 0, 1/2 and 1 are zero, or nearly so: places (n,), numbers (k,)."""
     first, middle, last = (along(part) for part in (0.0, 0.5, 1.0))
     bent, steep = 2 * (first - 2 * middle + last), -3 * first + 4 * middle - last
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,0 +1,40 @@
+"""Points among elements: one owner each, to the last digit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.inverse import Status as Verdict
+from elvis.formats.locate import Location, Locator
+from elvis.formats.margins import TOLERANCE
+from elvis.formats.patch import Patch
+from elvis.formats.pointwise import positions_and_jacobians
+from elvis.formats.tangents import duals
+
+
+def owners(locator: Locator, points: Floats) -> Location:
+    """One answer for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
+    found = locator.locate(points)
+    border = np.flatnonzero((found.status == Verdict.INSIDE) & (found.margin <= TOLERANCE))
+    every = locator.locate(points[border], all=True)
+
+    # the first answer in order of points, then ids
+    order = np.lexsort((every.element_id, every.point))
+    first = order[np.diff(every.point[order], prepend=-1) != 0]
+    columns = {name: getattr(found, name).copy() for name in Location.__dataclass_fields__}
+    for name, column in columns.items():
+        column[border] = border if name == "point" else getattr(every, name)[first]
+    return replace(found, **columns)
+
+
+def polish(patches: Sequence[Patch], found: Location, points: Floats) -> None:
+    """Take one more step of Newton's method at the points (n, 3) that were found, to the last digit there is."""
+    for number, patch in enumerate(patches):
+        here = np.flatnonzero(found.patch == number)
+        world, slopes = positions_and_jacobians(patch, found.row[here], found.reference[here])
+        step = np.einsum("nci,nc->ni", duals(slopes), points[here] - world)
+        found.reference[here] += np.where(np.abs(step) < 1e-6, step, 0.0)
