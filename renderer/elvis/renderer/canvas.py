@@ -61,7 +61,7 @@ class Canvas:
         self.start, self.done, self.total, self.undefined = perf_counter(), 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
         self.sheets = self.stages.sheets(self.scene)
-        self.arrays = _arrays(self.view, self.records)
+        self.arrays = _arrays(self.view, self.records and self.view.count > self.most)
 
     def frame(self) -> Frame:
         """The whole picture.  Where colours depend on all bands, those that can't be kept are drawn twice."""
@@ -105,13 +105,20 @@ class Canvas:
             return values.reshape(*shape, *values.shape[1:])[band.inner]
 
         color = inner(self._colors(drawn, band.view))
-        self.arrays["color"][rows] = color if self.records else whole(color)
+        self._keep("color", rows, color if self.records else whole(color))
         record.status[(record.owner == NOBODY) & self.glow & (record.status == Status.MISS)] = Status.CERTAIN
-        self.arrays["status"][rows] = inner(record.status)
+        self._keep("status", rows, inner(record.status))
         if self.records:
-            self.arrays["element"][rows] = inner(self.stages.loaded.ids.take(record.owner, mode="clip"))
+            self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
             for name in ("field", "depth", "reference", "normal"):
-                self.arrays[name][rows] = inner(getattr(record, name))
+                self._keep(name, rows, inner(getattr(record, name)))
+
+    def _keep(self, name: str, rows: slice, values: Any) -> None:
+        """Put rows of a channel in their place."""
+        if len(values) == self.view.height:
+            self.arrays[name] = values
+        else:
+            self.arrays[name][rows] = values
 
     def _drawn(self, view: View) -> Drawn:
         """All layers of all sheets."""
@@ -127,18 +134,20 @@ class Canvas:
 
     def _colors(self, drawn: Drawn, view: View) -> Floats:
         """(n, 3) means over the samples of each pixel; ``drawn`` are the layers at its centre."""
-        count = self.scene.samples
+        count, self.glow = self.scene.samples, np.zeros(view.count, bool)
         steps = (np.arange(count) - 0.5 * (count - 1)) / count
-        total, self.glow = np.zeros((view.count, 3)), np.zeros(view.count, bool)
+        total: Floats | float = 0.0
         for x, y in product(steps, steps):
             here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
             layers = drawn if here is view else self._drawn(here)
             start = perf_counter()
-            total += self.painter.paint(layers, here)
+            total = (
+                total + self.painter.paint(layers, here) / count**2 if count > 1 else self.painter.paint(layers, here)
+            )
             self.glow |= self.painter.glow
             self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start
             self._check_time()
-        return total / count**2
+        return np.asarray(total)
 
     def _check_time(self) -> None:
         limit = self.scene.timeout
@@ -148,12 +157,17 @@ class Canvas:
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:
     """Empty channels by name, (height, width[, 3]); those that aren't kept take no room."""
-    shape = (view.height, view.width)
-    arrays: dict[str, Any] = {"status": np.zeros(shape, np.uint8)}
-    arrays["color"] = np.zeros((*shape, 3), np.float64 if records else np.uint8)
-    make = np.full if records else lambda shape, value: np.broadcast_to(np.array(value), shape)
-    arrays |= {name: make(shape, value) for name, value in {"field": np.nan, "depth": np.inf, "element": -1}.items()}
-    return arrays | {name: make((*shape, 3), np.nan) for name in ("reference", "normal")}
+    shape, make = (view.height, view.width), np.full if records else _nowhere
+    colors, status = np.zeros((*shape, 3), np.float64 if records else np.uint8), np.zeros(shape, np.uint8)
+    scalars = {"field": np.nan, "depth": np.inf, "element": -1}
+    arrays = {name: make(shape, value) for name, value in scalars.items()}
+    vectors = {name: make((*shape, 3), np.nan) for name in ("reference", "normal")}
+    return {"color": colors, "status": status, **arrays, **vectors}
+
+
+def _nowhere(shape: tuple[int, ...], value: float) -> Any:
+    """An array of one value that takes no room."""
+    return np.broadcast_to(np.array(value), shape)
 
 
 def _check_memory(view: View, records: bool) -> None:

@@ -71,6 +71,8 @@ def composite(coats: Sequence[Coat], background: Floats | Sequence[float]) -> Fl
 
     background  (3,) or (n, 3)
     """
+    if len(coats) == 1:
+        return np.asarray(coats[0].color + (1.0 - coats[0].alpha)[:, None] * np.asarray(background, dtype=np.float64))
     depth = np.stack([coat.depth for coat in coats])
     order = np.argsort(depth, axis=0, kind="stable")
     color = np.zeros((depth.shape[1], 3))

@@ -33,6 +33,11 @@ class Hits:
     depth: Floats
     normal: Floats
 
+    @staticmethod
+    def none() -> Hits:
+        """No hits."""
+        return Hits(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
+
 
 def hits(surface: Solid, view: View) -> Hits:
     """All hits of the view's rays with a surface in front of the eye."""

@@ -39,6 +39,17 @@ class Places:
     field: Floats
     status: NDArray[np.uint8]
 
+    @staticmethod
+    def none(count: int) -> Places:
+        """So many places outside."""
+        nan, status = np.full(count, np.nan), np.zeros(count, np.uint8)
+        return Places(np.full(count, NOBODY, np.uint32), np.full(count, -1), np.tile(nan[:, None], 3), nan, status)
+
+    def put(self, rows: Ints, others: Places) -> None:
+        """Set some rows (n,) to n other places."""
+        for name, values in vars(self).items():
+            values[rows] = getattr(others, name)
+
 
 class Finder:
     """A volume on a device, with a bounding volume hierarchy for each part."""

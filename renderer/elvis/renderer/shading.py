@@ -27,6 +27,8 @@ Drawn: TypeAlias = list[tuple[Sheet, Layer]]
 
 def record_of(drawn: Drawn, view: View) -> Layer:
     """The surface that counts at each pixel: of the most opaque ones the nearest; a failed search anywhere is told."""
+    if len(drawn) == 1:
+        return drawn[0][1]
     best, opacity = Layer.empty(view.count), np.zeros(view.count)
     failed, doubt = np.zeros((2, view.count), bool)
     for sheet, layer in drawn:
@@ -175,7 +177,7 @@ class Painter:
         found = []
         for sheet in sheets:
             if id(sheet) not in self._shown:
-                found.append(f"{sheet.name} shows nothing{self._outside(sheet.of, sheet.levels)}")
+                found.append(f"{sheet.name} shows nothing")
             contours = sheet.style.contours
             if contours is not None:
                 quantity = self._of_contours(sheet)
@@ -189,7 +191,7 @@ class Painter:
         """The end of a sentence where some values lie outside the certified range of a quantity, if that is known."""
         name = quantity or self.scene.field
         try:
-            low, high = self.stages.bounds(name) if values else (-np.inf, np.inf)
+            low, high = self.stages.bounds(name)
         except ElvisError:
             return ""
         beyond = ", ".join(f"{value:g}" for value in values if not low <= value <= high)

@@ -22,32 +22,39 @@ class SolidDrawer:
 
     def __init__(self, loaded: Loaded, finder: Finder) -> None:
         self.loaded, self.finder = loaded, finder
-        self._seen: tuple[View | None, Solid | None, Hits | None, Places | None] = None, None, None, None
+        self._key: tuple[View, Solid] | None = None
+        self._met, self._places, self._asked = Hits.none(), Places.none(0), np.zeros(0, bool)
 
     def draw(self, view: View, surface: Solid, beyond: Floats | None = None, quantity: str | None = None) -> Layer:
         """The nearest point of the surface that some element holds, behind the depths ``beyond`` (n,) where given."""
-        if self._seen[0] is not view or self._seen[1] != surface:
-            self._seen = view, surface, *self._found(view, surface)
-        met, places = self._seen[2:]
-        assert met is not None
-        assert places is not None
+        if self._key is None or self._key[0] is not view or self._key[1] != surface:
+            self._key, self._met = (view, surface), self._near(hits(surface, view), view)
+            self._places, self._asked = Places.none(len(self._met.pixel)), np.zeros(len(self._met.pixel), bool)
+        met, places = self._met, self._places
         behind = met.depth > (0.0 if beyond is None else beyond[met.pixel])
-        chosen = np.flatnonzero(behind & (places.owner != NOBODY))
-        chosen = chosen[np.unique(met.pixel[chosen], return_index=True)[1]]
+
+        # of each pixel the first hit that isn't known to lie outside is looked up, until all of these lie inside
+        while True:
+            chosen = np.flatnonzero(behind & ~(self._asked & (places.owner == NOBODY)))
+            chosen = chosen[np.unique(met.pixel[chosen], return_index=True)[1]]
+            new = chosen[~self._asked[chosen]]
+            if not len(new):
+                break
+            places.put(new, self.finder.find(_points(view, met.pixel[new], met.depth[new])))
+            self._asked[new] = True
         layer = _layer(view, met, places, chosen)
         failed = met.pixel[behind & (places.status == Status.FAILED)]
         layer.status[failed[layer.owner[failed] == NOBODY]] = Status.FAILED
         return layer if quantity is None else replace(layer, field=sampled(self.loaded, layer, quantity))
 
-    def _found(self, view: View, surface: Solid) -> tuple[Hits, Places]:
-        """All hits within the box of the volume, and where they are in it."""
-        met = hits(surface, view)
+    def _near(self, met: Hits, view: View) -> Hits:
+        """The hits within the box of the volume."""
         points = _points(view, met.pixel, met.depth)
         boxes = [part.boxes for part in self.loaded.parts if len(part)]
         low = np.min([some[:, :3].min(axis=0) for some in boxes], axis=0)
         high = np.max([some[:, 3:].max(axis=0) for some in boxes], axis=0)
         near = ((points >= low) & (points <= high)).all(axis=1)
-        return Hits(met.pixel[near], met.depth[near], met.normal[near]), self.finder.find(points[near])
+        return Hits(met.pixel[near], met.depth[near], met.normal[near])
 
 
 def _points(view: View, pixel: Ints, depth: Floats) -> Floats:

@@ -51,7 +51,6 @@ class Sheet:
     draw      as every stage: the nearest hits in a view behind given depths
     once      whether a ray meets it once at most
     surface   what cuts; it is not clipped by itself
-    of, levels  the quantity and the values of an isosurface
     """
 
     name: str
@@ -61,8 +60,6 @@ class Sheet:
     lit: bool
     once: bool = False
     surface: Surface | None = None
-    of: str | None = None
-    levels: Sequence[float] = ()
 
 
 class Stages:
@@ -151,8 +148,7 @@ class Stages:
         def draw(view: View, beyond: Floats | None) -> Layer:
             return self.resampled(self.isosurfaces.draw(view, of, value, beyond), of, own)
 
-        lit = item.style.lit is not False
-        return Sheet(f"{name} at {value:g}", item.style, own, draw, lit, of=of, levels=(value,))
+        return Sheet(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
 
     def _in_range(self, name: str, value: float) -> None:
         """SceneError where a quantity, by its certified bounds, has the value nowhere."""
