@@ -30,6 +30,10 @@ MOST, WIDEST = 1024, 100.0
 #: units of its distances
 UNITS = 1 << 16
 NOTHING = 0xFFFFFFFF
+#: distance from a facet, in reference units, within which a hit lies on it
+ON_FACE = 1e-9
+#: hits that tell whether a layer consists of faces
+_SAMPLES = 512
 #: an element to be searched around a pixel, as in shaders/line.slang
 PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32)])
 #: lines from the centre of a reference shape that look for its facets
@@ -84,7 +88,7 @@ class Lines:
         """(n,) part of each pixel that lines along the borders of elements cover; width in pixels."""
         _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
         reach = 0.5 * width + 0.5
-        near = np.flatnonzero(_near_others(layer.owner.reshape(view.height, view.width), int(np.ceil(reach))))
+        near = np.flatnonzero(_near_others(self._sides(layer).reshape(view.height, view.width), int(np.ceil(reach))))
         near = near[layer.owner[near] != NOBODY]
         pieces = np.zeros(len(near), PIECE)
         pieces["pixel"] = pieces["base"] = near
@@ -99,7 +103,11 @@ class Lines:
         kernel = self._device.kernel("line_find", self._loaded.parts[0])
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
         sight = self._sight(kernel, view, count=strips, levels=levels)
-        rest = {"field": self._device.buffer(layer.field), "view": sight}
+        rest = {
+            "field": self._device.buffer(layer.field),
+            "side": self._device.buffer(self._sides(layer)),
+            "view": sight,
+        }
         every = {**self._loaded.buffers[0], **buffers, **rest}
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
 
@@ -137,6 +145,25 @@ class Lines:
         for name, value in rest.items():
             record[name] = value
         return self._device.buffer(record)
+
+    def _sides(self, layer: Layer) -> NDArray[np.uint32]:
+        """(n,) numbers that tell elements apart, and the faces of each where the layer consists of faces."""
+        hit = np.flatnonzero(layer.owner != NOBODY)
+        if not self._faces(layer, hit[:: len(hit) // _SAMPLES + 1]).any():
+            return layer.owner
+        sides = layer.owner.copy()
+        sides[hit] = 32 * sides[hit] + self._faces(layer, hit)
+        return sides
+
+    def _faces(self, layer: Layer, pixels: Ints) -> NDArray[np.uint32]:
+        """(m,) the facet of its element on which the hit of a pixel lies, from 1; 0 where it lies inside."""
+        part = np.searchsorted(self._loaded.first, layer.owner[pixels], side="right") - 1
+        found = np.zeros(len(pixels), np.uint32)
+        for number in np.unique(part):
+            here, facets = np.flatnonzero(part == number), self._facets_of(int(number))
+            margins = np.abs(layer.reference[pixels[here]] @ facets[:, :3].T + facets[:, 3])
+            found[here] = np.where(margins.min(axis=1) < ON_FACE, margins.argmin(axis=1) + 1, 0)
+        return found
 
     def _facets_of(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, asked for once: a x + b y + c z + d is the margin beside one."""
