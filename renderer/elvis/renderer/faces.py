@@ -16,7 +16,6 @@ from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pieces import THIN, Edges, Pieces, pieces_of
-from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.renderer.view import View
 
@@ -26,8 +25,15 @@ if TYPE_CHECKING:
 #: part of the scene's size within which two hits are at one place
 _TIE = 1e-11
 _TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
-#: doubles of a pixel that are there only where something is hit
-_VALUES = {"field": 1, "reference": 3, "normal": 3}
+#: what is known of a pixel: kind of number, and how many
+_IMAGE = {
+    "owner": (np.uint32, 1),
+    "field": (np.float64, 1),
+    "reference": (np.float64, 3),
+    "depth": (np.float64, 1),
+    "normal": (np.float64, 3),
+    "status": (np.uint32, 1),
+}
 
 
 class FaceDrawer:
@@ -47,18 +53,23 @@ class FaceDrawer:
         Where hits are at one place, the one farther than the tolerance from the border of its face counts, then that of
         the element with the lowest number.
         """
-        device, count = self.loaded.device, view.count
-        after = np.zeros(count) if beyond is None else np.maximum(beyond, 0.0)
-        image = {"depth": device.buffer(np.full(count, np.inf)), "after": device.buffer(after)}
-        image |= {"owner": device.buffer(np.full(count, NOBODY, np.uint32))}
-        image |= {"status": device.buffer(np.zeros(count, np.uint32))}
-        image |= {name: device.empty(np.float64, size * count) for name, size in _VALUES.items()}
-        for number, kernel, buffers, tiles in self._work("face_draw", view, select, quantity):
+        device = self.loaded.device
+        after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
+        image: dict[str, slangpy.Buffer] = {}
+        for number, kernel, buffers, tiles in self._work("face_draw", view, select, quantity, beyond is not None):
+            if not image:
+                image = {name: device.empty(dtype, size * view.count) for name, (dtype, size) in _IMAGE.items()}
+                image["after"] = device.buffer(after)
             kernel(tiles, {**self.loaded.bound(number, quantity), **buffers, **image}, groups=True)
-        layer = self._read(image)
+        layer = Layer.empty(view.count) if not image else self._read(image)
         for _, edges in self._pieces(view, select):
             _mark(view, layer, edges, after)
         return layer
+
+    def _read(self, image: dict[str, slangpy.Buffer]) -> Layer:
+        found = {name: self.loaded.device.read(image[name], dtype) for name, (dtype, _) in _IMAGE.items()}
+        found = {name: data.reshape(-1, 3) if _IMAGE[name][1] == 3 else data for name, data in found.items()}
+        return Layer(**{**found, "status": found["status"].astype(np.uint8)})
 
     def hits(self, view: View, select: Sequence[str] = ("all",), rows: tuple[int, int] | None = None) -> NDArray[Any]:
         """All hits on the faces that ``select`` names, for the pixels of some rows of a picture: by pixel and depth.
@@ -68,9 +79,8 @@ class FaceDrawer:
         tolerance of an edge may meet the faces on both sides of it, at one depth.
         """
         found = [np.empty(0, self.loaded.device.kernel("face_list", self.loaded.parts[0]).dtype("hits"))]
-        for number, kernel, buffers, tiles in self._work("face_list", view, select, None, rows):
-            own = {**self.loaded.bound(number), **buffers}
-            run = partial(_run, kernel, tiles, own)
+        for number, kernel, buffers, tiles in self._work("face_list", view, select, None, rows=rows):
+            run = partial(_run, kernel, tiles, {**self.loaded.bound(number), **buffers})
             found.append(self.loaded.device.listed("hits", kernel, run))
         every = np.concatenate(found, dtype=found[0].dtype)
 
@@ -88,10 +98,19 @@ class FaceDrawer:
         return _TIE * (self.loaded.reach + float(np.abs(view.camera.eye).max()))
 
     def _work(
-        self, stage: str, view: View, select: Sequence[str], quantity: str | None, rows: tuple[int, int] | None = None
+        self,
+        stage: str,
+        view: View,
+        select: Sequence[str],
+        quantity: str | None,
+        layered: bool | None = None,
+        rows: tuple[int, int] | None = None,
     ) -> Iterator[tuple[int, Kernel, dict[str, slangpy.Buffer], int]]:
-        """For each part that is seen its number, a kernel, the buffers that say what is where, and how many tiles."""
-        every, device = self._pieces(view, select), self.loaded.device
+        """For each part that is seen its number, a kernel, the buffers that say what is where, and how many tiles.
+
+        The first one has all tiles of the picture, unless they are only listed (``layered`` None).
+        """
+        every, device, fresh = self._pieces(view, select), self.loaded.device, layered is not None
         for number, part in enumerate(self.loaded.parts):
             own = [k for k, block in enumerate(self.faces.blocks) if block.part == number and len(every[k][0].face)]
             if not own:
@@ -100,12 +119,13 @@ class FaceDrawer:
             records = [self._records(k, every[k][0], kernel.dtype("pieces")) for k in own]
             pieces = np.concatenate(records, dtype=kernel.dtype("pieces"))
             pieces = pieces[np.argsort(pieces["near"], kind="stable")]
-            listed, tiles = _binned(pieces, view)
-            if rows is not None:
-                tiles = tiles[(tiles[:, 1] + TILE > rows[0]) & (tiles[:, 1] < rows[1])]
-            data = {"pieces": pieces, "listed": listed, "tiles": tiles}
-            data["view"] = self._record(kernel.dtype("view"), view, number, len(tiles))
+            listed, tiles = _binned(pieces, view, rows or (0, view.height), fresh)
+            record = self._record(kernel.dtype("view"), view)
+            record["first"], record["count"] = self.loaded.first[number], len(tiles)
+            record["fresh"], record["layered"] = fresh, bool(layered)
+            data = {"pieces": pieces, "listed": listed, "tiles": tiles, "view": record}
             yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, len(tiles)
+            fresh = False
 
     def _pieces(self, view: View, select: Sequence[str]) -> list[tuple[Pieces, Edges]]:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
@@ -133,41 +153,38 @@ class FaceDrawer:
         record["start"], record["first"], record["second"] = frames[:, 0] + own[:, 0], own[:, 1], own[:, 2]
         return record
 
-    def _record(self, dtype: np.dtype[Any], view: View, number: int, count: int) -> NDArray[Any]:
+    def _record(self, dtype: np.dtype[Any], view: View) -> NDArray[Any]:
         """The FaceView record (shaders/face.slang)."""
         record, forward = np.zeros(1, dtype), view.camera.basis()[2]
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
         record["to_depth"] = np.append(forward, view.depth_of(np.zeros(3)))
         record["viewer"] = np.append(view.camera.eye, 1.0) if view.perspective else np.append(-forward, 0.0)
         record["width"], record["height"] = view.width, view.height
-        record["first"], record["count"] = self.loaded.first[number], count
         record["tie"] = self._tie(view)
         return record
-
-    def _read(self, image: dict[str, slangpy.Buffer]) -> Layer:
-        read = self.loaded.device.read
-        owner, status = read(image["owner"], np.uint32), read(image["status"], np.uint32).astype(np.uint8)
-        nowhere = np.flatnonzero(owner == NOBODY)
-        values = {name: read(image[name], np.float64).reshape((-1, size)[:size]) for name, size in _VALUES.items()}
-        for array in values.values():
-            array[nowhere] = np.nan
-        return Layer(owner=owner, depth=read(image["depth"], np.float64), status=status, **values)
 
 
 def _run(kernel: Kernel, tiles: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
     kernel(tiles, {**buffers, **lists}, groups=True)
 
 
-def _binned(pieces: NDArray[Any], view: View) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Numbers of the pieces in each tile of the picture, tile by tile; and the tiles: column, row, range of these."""
+def _binned(
+    pieces: NDArray[Any], view: View, rows: tuple[int, int], every: bool
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Numbers of the pieces in each tile of the picture, tile by tile; and the tiles: column, row, range of these.
+
+    rows   of pixels, the first one and the one after the last, that the tiles reach into
+    every  whether tiles without pieces are there too
+    """
     aligned = pieces.copy()
     aligned["least"][:, :2] &= ~(TILE - 1)
-    pairs = tiles_of(aligned, _TILES)
-    pairs = pairs[np.argsort(pairs["y"].astype(np.int64) * view.width + pairs["x"], kind="stable")]
-    new = np.flatnonzero(np.append(True, (np.diff(pairs["x"]) != 0) | (np.diff(pairs["y"]) != 0)))
-    ends = np.append(new[1:], len(pairs))
-    tiles = np.column_stack([pairs["x"][new], pairs["y"][new], new, ends]).astype(np.uint32)
-    return pairs["section"], tiles
+    pairs, across = tiles_of(aligned, _TILES), -(-view.width // TILE)
+    tile = pairs["y"].astype(np.int64) // TILE * across + pairs["x"] // TILE
+    counts = np.bincount(tile, minlength=across * -(-view.height // TILE))
+    ends, y = np.cumsum(counts), np.arange(len(counts)) // across * TILE
+    tiles = np.column_stack([np.arange(len(counts)) % across * TILE, y, ends - counts, ends]).astype(np.uint32)
+    kept = ((counts > 0) | every) & (y + TILE > rows[0]) & (y < rows[1])
+    return pairs["section"][np.argsort(tile, kind="stable")], tiles[kept]
 
 
 def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:
