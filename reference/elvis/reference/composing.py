@@ -44,7 +44,7 @@ def record(layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float,
         named = Hits(**{**vars(layer.hits), "values": {"shown": layer.hits.values[layer.quantity]}})
         nearest.put(better, named, better)
         opacity[better] = layer.style.opacity
-    colors = blended([(layer.hits, *painted(layer, scene, view, ends)) for layer in layers], scene)
+    colors = blended([(layer.hits, *painted(layer, scene, view, ends)) for layer in layers], scene, view)
     return Record(
         colors.reshape(*shape, 3),
         nearest.depth.reshape(shape),
@@ -89,12 +89,11 @@ def _light(hits: Hits, scene: Scene, view: View) -> Floats:
     return factor
 
 
-def blended(stack: Sequence[tuple[Hits, Floats, Floats]], scene: Scene) -> Floats:
+def blended(stack: Sequence[tuple[Hits, Floats, Floats]], scene: Scene, view: View) -> Floats:
     """(n, 3) colours of hits with colours (n, 3) and opacities (n,), over one another by depth."""
-    depth = np.array([hits.depth for hits, _, _ in stack])
-    order = np.argsort(-depth, axis=0, kind="stable")
-    result = np.tile(np.asarray(scene.background, np.float64), (depth.shape[1], 1))
-    for places in order:
+    result = np.tile(np.asarray(scene.background, np.float64), (view.count, 1))
+    depth = np.array([hits.depth for hits, _, _ in stack]).reshape(len(stack), view.count)
+    for places in np.argsort(-depth, axis=0, kind="stable"):
         for number, (hits, colors, opacity) in enumerate(stack):
             here = np.flatnonzero((places == number) & hits.seen)
             result[here] += opacity[here, None] * (colors[here] - result[here])
