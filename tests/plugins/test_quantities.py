@@ -176,3 +176,19 @@ def test_what_a_plugin_cannot_show_is_said(opened, texts, sentence):
     with pytest.raises(ElvisError) as error:
         volume_of(opened, texts)
     assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+def test_polynomials_are_known_by_their_degree(shape):
+    """Isosurfaces of them are found with proof; degree 0 stands for all others, and for those of more than 8."""
+    texts = ("u", "v", "w", "u*v/3", "(u-w)^2 + x*element", "d(u,x)", "sqrt(u)", "u/v", "u*jacobian", "(u+v)^3")
+    (part,) = volume_of(flow(grid(shape, 1)), texts).parts
+    slope = 3 if shape is Shape.TETRAHEDRON else 0
+    expected = [3, 2, 4, 8, 8, slope, 0, 0, 0, 0] if shape is not Shape.PYRAMID else [4, 2, 6, 0, 0, 0, 0, 0, 0, 0]
+    assert [part.quantities[text].degree for text in texts] == expected
+    assert part.degree == expected[0]
+
+
+def test_expressions_that_would_compile_for_minutes_are_refused():
+    with pytest.raises(ElvisError, match="at most 1000 parts in pictures"):
+        volume_of(flow(grid(Shape.TETRAHEDRON, 1)), ["d(" * 8 + "tan(x*y)^tan(x)" + ",x)" * 8])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Floats
+from elvis.formats.errors import ElvisError
 from elvis.formats.quantities.attributes import is_constant
 from elvis.formats.quantities.expression import Expression
 from elvis.formats.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
@@ -34,6 +35,9 @@ _FUNCTIONS: Mapping[str, str] = {
     "min": "least",
     "max": "greatest",
 }
+
+#: parts of an expression that a kernel evaluates
+_MOST = 1000
 
 _SOURCE = """import formula; import elementary;
 struct Given : IFormula
@@ -70,7 +74,10 @@ class Formula:
 
     @property
     def source(self) -> str:
-        """Slang text that declares ``Given``, an IFormula."""
+        """Slang text that declares ``Given``, an IFormula; ElvisError where that would take minutes to compile."""
+        parts = len(ordered(self.expression.root))
+        if parts > _MOST:
+            raise ElvisError(f"expected an expression of at most {_MOST} parts in pictures, found {parts}")
         value, slope = self._value(), self._slope()
         return _SOURCE.format(value="\n        ".join(value), slope="\n        ".join(slope))
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 from elvis.formats.dataset import Dataset
 from elvis.formats.quantities.names import Names
 from elvis.formats.quantities.parsing import Parser
-from elvis.formats.quantities.tree import Node, field, leaves
+from elvis.formats.quantities.tree import Node, field, folded, leaves
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,22 @@ class Expression:
     def order(self) -> int:
         """The highest derivative of a field in it."""
         return max((len(leaf.axes) for leaf in self.leaves if leaf.op == "field"), default=0)
+
+    def degree(self, leaf: Callable[[Node], int | None]) -> int | None:
+        """The degree of the polynomial that it is, from those of its leaves; None where it is none, as far as known."""
+
+        def inner(node: Node, degrees: list[int | None]) -> int | None:
+            first, second = degrees[0], degrees[-1]
+            if first is None or second is None:
+                return None
+            if node.op in "+-*":
+                return first + second if node.op == "*" else max(first, second)
+            power = node.operands[-1]
+            if node.op == "^" and power.op == "number" and power.value.is_integer() and 0 <= power.value <= 64:
+                return first * int(power.value)
+            return first if node.op == "/" and power.op == "number" else 0 if first == second == 0 else None
+
+        return folded(self.root, lambda node: 0 if node.op == "number" else leaf(node), inner)
 
     @property
     def is_field(self) -> bool:

@@ -16,13 +16,17 @@ from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Homogeneous
 from elvis.formats.patch import Patch
 from elvis.formats.quantities import Expression, pointwise
-from elvis.formats.quantities.attributes import Attributes, from_ideal
+from elvis.formats.quantities.attributes import Attributes, from_ideal, is_constant
+from elvis.formats.quantities.tree import Node
 from elvis.formats.shapes import Shape
 from elvis.plugins.formulas import Formula
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
 from elvis.plugins.volume import Part, Quantity
+
+#: highest degree of expressions whose isosurfaces are found as those of polynomials
+HIGHEST = 8
 
 
 class Elements:
@@ -54,8 +58,7 @@ class Elements:
         own = quantities[self.expressions[0].text]
         buffers |= own.buffers
         buffers.setdefault("coefficients", np.zeros(1))
-        solver, affine = Solver(self.patches, self._value), max(geometry.degrees) == 1
-        straight = affine and shape in (Shape.TRIANGLE, Shape.TETRAHEDRON)
+        solver = Solver(self.patches, self._value)
         return Part(
             module=f"native_{shape.name.lower()}",
             type=own.type,
@@ -64,11 +67,11 @@ class Elements:
             buffers=buffers,
             solve=None if self.series else solver,
             source=own.source,
-            bends=None if straight or self.series else solver.bends,
+            bends=None if self._is_affine or self.series else solver.bends,
             quantities=quantities,
             degree=own.degree,
             collapsed=shape is Shape.PYRAMID,
-            affine=affine and shape is Shape.TETRAHEDRON,
+            affine=self._is_affine and shape is Shape.TETRAHEDRON,
         )
 
     @cached_property
@@ -92,7 +95,21 @@ class Elements:
             return Quantity(type, source, buffers, degree)
         formula = Formula(expression, names, *_ideal(shape, 3 if self.series else shape.dimension))
         buffers["element_constants"] = self._constants(formula.constants)
-        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers)
+        found = expression.degree(lambda leaf: self._degree(leaf, space))
+        known = 0 if found is None or found > HIGHEST or self.series else max(*self.geometry.degrees, found)
+        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known)
+
+    def _degree(self, leaf: Node, space: BernsteinSpace) -> int | None:
+        """The degree of what an expression is made of, where that is a polynomial: slopes are on straight simplices."""
+        if leaf.op == "attribute":
+            return 0 if is_constant(leaf.name) else None
+        if leaf.axes and leaf.op == "field":
+            return max(space.degrees) if self._is_affine and len(leaf.axes) == 1 else None
+        return max(space.degrees if leaf.op == "field" else self.geometry.degrees)
+
+    @property
+    def _is_affine(self) -> bool:
+        return self.geometry.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON) and max(self.geometry.degrees) == 1
 
     @cached_property
     def _several(self) -> tuple[str, ...]:
