@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,6 +14,19 @@ from elvis.converters.gmsh_mesh import read_mesh
 from elvis.converters.hdf5 import holds, opened
 from elvis.formats.errors import FormatError
 from elvis.plugins.conversion import Boundary
+
+#: what a process of its own tries: of a damaged file the library leaves things behind that it complains of at the end
+_TRIAL = """
+import os, sys
+import gmsh
+from elvis.converters.gmsh_mesh import complaints
+gmsh.initialize(["elvis"], readConfigFiles=False, interruptible=False)
+gmsh.option.setNumber("General.Terminal", 0)
+gmsh.option.setNumber("General.AbortOnError", 0)
+found = complaints(gmsh, sys.argv[1])
+print(*found[:1], end="", flush=True)
+os._exit(1 if found else 0)
+"""
 
 #: how files of the older container begin
 _ADF = b"@(#)ADF Database"
@@ -37,6 +52,7 @@ class Cgns(Gmsh):
         with TemporaryDirectory() as folder:
             named = Path(folder) / f"{path.stem}.cgns"  # the library tells formats by suffixes
             named.symlink_to(path.resolve())
+            _try(path, named)
             try:
                 self._mesh = read_mesh(Contents(named, True, True, (), ()), with_entities=True)
             except FormatError as error:
@@ -46,6 +62,14 @@ class Cgns(Gmsh):
         self.boundaries = [Boundary(name, vertices=sides) for name, sides in self._mesh.sides.items()]
         self.notes = [*self._mesh.notes, *_left_out(path)]
         self.fields = []
+
+
+def _try(path: Path, named: Path) -> None:
+    """FormatError with the library's first complaint about a file, here called ``named``."""
+    done = subprocess.run([sys.executable, "-c", _TRIAL, str(named)], capture_output=True, check=False)
+    if done.returncode:
+        said = " ".join(done.stdout.decode("utf-8", "replace").replace(str(named), path.name).split())
+        raise FormatError(f"expected a whole mesh, found: {said or 'one on which the library fails'}", file=path)
 
 
 def _is_adf(path: Path) -> bool:

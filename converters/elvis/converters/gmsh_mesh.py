@@ -173,14 +173,23 @@ def session() -> Iterator[Any]:
 
 
 def _load(gmsh: Any, path: Path, named: Path) -> None:
-    gmsh.logger.start()
-    with suppress(Exception):  # the log says what
-        gmsh.open(str(path))
-    found = [line.removeprefix(_ERROR) for line in gmsh.logger.get() if line.startswith(_ERROR)]
-    gmsh.logger.stop()
+    found = complaints(gmsh, str(path))
     if found:
         reason = found[0].replace(str(path), named.name)
         raise FormatError(f"expected a whole mesh, found: {reason}", file=named)
+
+
+def complaints(gmsh: Any, path: str) -> list[str]:
+    """What the library has to complain of when it opens a file."""
+    gmsh.logger.start()
+    with suppress(Exception):  # the log says what
+        gmsh.open(path)
+    try:
+        lines = list(gmsh.logger.get())
+    except UnicodeDecodeError:
+        lines = [f"{_ERROR}names that are no text"]
+    gmsh.logger.stop()
+    return [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
 
 
 def _mesh(gmsh: Any, path: Path, with_entities: bool) -> Mesh:

@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elvis.formats.errors import FormatError
+from elvis.formats.errors import ElvisError, FormatError
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
+
+
+#: what the library raises for damaged files
+_DAMAGES = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 
 
 @contextmanager
@@ -23,7 +27,9 @@ def opened(path: Path) -> Iterator[h5py.File]:
     try:
         with h5py.File(path) as file:
             yield file
-    except (OSError, RuntimeError) as error:
+    except _DAMAGES as error:
+        if isinstance(error, ElvisError):
+            raise
         reason = " ".join(str(error).split())
         raise FormatError(f"expected a whole HDF5 file, found: {reason}", file=path) from error
 
@@ -37,7 +43,7 @@ def holds(path: Path, *names: str) -> bool:
     try:
         with h5py.File(path) as file:
             return all(name in file for name in names)
-    except OSError:
+    except _DAMAGES:
         return False
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis.converters.hdf5 import holds
 from elvis.formats import read
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.bases import Basis
@@ -133,16 +134,9 @@ def _is_native(path: Path) -> bool:
             head = file.read(_HEAD)
         if head.startswith(GZIP_SIGNATURE):
             head = zlib.decompressobj(wbits=31).decompress(head, _HEAD)
-        return _holds_nektar(path) if head.startswith(HDF5_SIGNATURE) else bool(_ROOT.search(head))
+        return holds(path, "NEKTAR") if head.startswith(HDF5_SIGNATURE) else bool(_ROOT.search(head))
     except (OSError, zlib.error):
         return False
-
-
-def _holds_nektar(path: Path) -> bool:
-    import h5py  # type: ignore[import-untyped]
-
-    with h5py.File(path, "r") as file:
-        return "NEKTAR" in file
 
 
 def _map_names(dataset: Dataset) -> tuple[str, ...]:

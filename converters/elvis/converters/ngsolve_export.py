@@ -77,6 +77,8 @@ def samples(mesh: Any, fields: Mapping[str, Any], order: int | None = None) -> d
     geometry = max(mesh.GetCurveOrder(), bend, 1)
     highest = max([geometry, *orders.values()])
     elements = _elements(mesh.Elements(ngsolve.VOL))
+    if not elements:
+        raise ElvisError("expected elements, found none")
     rules = {name: _rule(SHAPES[name], highest) for name in elements}
     own = {getattr(ngsolve.ET, name.upper()): _own_rule(ngsolve, points) for name, points in rules.items()}
     mapped = mesh.MapToAllElements(own, ngsolve.VOL)

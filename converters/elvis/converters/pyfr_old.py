@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.converters.hdf5 import text
+from elvis.converters.hdf5 import require, text
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.quadrature import gauss, lobatto
@@ -56,9 +56,10 @@ def arrays(file: h5py.File, prefix: str) -> dict[str, Floats]:
     """
     axis = 1 if prefix == "spt" else 2
     found: dict[str, list[tuple[int, Floats]]] = {}
-    for name, data in file.items():
+    for name in file:
         match = re.fullmatch(rf"{re.escape(prefix)}_([a-z]+)_p(\d+)", name)
         if match:
+            data = require(file, name)
             if data.ndim != 3 or data.dtype.kind != "f":
                 raise FormatError(f"expected three indices, found {data.shape}", file=file.filename, place=name)
             found.setdefault(match[1], []).append((int(match[2]), np.asarray(data, np.float64)))
@@ -92,11 +93,11 @@ def sides(file: h5py.File) -> dict[str, dict[str, Ints]]:
         match = re.fullmatch(r"spt_([a-z]+)_p(\d+)", name)
         if match:
             firsts[match[1], int(match[2])] = counts.get(match[1], 0)
-            counts[match[1]] = counts.get(match[1], 0) + file[name].shape[1]
+            counts[match[1]] = counts.get(match[1], 0) + require(file, name).shape[1]
     found: dict[str, dict[str, list[tuple[int, int]]]] = {}
     for name in file:
         match = re.fullmatch(r"bcon_(.+)_p(\d+)", name)
-        for entry in file[name][()].tolist() if match else ():
+        for entry in require(file, name)[()].tolist() if match else ():
             assert match is not None
             kind, row, face = text(entry[0]), int(entry[1]), int(entry[2])
             number = firsts.get((kind, int(match[2])), -1)

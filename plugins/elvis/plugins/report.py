@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 #: an error below this share of the range, or of the largest magnitude, is rounding
@@ -47,18 +48,22 @@ class Measure:
         return "exact" if self.is_exact else "projected"
 
     def facts(self) -> dict[str, Any]:
-        """For JSON."""
+        """For JSON; None for a number beyond those of 64 bits."""
         facts = {
             "state": self.state,
             "exact": self.is_exact,
             "order": self.order,
-            "max": self.max,
-            "L2": self.l2,
-            "relative": self.relative,
-            "range": self.range,
+            "max": _finite(self.max),
+            "L2": _finite(self.l2),
+            "relative": _finite(self.relative),
+            "range": _finite(self.range),
             "element": self.element,
         }
         return facts if self.is_continuous is None else {**facts, "continuous": self.is_continuous}
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None
 
 
 def is_rounding(error: float, spread: float, magnitude: float, precision: float) -> bool:
@@ -105,7 +110,7 @@ class Report:
             "geometry": {
                 **self.geometry.facts(),
                 "map": "fields" if self.has_map else "curves",
-                "deviation": {"share_of_element": self.deviation[0], "element": self.deviation[1]},
+                "deviation": {"share_of_element": _finite(self.deviation[0]), "element": self.deviation[1]},
             },
             "fields": {measure.name: measure.facts() for measure in self.fields},
             **{name: list(ids) for name, ids in self.listed.items()},
