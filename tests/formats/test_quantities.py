@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats import Dataset
+from elvis.formats import Dataset, read
 from elvis.formats.errors import ElvisError
+from elvis.formats.norms import quantity_norm
 from elvis.formats.quantities import Expression, Names
 from elvis.formats.quantities.bounding import quantity_range
 from elvis.formats.quantities.functions import FUNCTIONS, OPERATORS
@@ -360,3 +361,40 @@ def test_intervals_hold_what_functions_do_in_them(name):
                 there = np.isfinite(values)
                 assert (values >= low - 1e-12 * np.abs(low))[there].all()
                 assert (values <= high + 1e-12 * np.abs(high))[there].all()
+
+
+# the solver's data
+
+#: printed by FieldConvert's modules vorticity and divergence
+PUBLISHED = {
+    ("chan3d_tet", "chan3D", "vorticity_x"): 0.0,
+    ("chan3d_tet", "chan3D", "vorticity_y"): 3.26599,
+    ("chan3d_tet", "chan3D", "vorticity_z"): 0.0,
+    ("chan3d_tet", "chan3D", "divergence"): 0.0,
+    ("bfs_tq7", "bfs_tg", "vorticity"): 10.8071,
+}
+
+
+@pytest.mark.parametrize("case", PUBLISHED)
+def test_norms_of_ready_made_quantities_are_the_published_ones(nektar, case):
+    folder, name, text = case
+    dataset = read(*(nektar / folder / f"{name}.{end}" for end in ("xml", "fld")))
+    norm = quantity_norm(dataset, Expression.of(dataset, text))
+    assert PUBLISHED[case] == (float(f"{norm.l2:.6g}") if norm.l2 > 1e-12 else 0.0)
+
+
+@pytest.mark.parametrize("case", ["gen_allelem_n4", "gen_allelem_var_h5", "gen_allelem_ortho", "gen_hex_xscale"])
+def test_derivatives_of_a_field_of_the_solver_are_closed_forms(nektar, case):
+    """v = 1 + x^2 - y z / 2 + x y / 4 was projected by Nektar++ itself; its coefficients are those of the file."""
+    dataset = read(*(path for path in sorted((nektar / case).iterdir()) if path.suffix in (".xml", ".fld")))
+    closed = {
+        "d(v,x)": lambda x, y, z: 2 * x + 0.25 * y,
+        "d(v,y) - d(v,z)": lambda x, y, z: -0.5 * z + 0.25 * x + 0.5 * y,
+        "laplacian(v)": lambda x, y, z: 2 + 0 * x,
+    }
+    expressions = [Expression.of(dataset, text) for text in closed]
+    evaluator = Evaluator(dataset, expressions)
+    for patch, rows, reference, world in places(evaluator, 20):
+        for expression, rule in zip(expressions, closed.values(), strict=True):
+            error = np.abs(evaluator.values(expression, patch, rows, reference) - rule(*world.T)).max()
+            assert error < (1e-7 if expression.order == 2 else 1e-9), (patch.shape, expression.text)

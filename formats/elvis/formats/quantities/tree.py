@@ -75,7 +75,7 @@ def attribute(name: str) -> Node:
     return _node("attribute", name=name)
 
 
-ZERO, ONE, TWO = number(0.0), number(1.0), number(2.0)
+ZERO, ONE = number(0.0), number(1.0)
 
 
 def call(op: str, *operands: Node) -> Node:
