@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Bools, Floats
 from elvis.reference.extras import needed
 from elvis.reference.record import Record
+
+#: neighbouring pixels that lie this many times farther apart than is usual are on different surfaces
+_JUMP = 16.0
 
 
 @dataclass(frozen=True)
@@ -32,19 +35,29 @@ class Displacement:
 def crossings(record: Record, value: float) -> Floats:
     """(k, 2) rows and columns at which the field takes a value between two neighbouring pixels, linearly between them.
 
-    Where the field jumps from element to element over the value, the contour runs along the jump.
+    Where the field jumps from element to element over the value, the contour runs along the jump; none runs between
+    surfaces that lie behind one another.
     """
-    field, found = record.field, []
+    field, found, apart = record.field, [], _apart(record)
     for axis in (0, 1):
         before, after = (field[:-1], field[1:]) if axis == 0 else (field[:, :-1], field[:, 1:])
         with np.errstate(invalid="ignore"):
             rows, columns = np.nonzero((before < value) != (after < value))
         a, b = before[rows, columns], after[rows, columns]
         known = np.isfinite(a) & np.isfinite(b)
+        known &= ~apart[axis][rows, columns]
         points = np.column_stack([rows, columns])[known].astype(np.float64)
         points[:, axis] += (value - a[known]) / (b[known] - a[known])
         found.append(points)
     return np.concatenate(found)
+
+
+def _apart(record: Record) -> tuple[Bools, Bools]:
+    """Neighbours below (h - 1, w) and to the right (h, w - 1) that lie far apart: one surface ends before another."""
+    down, right = (np.linalg.norm(np.diff(record.position, axis=axis), axis=2) for axis in (0, 1))
+    steps = np.concatenate([down.ravel(), right.ravel()])
+    usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
+    return down > _JUMP * usual, right > _JUMP * usual
 
 
 def displacement(exact: Record, other: Record, value: float) -> Displacement:

@@ -26,7 +26,7 @@ def page(study: Study, scene_text: str = "") -> tuple[str, Files]:
         "numbers": numbers,
         "mood": _mood(study),
         "facts": facts(study, numbers),
-        "width": max(study.exact.shape[1], 320),
+        "width": max(study.exact.shape[1], 640),
         "pictures": _pictures(study, files),
         "bar": _bar(study, files),
         "maps": _maps(study, files),
