@@ -13,7 +13,7 @@ import numpy as np
 from meshing import meshed, name_sides, session, size_field
 
 from elvis.formats import Dataset
-from elvis.formats.arrays import Floats, Ints
+from elvis.formats.arrays import Bools, Floats
 
 SLOPE = np.tan(np.radians(15))
 BEVEL, THICKNESS, ANGLE = 0.1, 0.024, np.radians(12.5)
@@ -110,15 +110,26 @@ def _lamb(square: Floats, core: Floats) -> Floats:
 
 def distance(points: Floats) -> Floats:
     """(n,) distance to the wing."""
-    return np.min([_triangle_distance(points, triangle) for triangle in TRIANGLES], axis=0)
+    return np.min([_triangle_distance(points, triangle, (0.0, 1.0)) for triangle in TRIANGLES], axis=0)
 
 
 def careless_distance(points: Floats) -> Floats:
-    """The same with a bug: beside the nearest triangle the distance to its plane is taken, not that to its edge."""
-    exact = np.array([_triangle_distance(points, triangle) for triangle in TRIANGLES])
-    nearest: Ints = exact.argmin(axis=0)
-    heights = np.array([np.abs((points - triangle[0]) @ _normal(triangle)) for triangle in TRIANGLES])
-    return np.asarray(np.take_along_axis(heights, nearest[None], axis=0)[0])
+    """The same with a bug: edges have no ends, their whole lines count."""
+    return np.min([_triangle_distance(points, triangle, (-np.inf, np.inf)) for triangle in TRIANGLES], axis=0)
+
+
+def _height(points: Floats, triangle: Floats) -> Floats:
+    """(n,) distance to the plane of a triangle."""
+    return np.abs((points - triangle[0]) @ _normal(triangle))
+
+
+def _above(points: Floats, triangle: Floats) -> Bools:
+    """(n,) whether the nearest point of the plane of a triangle (3, 3) is in the triangle."""
+    sides = [
+        (points - a) @ np.cross(_normal(triangle), b - a) >= 0
+        for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True)
+    ]
+    return np.asarray(np.all(sides, axis=0))
 
 
 def _normal(triangle: Floats) -> Floats:
@@ -126,14 +137,10 @@ def _normal(triangle: Floats) -> Floats:
     return np.asarray(normal / np.linalg.norm(normal))
 
 
-def _triangle_distance(points: Floats, triangle: Floats) -> Floats:
-    """(n,) distance to a triangle (3, 3): to its plane above and below it, else to the nearest edge."""
-    normal = _normal(triangle)
-    ends = np.roll(triangle, -1, axis=0)
-    inside = np.ones(len(points), bool)
+def _triangle_distance(points: Floats, triangle: Floats, ends: tuple[float, float]) -> Floats:
+    """(n,) distance to a triangle (3, 3): to its plane above and below it, else to an edge between its ``ends``."""
     edges = np.full(len(points), np.inf)
-    for a, b in zip(triangle, ends, strict=True):
-        inside &= (points - a) @ np.cross(normal, b - a) >= 0
-        t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
+        t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), *ends)
         edges = np.minimum(edges, np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
-    return np.where(inside, np.abs((points - triangle[0]) @ normal), edges)
+    return np.where(_above(points, triangle), _height(points, triangle), edges)

@@ -130,7 +130,7 @@ def test_distances_are_right_but_for_the_planted_bug(module):
     assert (careless <= exact + 1e-12).all()
     assert (careless < exact - 0.05).any()
     above = (points[:, 2] > 0) & (points[:, 0] < 1) & (points[:, 0] > 0) & (points[:, 1] < delta.SLOPE * points[:, 0])
-    assert careless[above] == pytest.approx(points[above, 2], abs=1e-12)
+    assert exact[above] == pytest.approx(points[above, 2], abs=1e-12)
 
 
 def test_unknown_names_are_a_usage_error(tmp_path):
