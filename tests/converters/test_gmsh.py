@@ -334,6 +334,22 @@ def test_truncated_files_are_refused(session, tmp_path, binary, share):
         Gmsh([path])
 
 
+@pytest.mark.parametrize("version", [2.2, 4.1])
+@pytest.mark.parametrize("section", [b"$Nodes", b"$Elements"])
+def test_binary_sections_that_are_not_as_long_as_they_say_are_refused(session, tmp_path, version, section):
+    """The library doesn't survive some of them."""
+    mixed(2)
+    path = save(tmp_path / "cut.msh", version, 1)
+    raw = path.read_bytes()
+    start = raw.index(section) + 400
+    for length in (1, 8, 536):
+        path.write_bytes(raw[:start] + raw[start + length :])
+        with pytest.raises(FormatError, match="expected"):
+            Gmsh([path])
+    path.write_bytes(raw)
+    assert sum(map(len, Gmsh([path]).blocks))
+
+
 @pytest.mark.parametrize("recombine", [False, True])
 def test_plane_meshes_with_named_edges(session, tmp_path, recombine):
     model = gmsh.model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -11,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.gmsh_data import Contents
+from elvis.converters.gmsh_binary import check
+from elvis.converters.gmsh_data import MAGIC, Contents
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.collapse import uncollapse
 from elvis.formats.errors import FormatError
@@ -143,6 +145,7 @@ def read_mesh(contents: Contents, with_entities: bool = False) -> Mesh:
                 for start, end in contents.mesh:
                     whole.seek(start)
                     part.write(whole.read(end - start))
+        _check(gmsh, path, contents.path)
         _load(gmsh, path, contents.path)
         return _mesh(gmsh, contents.path, with_entities)
 
@@ -170,6 +173,21 @@ def session() -> Iterator[Any]:
             gmsh.model.setCurrent(current)
             for name, value in before.items():
                 gmsh.option.setNumber(name, value)
+
+
+def _check(gmsh: Any, path: Path, named: Path) -> None:
+    """FormatError where a binary mesh isn't as long as it says."""
+
+    def width(number: int) -> int:
+        try:
+            return int(gmsh.model.mesh.getElementProperties(number)[3])
+        except Exception:
+            raise FormatError(f"expected a known type of elements, found {number}", file=named) from None
+
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) == MAGIC:
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+                check(named, raw, width)
 
 
 def _load(gmsh: Any, path: Path, named: Path) -> None:
