@@ -174,3 +174,38 @@ def test_a_plane_on_faces_shows_the_elements_of_both_sides():
         a, b = edges_of(cut)
         area = np.linalg.norm(np.cross(a, b), axis=1).sum() / 2
         assert area == pytest.approx(2 if height == 0.5 else 1, rel=1e-13)
+
+
+@pytest.mark.parametrize("shown", [CutSurface(Plane((0.5, 0.5, 0.47), (0.1, 0.2, 1.0))), Faces(), Isosurface((0.6,))])
+def test_linear_data_look_the_same_through_vtk(shown):
+    """Straight elements of order one: VTK's cells are the simplices themselves, and everything is exact."""
+    pytest.importorskip("vtkmodules")
+    from elvis.reference.baseline.vtk import VtkBaseline
+
+    mesh = grid(Shape.TETRAHEDRON, 2)
+    data = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: x[:, 0] + 0.5 * x[:, 2], modes=2),))
+    scene = Scene("u", camera=VIEW.camera, size=(80, 60), objects=(shown,))
+    pictures = [made.draw(scene, VIEW, (0.0, 1.5)) for made in (baseline(data, 0), VtkBaseline(data, ["u"]))]
+    first, second = pictures
+    both = first.seen & second.seen
+    assert both.sum() > 300
+    assert (first.seen ^ second.seen).sum() <= 4
+    assert np.abs(first.field - second.field)[both].max() < 1e-6
+    assert np.abs(first.position - second.position)[both].max() < 1e-6
+    assert np.array_equal(first.element[both], second.element[both]) or isinstance(shown, CutSurface)
+
+
+def test_vtk_draws_the_order_of_the_data():
+    """Of quadratic data on straight elements VTK's picture is better than linear elements', and not exact."""
+    pytest.importorskip("vtkmodules")
+    from elvis.reference.baseline.vtk import VtkBaseline
+
+    mesh = grid(Shape.HEXAHEDRON, 2)
+    data = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: x[:, 0] ** 2, modes=3),))
+    exact = render(data, Scene("u", Plane((0.5, 0.5, 0.4), (0.1, 0.0, 1.0)), size=(60, 50)))
+    errors = []
+    for made in (baseline(data, 0), VtkBaseline(data, ["u"])):
+        drawn = made.draw(exact.scene, exact.view, exact.range)
+        errors.append(np.abs(drawn.field - exact.field)[exact.seen & drawn.seen].max())
+    assert errors[0] == pytest.approx(0.25**2, rel=0.05)
+    assert 1e-3 < errors[1] < 0.3 * errors[0]

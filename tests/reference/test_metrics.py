@@ -194,3 +194,13 @@ def test_distances_of_spheres():
     assert found.chamfer == pytest.approx(0.05, abs=1e-3)
     assert found.components == (1, 1)
     assert surface_distance(isosurface(ball, 0.1, 0), isosurface(ball, 9.0, 0)) is None
+
+
+def test_a_constant_field_is_measured_by_its_size():
+    """Values on an isosurface differ by rounding: that is no error of their range."""
+    record = picture(lambda x, y: 0.2 + 1e-16 * x)
+    other = picture(lambda x, y: 0.2 + 3e-16 * y)
+    assert errors(record, other).value_max < 1e-14
+    assert all(bar.passed for bar in bars(record, other))
+    zero = picture(lambda x, y: 0 * x)
+    assert errors(zero, zero).value_max == 0

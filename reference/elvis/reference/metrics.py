@@ -15,6 +15,8 @@ from elvis.reference.record import Record
 
 #: steps of the colour map
 STEPS = 256
+#: ranges narrower than this part of their ends are none
+_NARROW = 1e-9
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ def errors(
     ends   of the colour range; by default least and greatest value of the exact picture
     pixel  size of a pixel in world units
     """
-    low, high = ends or value_range(exact)
+    low, high = value_range(exact) if ends is None else not_narrow(ends)
     both = exact.seen & other.seen
     off = value_errors(exact, other, (low, high))
     away, missing = off[both], exact.seen & ~other.seen
@@ -125,11 +127,21 @@ def errors(
 
 
 def value_range(record: Record) -> tuple[float, float]:
-    """Least and greatest finite value that is seen; a sliver around a value that is everywhere."""
+    """Least and greatest finite value that is seen: what errors are parts of.
+
+    Where values are the same to nine digits, as on an isosurface, their size takes the place of the range.
+    """
     finite = record.field[record.seen & np.isfinite(record.field)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    floor = 1e-12 * max(abs(low), abs(high)) or 1e-300
-    return low, high if high - low > floor else low + floor
+    return not_narrow((float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0))
+
+
+def not_narrow(ends: tuple[float, float]) -> tuple[float, float]:
+    """The ends of a range, or of one about them that is as wide as they are large, where they nearly coincide."""
+    low, high = ends
+    largest = max(abs(low), abs(high))
+    if high - low > _NARROW * largest:
+        return ends
+    return (low - 0.5 * largest, high + 0.5 * largest) if largest else (-0.5, 0.5)
 
 
 def value_errors(exact: Record, other: Record, ends: tuple[float, float]) -> Floats:

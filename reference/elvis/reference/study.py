@@ -18,7 +18,9 @@ from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
 from elvis.reference.baseline.drawing import Baseline, affordable
 from elvis.reference.baseline.exact import FINE, exact_isosurface
 from elvis.reference.baseline.mesh import LinearMesh, estimate
-from elvis.reference.metrics import Errors, check_comparable, errors
+from elvis.reference.baseline.vtk import VtkBaseline
+from elvis.reference.extras import MissingExtraError
+from elvis.reference.metrics import Errors, check_comparable, errors, not_narrow
 from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
@@ -109,8 +111,8 @@ def compare_records(exact: Record, other: Record, name: str) -> Study:
 def spread(values: Floats) -> tuple[float, ...]:
     """Values of contours, evenly between least and greatest of the finite values."""
     finite = values[np.isfinite(values)]
-    low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 0.0)
-    return tuple(np.linspace(low, high, CONTOURS + 2)[1:-1].tolist()) if high > low else ()
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+    return tuple(np.linspace(low, high, CONTOURS + 2)[1:-1].tolist()) if not_narrow((low, high)) == (low, high) else ()
 
 
 def memory_limit() -> int:
@@ -151,7 +153,7 @@ def compare_scene(
     fine = max(levels) + 1
     return Study(
         exact,
-        [rivals.at(level, allowed) for level in levels],
+        [*(rivals.at(level, allowed) for level in levels), *rivals.others()],
         frame.range,
         values,
         settled,
@@ -200,6 +202,19 @@ class Rivals:
             dict(made.seconds),
             self._surfaces(made),
         )
+
+    def others(self) -> list[Rival]:
+        """The picture as VTK draws it, where VTK is installed and has filters for the scene."""
+        name = "VTK's own cells"
+        try:
+            made = VtkBaseline(self.dataset, self.quantities.names)
+            record = made.draw(self.scene, self.view, self.ends)
+        except MissingExtraError:
+            return []
+        except ElvisError as error:
+            return [Rival("vtk", name, skipped=str(error))]
+        found = errors(self.exact, record, self.ends, self.contours, _pixel(self.view))
+        return [Rival("vtk", name, None, record, found, made.counts, made.seconds)]
 
     def _surfaces(self, made: Baseline) -> dict[str, SurfaceDistance | None]:
         """How far each isosurface is from the exact one."""

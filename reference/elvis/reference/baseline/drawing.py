@@ -112,7 +112,7 @@ class Baseline:
         for shown in scene.every_object:
             mesh = self.triangles(shown, scene.field)
             self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
-            layers += _traced(mesh, shown, scene, view, ends)
+            layers += layers_of(mesh, shown, scene, view, ends)
         picture = record(layers, scene, view, ends)
         self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
         return picture
@@ -133,7 +133,7 @@ def _levels(surface: object, points: Floats) -> Floats:
     return np.where(np.abs(found) < 1e-14 * np.abs(points).max(initial=0.0), 0.0, found)
 
 
-def _traced(mesh: LinearMesh, shown: SceneObject, scene: Scene, view: View, ends: tuple[float, float]) -> list[Layer]:
+def layers_of(mesh: LinearMesh, shown: SceneObject, scene: Scene, view: View, ends: tuple[float, float]) -> list[Layer]:
     """The surfaces of an object that rays meet: the first one, and what is behind where it is transparent."""
     style: Style = shown.style  # type: ignore[union-attr]
     tracer, beyond, layers = Tracer(mesh), None, []

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from elvis.formats.arrays import Bools, Floats
 from elvis.reference.contours import crossings
-from elvis.reference.metrics import STEPS, Place, value_errors
+from elvis.reference.metrics import STEPS, Place, not_narrow, value_errors
 from elvis.reference.record import Record
 
 Pixels = NDArray[np.uint8]
@@ -58,7 +58,7 @@ def shown(record: Record) -> Pixels:
 
 def error_map(exact: Record, other: Record, ends: tuple[float, float]) -> tuple[Pixels, list[Legend]]:
     """Where values differ, in bands; and where only one picture shows anything."""
-    measure = value_errors(exact, other, ends)
+    measure = value_errors(exact, other, not_narrow(ends))
     return _banded(measure, BANDS, exact.seen & ~other.seen, other.seen & ~exact.seen)
 
 

@@ -1,0 +1,147 @@
+"""The baseline as VTK draws it: Lagrange cells of the data's own order, through VTK's own filters.
+
+VTK cuts and contours such cells through a fixed lattice of linear pieces at their nodes, and draws faces after one
+nonlinear subdivision, as ParaView does unless told otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.reference.baseline.drawing import layers_of
+from elvis.reference.baseline.mesh import LinearMesh
+from elvis.reference.composing import record
+from elvis.reference.extras import needed
+from elvis.reference.record import Record
+from elvis.renderer.scene import CutSurface, Cylinder, Faces, Isosurface, Plane, Scene, SceneObject, Sphere, Surface
+from elvis.renderer.view import View
+
+#: ParaView's level for curved faces, unless told otherwise
+_SUBDIVISION = 1
+
+
+class VtkBaseline:
+    """A dataset as VTK holds it, and the seconds that it took."""
+
+    def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
+        """Raises ElvisError where VTK is missing, or has no cells for the data."""
+        from elvis.converters.exporting import exported
+        from elvis.converters.vtk_export import VtkTarget, write_vtu
+
+        needed("vtkmodules.vtkIOXML", "converters")
+        start = perf_counter()
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "cells.vtu"
+            write_vtu(path, exported(dataset, names, None, VtkTarget()), None)
+            reader = needed("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridReader()
+            reader.SetFileName(str(path))
+            reader.Update()
+            self.grid = reader.GetOutput()
+        self.names, self.seconds = tuple(names), {"mesh": perf_counter() - start}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Cells, points and bytes."""
+        return {
+            "simplices": self.grid.GetNumberOfCells(),
+            "points": self.grid.GetNumberOfPoints(),
+            "bytes": 1024 * self.grid.GetActualMemorySize(),
+        }
+
+    def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
+        """The picture of a scene; ElvisError for objects that aren't drawn this way."""
+        start, layers = perf_counter(), []
+        for shown in scene.every_object:
+            layers += layers_of(self.triangles(shown, scene.field), shown, scene, view, ends)
+        picture = record(layers, scene, view, ends)
+        self.seconds["draw"] = perf_counter() - start
+        return picture
+
+    def triangles(self, shown: SceneObject, field: str) -> LinearMesh:
+        """An object as VTK makes it."""
+        match shown:
+            case CutSurface(surface=surface):
+                made = needed("vtkmodules.vtkFiltersCore").vtkCutter()
+                made.SetCutFunction(_function(surface))
+            case Isosurface(values=values, quantity=quantity):
+                made = needed("vtkmodules.vtkFiltersCore").vtkContourFilter()
+                made.SetInputArrayToProcess(0, 0, 0, 0, quantity or field)
+                for number, value in enumerate(values):
+                    made.SetValue(number, value)
+            case Faces(select=("all",)):
+                made = needed("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
+                made.SetNonlinearSubdivisionLevel(_SUBDIVISION)
+                return self._made(made, self._merged())
+            case _:
+                raise ElvisError("VTK is asked for planes, spheres, cylinders, isosurfaces and all outer faces only")
+        return self._made(made, self.grid)
+
+    def _merged(self) -> Any:
+        """The grid with equal points made one, so that inner faces are known to be inner."""
+        cleaner = needed("vtkmodules.vtkFiltersCore").vtkStaticCleanUnstructuredGrid()
+        cleaner.ToleranceIsAbsoluteOff()
+        cleaner.SetTolerance(1e-9)
+        cleaner.SetInputData(self.grid)
+        cleaner.Update()
+        return cleaner.GetOutput()
+
+    def _made(self, made: Any, grid: Any) -> LinearMesh:
+        """The triangles that a filter makes of a grid."""
+        numpy_support = needed("vtkmodules.util.numpy_support")
+        triangles = needed("vtkmodules.vtkFiltersCore").vtkTriangleFilter()
+        made.SetInputData(grid)
+        triangles.SetInputConnection(made.GetOutputPort())
+        triangles.PassLinesOff()
+        triangles.PassVertsOff()
+        triangles.Update()
+        found = triangles.GetOutput()
+        if not found.GetNumberOfPolys():
+            return _nothing(self.names)
+
+        def column(data: Any, name: str) -> Any:
+            return numpy_support.vtk_to_numpy(data.GetArray(name))
+
+        points = numpy_support.vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64)
+        corners = numpy_support.vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+        values = {name: column(found.GetPointData(), name).astype(np.float64) for name in self.names}
+        element = column(found.GetCellData(), "element").astype(np.int64)
+        return LinearMesh(points, values, np.full_like(points, np.nan), corners.astype(np.int32), element)
+
+
+def _nothing(names: Sequence[str]) -> LinearMesh:
+    """No triangles."""
+    none: Floats = np.empty((0, 3))
+    return LinearMesh(
+        none, {name: np.empty(0) for name in names}, none, np.empty((0, 3), np.int32), np.empty(0, np.int64)
+    )
+
+
+def _function(surface: Surface) -> Any:
+    """A surface as one of VTK's implicit functions."""
+    functions = needed("vtkmodules.vtkCommonDataModel")
+    match surface:
+        case Plane(point=point, normal=normal):
+            made = functions.vtkPlane()
+            made.SetOrigin(point)
+            made.SetNormal(normal)
+        case Sphere(center=center, radius=radius):
+            made = functions.vtkSphere()
+            made.SetCenter(center)
+            made.SetRadius(radius)
+        case Cylinder(point=point, axis=axis, radius=radius):
+            made = functions.vtkCylinder()
+            made.SetCenter(point)
+            made.SetAxis(axis)
+            made.SetRadius(radius)
+        case _:
+            raise ElvisError(f"VTK is asked for no {type(surface).__name__}")
+    return made
