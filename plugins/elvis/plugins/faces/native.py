@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats
 from elvis.formats.bernstein import bernstein_space
-from elvis.formats.dataset import Dataset, Expansion
+from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.expansion import values
 from elvis.formats.geometry import GeometryBlock, geometry
@@ -16,48 +16,28 @@ from elvis.formats.mesh import Mesh
 from elvis.formats.orientation import face_shape, first_face_row
 from elvis.formats.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
-from elvis.plugins.faces.nets import FaceSpace, face_space
+from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled
+
+_FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
 
 
-def native_faces(dataset: Dataset, ids: Sequence[Ints], blocks: Sequence[GeometryBlock] | None = None) -> Faces:
+def native_faces(dataset: Dataset, ids: Sequence[Ints], length: float | None = None) -> Faces:
     """The faces of the elements of a dataset that the parts of a volume hold; 2D elements are faces themselves.
 
     ids     for each part the global ids of its elements
-    blocks  the dataset's `geometry`, where it is at hand already
+    length  of the period of quasi-3D data: the faces of plane elements are walls over their edges, and lids at its ends
     ElvisError for 1D meshes, which have no faces.
     """
     mesh = dataset.mesh
     if mesh.dimension < 2:
         raise ElvisError("expected 2D or 3D data, found DIM=1: lines have no faces")
     found: list[FaceBlock] = []
-    for block in geometry(dataset) if blocks is None else blocks:
+    for block in geometry(dataset):
         for part, own in enumerate(ids):
             rows, numbers = np.intersect1d(block.element_ids, own, return_indices=True)[1:]
             if len(rows):
-                found += _blocks(mesh, part, block, rows, numbers)
-    boundaries, regions = _names(mesh)
-    return Faces(found, ids, boundaries, regions)
-
-
-def _blocks(mesh: Mesh, part: int, block: GeometryBlock, rows: Ints, numbers: Ints) -> Iterator[FaceBlock]:
-    """The faces of the elements ``rows`` of a block, which are ``numbers`` in their part: by shape of face."""
-    shape, degree = block.expansion.shape, max(bernstein_space(block.expansion).degrees)
-    entity = _entities(mesh, shape, block.element_ids[rows])
-    for kind in (Shape.TRIANGLE, Shape.QUADRILATERAL):
-        local = np.array([k for k, face in enumerate(shape.faces) if face_shape(face) is kind], np.int64)
-        if len(local):
-            space = face_space(kind, max(degree, 1))
-            sides = np.tile(local, len(rows))
-            yield FaceBlock(
-                part,
-                shape.label.lower(),
-                space,
-                np.repeat(numbers, len(local)),
-                sides,
-                entity[:, local].reshape(-1),
-                frames(shape),
-                _nets(space, block, np.repeat(rows, len(local)), sides),
-            )
+                found += _blocks(mesh, part, block, rows, numbers, length)
+    return Faces(found, ids, *_names(mesh, length is not None))
 
 
 def frames(shape: Shape) -> Floats:
@@ -67,49 +47,71 @@ def frames(shape: Shape) -> Floats:
     return frozen_floats(np.stack([corners[:, 0] + along + across, along, across], axis=1))
 
 
-def _nets(space: FaceSpace, block: GeometryBlock, rows: Ints, local: Ints) -> Callable[[Ints], Floats]:
-    """The nets of faces ``local`` of the elements ``rows`` of a block."""
-
-    def nets(chosen: Ints) -> Floats:
-        result = np.ones((len(chosen), space.count, 4))
-        for side in np.unique(local[chosen]):
-            here = np.flatnonzero(local[chosen] == side)
-            matrix = _restriction(space, block.expansion, int(side))
-            result[here, :, :3] = np.einsum("ndm,mk->nkd", block.coefficients[rows[chosen[here]]], matrix)
-        return result
-
-    return nets
-
-
-def _restriction(space: FaceSpace, expansion: Expansion, side: int) -> Floats:
-    """(modes, count) matrix from the coefficients of an element's map to the net of one of its faces."""
-    frame = frames(expansion.shape)[side, :, : expansion.shape.dimension]
-    return np.asarray((space.fit @ values(expansion, frame[0] + space.points @ frame[1:])).T)
+def _blocks(
+    mesh: Mesh, part: int, block: GeometryBlock, rows: Ints, numbers: Ints, length: float | None
+) -> Iterator[FaceBlock]:
+    """The faces of the elements ``rows`` of a block, which are ``numbers`` in their part: by shape of face."""
+    shape, degree = block.expansion.shape, max(bernstein_space(block.expansion).degrees)
+    solid = shape.label.lower() if length is None else f"extruded {shape.label.lower()}"
+    for kind, own, entity in _sides(mesh, shape, block.element_ids[rows], length is not None):
+        space, local = face_space(kind, max(degree, 1)), np.tile(np.arange(len(own)), len(rows))
+        element, nets = (np.repeat(which, len(own)) for which in (numbers, rows))
+        images = sampled(space, nets, local, own, _images(block, length))
+        yield FaceBlock(part, solid, space, element, local, entity.reshape(-1), own, images)
 
 
-def _entities(mesh: Mesh, shape: Shape, ids: Ints) -> Ints:
-    """(n, faces) numbers of the faces of elements: triangles of the mesh first, then quadrilaterals."""
+def _sides(mesh: Mesh, shape: Shape, ids: Ints, extruded: bool) -> Iterator[tuple[Shape, Floats, Ints]]:
+    """Faces of elements by shape: the shape, frames (k, 3, 3), and numbers (n, k) of the faces in the mesh.
+
+    Triangles of the mesh count first, then quadrilaterals; in quasi-3D data edges, then lids.
+    """
     entities = mesh.of(shape)
     order = np.argsort(entities.ids)
     rows = order[np.searchsorted(entities.ids, ids, sorter=order)]
-    return rows[:, None] + first_face_row(mesh, shape) if shape.dimension == 2 else entities.members[rows]
+    numbers = rows[:, None] + first_face_row(mesh, shape) if shape.dimension == 2 else entities.members[rows]
+    if extruded:
+        ends, up = shape.vertices[[*shape.edges]], np.broadcast_to([0.0, 0.0, 1.0], (len(shape.edges), 3))
+        middle, half = np.pad((ends[:, 0] + ends[:, 1]) / 2, ((0, 0), (0, 1))), (ends[:, 1] - ends[:, 0]) / 2
+        yield Shape.QUADRILATERAL, np.stack([middle, np.pad(half, ((0, 0), (0, 1))), up], 1), entities.members[rows]
+        lids = np.repeat(frames(shape), 2, axis=0)
+        lids[:, 0, 2] = (-1.0, 1.0)
+        yield shape, lids, len(mesh.of(Shape.SEGMENT)) + 2 * numbers + np.arange(2)
+        return
+    for kind in _FACES:
+        local = [k for k, face in enumerate(shape.faces) if face_shape(face) is kind]
+        if local:
+            yield kind, frames(shape)[local], numbers[:, local]
 
 
-def _names(mesh: Mesh) -> tuple[dict[str, Ints], dict[str, Ints]]:
+def _images(block: GeometryBlock, length: float | None) -> Images:
+    """The maps of a block's elements; in quasi-3D data the third coordinate goes from 0 to the length."""
+
+    def positions(rows: Ints, points: Floats) -> Floats:
+        basis = values(block.expansion, points[:, : block.expansion.shape.dimension])
+        found: Floats = np.einsum("ndm,km->nkd", block.coefficients[rows], basis, optimize=True)
+        if length is not None:
+            found[..., 2] = length * (1 + points[:, 2]) / 2
+        return found
+
+    return polynomial(positions)
+
+
+def _names(mesh: Mesh, extruded: bool) -> tuple[dict[str, Ints], dict[str, Ints]]:
     """Composites by id and name: those of faces as numbers of faces, those of elements as global ids."""
-    boundaries: dict[str, Ints] = {}
-    regions: dict[str, Ints] = {}
-    tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
+    tables: tuple[dict[str, Ints], dict[str, Ints]] = {}, {}
+    solids = {shape.tag for shape in Shape.of_dimension(mesh.dimension)} | ({"F"} if mesh.dimension == 2 else set())
     for composite in mesh.composites:
-        faces = [_numbers(mesh, ids) for tag, ids in composite.parts if tag in ("F", "T", "Q")]
-        elements = [ids for tag, ids in composite.parts if tag in tags or (tag == "F" and mesh.dimension == 2)]
-        for table, parts in ((boundaries, faces), (regions, elements)):
+        names = [name for name in (composite.name, str(composite.id)) if name]
+        sides = ("E", "S") if extruded else ("F", "T", "Q")
+        faces = [_numbers(mesh, extruded, ids) for tag, ids in composite.parts if tag in sides]
+        elements = [ids for tag, ids in composite.parts if tag in solids]
+        for table, parts in zip(tables, (faces, elements), strict=True):
             if parts:
-                table.update(dict.fromkeys(filter(None, (composite.name, str(composite.id))), np.concatenate(parts)))
-    return boundaries, regions
+                table.update(dict.fromkeys(names, np.concatenate(parts)))
+    return tables
 
 
-def _numbers(mesh: Mesh, ids: Ints) -> Ints:
+def _numbers(mesh: Mesh, extruded: bool, ids: Ints) -> Ints:
     """Numbers of the faces with these global ids."""
-    every = np.concatenate([mesh.of(Shape.TRIANGLE).ids, mesh.of(Shape.QUADRILATERAL).ids])
+    every = np.concatenate([mesh.of(shape).ids for shape in ((Shape.SEGMENT,) if extruded else _FACES)])
     return np.flatnonzero(np.isin(every, ids))

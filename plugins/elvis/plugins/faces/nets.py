@@ -6,16 +6,21 @@ triangle or the reference square.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, frozen_floats
+from elvis.formats.arrays import Floats, Ints, frozen_floats
 from elvis.formats.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.formats.collapse import uncollapse
 from elvis.formats.quadrature import gauss
 from elvis.formats.shapes import Shape
+
+#: rows (n,) of elements and reference points (k, 3) to homogeneous world points (n, k, 4): w x, w y, w z, w
+Images: TypeAlias = Callable[[Ints, Floats], Floats]
 
 #: halves of a triangle, cut from a vertex to the middle of the opposite edge: along s, along t, and between the two
 _HALVES = [
@@ -85,3 +90,32 @@ class FaceSpace:
 def face_space(shape: Shape, degree: int) -> FaceSpace:
     """The one space of its kind, with its matrices."""
     return FaceSpace(shape, degree)
+
+
+def sampled(space: FaceSpace, rows: Ints, local: Ints, frames: Floats, images: Images) -> Callable[[Ints], Floats]:
+    """The ``nets`` of a FaceBlock whose faces' maps are found from points of their elements.
+
+    rows    (n,) of the elements, as ``images`` knows them
+    local   (n,) and frames (k, 3, 3) as in FaceBlock
+    images  what the elements' maps do; on each face it must lie in ``space``
+    """
+
+    def nets(chosen: Ints) -> Floats:
+        result = np.empty((len(chosen), space.count, 4))
+        for side in np.unique(local[chosen]):
+            here = np.flatnonzero(local[chosen] == side)
+            points = frames[side, 0] + space.points @ frames[side, 1:]
+            result[here] = space.fit @ images(rows[chosen[here]], points)
+        return result
+
+    return nets
+
+
+def polynomial(positions: Callable[[Ints, Floats], Floats]) -> Images:
+    """Images from world positions (n, k, 3): maps without weights."""
+
+    def images(rows: Ints, points: Floats) -> Floats:
+        found = positions(rows, points)
+        return np.concatenate([found, np.ones((*found.shape[:2], 1))], axis=2)
+
+    return images

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.plugins.faces.faces import Faces
@@ -16,7 +18,10 @@ def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
     ElvisError where it gives none.
     """
     if dataset is not None:
-        return native_faces(dataset, [part.element_ids for part in volume.parts])
+        extruded = dataset.mesh.dimension == 2 and volume.dimension == 3
+        periods = [np.asarray(part.buffers["period"]) for part in volume.parts if "period" in part.buffers]
+        length = float(periods[0][0]) if extruded and periods else None
+        return native_faces(dataset, [part.element_ids for part in volume.parts], length)
     give = getattr(volume, "faces", None)
     if give is None:
         raise ElvisError("the plugin gives no element faces, so that none can be drawn")
