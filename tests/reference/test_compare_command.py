@@ -44,9 +44,9 @@ def failed(capsys, *arguments):
 def test_a_report_of_a_scene(block_files, tmp_path):
     done = run(*block_files, *PLANE, "--refinements", "1,0", "-o", tmp_path / "report")
     assert done.exit_code == 0, done.output
-    assert re.match(r"Linear elements after 1 refinement: .* 2 would need \d+ kB\.\n$", done.stdout)
+    assert re.match(r"Linear elements after 1 refinement: .* 2 refinements would need \d+ kB\.\n$", done.stdout)
     told = json.loads((tmp_path / "report" / "summary.json").read_text())
-    assert [rival["level"] for rival in told["rivals"]] == [0, 1]
+    assert [rival["level"] for rival in told["rivals"]] == [0, 1, None]
     assert told["verdict"] == done.stdout.strip()
 
     # the scene that lies in the report makes it again
@@ -88,7 +88,7 @@ def test_options_are_checked(records, arguments, sentence):
 
 def test_a_limit_is_kept(block_files):
     numbers = json.loads(run(*block_files, *PLANE, "--memory-limit", "20k", "--json").stdout)
-    assert [rival["skipped"] for rival in numbers["rivals"]] == [None, *3 * ["more than the memory limit"]]
+    assert [rival["skipped"] for rival in numbers["rivals"]] == [None, *3 * ["more than the memory limit"], None]
 
 
 def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys):
@@ -101,3 +101,36 @@ def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys)
         capsys, *block_files, *PLANE, "--refinements", "0", "--require", "pixel-exact"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.npz"]
+
+
+def test_meshes_are_kept_on_request(block_files, tmp_path):
+    import trimesh
+
+    iso = ["--isosurface", "0.2", "--camera", "iso", "--size", "40x30", "--device", "reference", "--refinements", "1"]
+    done = run(*block_files, *iso, "--meshes", "ply,glb", "-o", tmp_path / "report")
+    assert done.exit_code == 0, done.output
+    names = {path.name for path in (tmp_path / "report" / "meshes").iterdir()}
+    assert names == {f"{name}.{end}" for name in ("exact-isosurface-0", "n1-object-0") for end in ("ply", "glb")}
+    mesh = trimesh.load_mesh(tmp_path / "report" / "meshes" / "exact-isosurface-0.ply", process=False)
+    assert len(mesh.faces) > 100
+    told = json.loads((tmp_path / "report" / "summary.json").read_text())
+    assert told["rivals"][0]["surfaces"]["wave = 0.2"]["hausdorff"] > 0
+    assert run(*block_files, *iso, "--meshes", "stl").exit_code == 2
+
+
+def test_meshes_come_back_from_vtk(block_files, blocks, tmp_path):
+    vtk_reader = pytest.importorskip("vtkmodules.vtkIOXML")
+    from elvis.reference.baseline.drawing import Baseline
+    from elvis.reference.baseline.saving import save_mesh
+    from elvis.reference.quantities import Quantities
+
+    whole = Baseline.of(blocks, Quantities(blocks, ["wave"]), 1).whole
+    save_mesh(whole, tmp_path / "whole.vtu")
+    reader = vtk_reader.vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "whole.vtu"))
+    reader.Update()
+    found = reader.GetOutput()
+    assert (found.GetNumberOfCells(), found.GetNumberOfPoints()) == (len(whole), len(whole.points))
+    assert found.GetPointData().GetArray("wave").GetValue(17) == whole.values["wave"][17]
+    with pytest.raises(Exception, match="expected a surface, found tetrahedra"):
+        save_mesh(whole, tmp_path / "whole.ply")

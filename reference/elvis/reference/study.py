@@ -44,6 +44,7 @@ class Rival:
     counts     simplices, points and bytes
     seconds    by name
     surfaces   distances of its isosurfaces, by value
+    meshes     that it was drawn from, by file name without suffix, where they were asked for
     skipped    why there is no picture
     """
 
@@ -55,6 +56,7 @@ class Rival:
     counts: Mapping[str, int] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     surfaces: Mapping[str, SurfaceDistance | None] = field(default_factory=dict)
+    meshes: Mapping[str, LinearMesh] = field(default_factory=dict)
     skipped: str | None = None
 
 
@@ -97,6 +99,7 @@ class Study:
     next: tuple[int, int] | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     remarks: Sequence[str] = ()
+    meshes: Mapping[str, LinearMesh] = field(default_factory=dict)
 
 
 def compare_records(exact: Record, other: Record, name: str) -> Study:
@@ -133,12 +136,14 @@ def compare_scene(
     limit: int | None = None,
     draw: Callable[..., Frame] | None = None,
     judged: int = JUDGED,
+    meshes: bool = False,
 ) -> Study:
     """The exact picture of a scene against the linear ones.
 
     limit   bytes that a linear mesh may take while it is made and drawn; by default half of what is free
     draw    the renderer, ``elvis.renderer.render`` by default
     judged  longest side of the picture that the reference checks; 0 checks nothing
+    meshes  whether all meshes are kept
     """
     draw = draw or _renderer()
     start = perf_counter()
@@ -149,7 +154,7 @@ def compare_scene(
     values = _contours(settled, exact, frame.range)
     quantities, allowed = Quantities(dataset, names), memory_limit() if limit is None else limit
     surfaces = exact_surfaces(dataset, settled, quantities, allowed)
-    rivals = Rivals(dataset, settled, frame.view, exact, frame.range, values, quantities, surfaces)
+    rivals = Rivals(dataset, settled, frame.view, exact, frame.range, values, quantities, surfaces, meshes)
     fine = max(levels) + 1
     return Study(
         exact,
@@ -165,6 +170,7 @@ def compare_scene(
         (fine, estimate(quantities.patches, fine, len(names))[2]),
         seconds,
         tuple(frame.stats.get("remarks", ())),
+        {f"exact-isosurface-{i}": mesh for i, (_, mesh) in enumerate(surfaces.values())} if meshes else {},
     )
 
 
@@ -180,6 +186,7 @@ class Rivals:
     contours: Sequence[float]
     quantities: Quantities
     surfaces: Mapping[str, tuple[Isosurface, LinearMesh]]
+    keeps_meshes: bool = False
 
     def at(self, level: int, limit: int) -> Rival:
         """The picture of elements cut ``level`` times; skipped where it would exceed the limit."""
@@ -201,7 +208,14 @@ class Rivals:
             {**counts, **made.counts},
             dict(made.seconds),
             self._surfaces(made),
+            self._meshes(made) if self.keeps_meshes else {},
         )
+
+    def _meshes(self, made: Baseline) -> dict[str, LinearMesh]:
+        """The volume, and the triangles of every object."""
+        objects = enumerate(self.scene.every_object)
+        found = {f"n{made.level}-object-{i}": made.triangles(shown, self.scene.field) for i, shown in objects}
+        return {f"n{made.level}": made.whole, **found}
 
     def others(self) -> list[Rival]:
         """The picture as VTK draws it, where VTK is installed and has filters for the scene."""

@@ -50,6 +50,16 @@ def _bytes(context: click.Context, parameter: click.Parameter, value: str | None
     return int(found)
 
 
+def _formats(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+    """``ply,vtu``: formats of meshes."""
+    from elvis.reference.baseline.saving import FORMATS
+
+    found = tuple(part.strip().lower() for part in value.split(",")) if value else ()
+    if not set(found) <= set(FORMATS):
+        raise click.BadParameter(f"expected some of {', '.join(FORMATS)} with commas between them, found {value!r}")
+    return found
+
+
 def _scene_options(command: _Command) -> _Command:
     """The command with the options of ``elvis render`` that say what is seen."""
     kept = {key: options for key, options in OPTIONS.items() if key not in ("outputs", "stats", "plain", "samples")}
@@ -74,9 +84,17 @@ def _scene_options(command: _Command) -> _Command:
 )
 @click.option("--judge", type=click.IntRange(0, 4096), default=300, show_default=True, metavar="PIXELS",
               help="Longest side of the picture that the reference checks; 0: none.")  # fmt: skip
+@click.option("--meshes", metavar="FORMATS", callback=_formats, help="Keep the meshes in the report: ply, glb, vtu.")
 @click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a bar is not passed.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers of summary.json.")
-def compare(data: tuple[Path, ...], output: Path | None, require: str | None, as_json: bool, **options: Any) -> None:
+def compare(
+    data: tuple[Path, ...],
+    output: Path | None,
+    meshes: tuple[str, ...],
+    require: str | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Report how exact the picture of a scene is, and what linear elements would have shown of it.
 
     A scene is given as for elvis render: by a scene file, or DATA and options.  Two records that elvis render has
@@ -88,10 +106,10 @@ def compare(data: tuple[Path, ...], output: Path | None, require: str | None, as
 
     if output is not None:
         check_folder(output)
-    study = _study(data, options)
+    study = _study(data, {**options, "meshes": bool(meshes and output)})
     numbers = summary(study)
     if output is not None:
-        write_report(study, output)
+        write_report(study, output, meshes)
     if as_json:
         print_json(plain(numbers))
     else:
@@ -121,7 +139,8 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
     from elvis.renderer.commands.composing import composed
     from elvis.renderer.scene import MeshLines
 
-    levels, limit, judged = (options.pop(name) for name in ("refinements", "memory_limit", "judge"))
+    own = ("refinements", "memory_limit", "judge", "meshes")
+    levels, limit, judged, meshes = (options.pop(name) for name in own)
     options["mesh_lines"] = MeshLines() if options.get("mesh_lines") else None
     scene = composed(data, options, ())
     if not scene.data:
@@ -130,7 +149,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
         raise SceneError("linear meshes are made of the native format only: leave the plugin out")
     dataset = read_data(tuple(map(Path, scene.data)))
     with stage("comparing"):
-        return compare_scene(dataset, scene, levels, limit, judged=judged)
+        return compare_scene(dataset, scene, levels, limit, judged=judged, meshes=meshes)
 
 
 def _check(require: str | None, study: Study) -> None:

@@ -68,7 +68,7 @@ def _linear(study: Study, levels: Sequence[Rival]) -> str:
     said = f"Linear elements after {drawn[-1].name}: {how_wrong(drawn[-1])}"
     if skipped:
         return f"{said}; {_cost(skipped[0])}."
-    return f"{said}; {study.next[0]} would need {size(study.next[1])}." if study.next else f"{said}."
+    return f"{said}; {study.next[0]} refinements would need {size(study.next[1])}." if study.next else f"{said}."
 
 
 def _cost(rival: Rival) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from elvis.formats.errors import ElvisError
+from elvis.reference.baseline.saving import FORMATS, save_mesh
 from elvis.reference.report.page import page
 from elvis.reference.report.summary import summary, times
 from elvis.reference.study import Study
@@ -22,8 +23,8 @@ from elvis.reference.study import Study
 MARK = "summary.json"
 
 
-def write_report(study: Study, folder: Path) -> None:
-    """Write the report; an earlier one in its place is replaced.
+def write_report(study: Study, folder: Path, formats: Sequence[str] = ()) -> None:
+    """Write the report, with the study's meshes in some formats; an earlier one in its place is replaced.
 
     Raises ElvisError where something else stands there, or the folder above doesn't exist.
     """
@@ -32,6 +33,7 @@ def write_report(study: Study, folder: Path) -> None:
         (beside / "index.html").write_text(text, encoding="utf-8")
         for name, content in files.items():
             _put(beside / name, content)
+        _put_meshes(study, beside / "meshes", formats)
         _put(beside / MARK, _json(summary(study)))
         _put(beside / "times.json", _json(times(study)))
 
@@ -75,6 +77,16 @@ def _scene(study: Study, folder: Path) -> str:
         return ""
     write_scene(study.scene, folder / "scene.toml")
     return (folder / "scene.toml").read_text(encoding="utf-8")
+
+
+def _put_meshes(study: Study, folder: Path, formats: Sequence[str]) -> None:
+    """All meshes that were kept, in the formats that can hold them."""
+    every = {**study.meshes, **{name: mesh for rival in study.rivals for name, mesh in rival.meshes.items()}}
+    for suffix in formats:
+        folder.mkdir(exist_ok=True)
+        for name, mesh in every.items():
+            if mesh.simplices.shape[1] in FORMATS[suffix] and len(mesh):
+                save_mesh(mesh, folder / f"{name}.{suffix}")
 
 
 def _put(path: Path, content: Any) -> None:

@@ -1,0 +1,69 @@
+"""Linear meshes as files: surfaces as PLY and GLB, volumes and surfaces as VTU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from elvis.formats.errors import ElvisError
+from elvis.formats.output import replacing
+from elvis.reference.baseline.mesh import LinearMesh
+from elvis.reference.extras import needed
+
+#: formats, and what each holds: corners of its simplices
+FORMATS = {"ply": (3,), "glb": (3,), "vtu": (3, 4)}
+
+
+def save_mesh(mesh: LinearMesh, path: Path) -> None:
+    """Write a mesh in the format of the suffix, with its values at the corners where the format has a place for them.
+
+    PLY and GLB hold surfaces in single precision, VTU surfaces and tetrahedra in double precision, with element ids.
+    ElvisError for another suffix, or for tetrahedra in a format of surfaces.
+    """
+    kinds = FORMATS.get(path.suffix.lower().removeprefix("."))
+    if kinds is None:
+        raise ElvisError(f"{path}: expected a name that ends in .{', .'.join(FORMATS)}, found {path.suffix or 'none'}")
+    if mesh.simplices.shape[1] not in kinds:
+        raise ElvisError(f"{path}: expected a surface, found tetrahedra, which .vtu files hold")
+    with replacing(path) as beside:
+        (_save_vtu if path.suffix.lower() == ".vtu" else _save_surface)(mesh, beside)
+
+
+def _save_surface(mesh: LinearMesh, path: Path) -> None:
+    """A surface through trimesh."""
+    made = needed("trimesh").Trimesh(mesh.points, mesh.simplices, process=False)
+    for name, values in mesh.values.items():
+        made.vertex_attributes["".join(letter if letter.isalnum() else "_" for letter in name)] = values.astype(
+            np.float32
+        )
+    path.write_bytes(made.export(file_type=path.suffix.lower().removeprefix(".")))
+
+
+def _save_vtu(mesh: LinearMesh, path: Path) -> None:
+    """Any mesh through VTK."""
+    numpy_support = needed("vtkmodules.util.numpy_support", "converters")
+    core, model = (
+        needed("vtkmodules.vtkCommonCore", "converters"),
+        needed("vtkmodules.vtkCommonDataModel", "converters"),
+    )
+    points, cells, grid = core.vtkPoints(), model.vtkCellArray(), model.vtkUnstructuredGrid()
+    points.SetData(numpy_support.numpy_to_vtk(mesh.points, deep=True))
+    corners = mesh.simplices.shape[1]
+    ends = np.arange(0, mesh.simplices.size + 1, corners, dtype=np.int64)
+    flat = mesh.simplices.astype(np.int64).ravel()
+    cells.SetData(*(numpy_support.numpy_to_vtkIdTypeArray(array, deep=True) for array in (ends, flat)))
+    grid.SetPoints(points)
+    grid.SetCells(model.VTK_TRIANGLE if corners == 3 else model.VTK_TETRA, cells)
+    for data, name, values in (
+        *((grid.GetPointData(), name, values) for name, values in mesh.values.items()),
+        (grid.GetCellData(), "element", mesh.element),
+    ):
+        array = numpy_support.numpy_to_vtk(values, deep=True)
+        array.SetName(name)
+        data.AddArray(array)
+    writer = needed("vtkmodules.vtkIOXML", "converters").vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(path))
+    writer.SetInputData(grid)
+    if not writer.Write():
+        raise ElvisError(f"{path}: cannot be written by VTK")
