@@ -48,7 +48,7 @@ def _opened(opened: Opened, texts: Sequence[str]) -> Volume:
     if expressions[0].is_field and len(expressions) == 1:
         return volume
     parts = [_expressed(part, expressions, volume.dimension) for part in volume.parts]
-    return Shown(parts, Path(volume.shader_folder), volume.dimension)
+    return Shown(parts, Path(volume.shader_folder), volume.dimension, getattr(volume, "faces", None))
 
 
 def _expressed(part: Part, expressions: Sequence[Expression], dimension: int) -> Part:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
+
+if TYPE_CHECKING:
+    from elvis.plugins.faces import Faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,11 +128,13 @@ class Shown:
 
     shader_folder  where the Slang modules of the parts stand
     dimension      3, or 2 for elements in the plane z = 0
+    faces          gives the elements' faces (see `elvis.plugins.faces`), where pictures of them can be made
     """
 
     parts: Sequence[Part]
     shader_folder: Path
     dimension: int = 3
+    faces: Callable[[], Faces] | None = None
 
 
 class Volume(Protocol):

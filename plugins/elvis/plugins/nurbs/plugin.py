@@ -6,17 +6,22 @@ import re
 from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.quadrature import gauss, gll
+from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
 from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes
 from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, first_line, read_function, read_mesh
 from elvis.plugins.nurbs.numbering import numbered
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, Shown, basis_part, boxes_between
+
+#: degrees of map and field, nets of both, and numbers of some elements
+Group: TypeAlias = tuple[list[int], Floats, Floats, Ints]
 
 _COLLECTION = re.compile(r"(H1|H1Pos|L2|L2_T1|L2_T2)_3D_P(\d+)")
 _LARGEST = 12
@@ -75,8 +80,9 @@ class Nurbs(VolumeSource):
             nets = _rational(self.mesh, values) if is_rational else _polynomial(self.mesh, function.collection, values)
         except FormatError as error:
             raise error.within(file=path, place=FUNCTION) from error
-        parts = _parts(weighted(self.mesh), nets, is_rational)
-        return Shown(parts, Path(__file__).parent)
+        groups = _groups(weighted(self.mesh), nets)
+        parts = [_part(*group, is_rational) for group in groups]
+        return Shown(parts, Path(__file__).parent, faces=lambda: _faces(self.mesh, groups))
 
 
 def weighted(mesh: PatchMesh) -> list[Floats]:
@@ -125,18 +131,35 @@ def _counts(mesh: PatchMesh) -> list[int]:
     return [int(np.prod([len(vector.spans) for vector in own])) for own in mesh.knots]
 
 
-def _parts(maps: list[Floats], fields: list[Floats], is_rational: bool) -> list[Part]:
-    """Parts of all patches with equal degrees."""
+def _groups(maps: list[Floats], fields: list[Floats]) -> list[Group]:
+    """Elements of all patches with equal degrees: these, nets of maps and fields, and numbers."""
     first = np.cumsum([0, *map(len, maps)])
-    groups: dict[tuple[int, ...], list[int]] = {}
+    alike: dict[tuple[int, ...], list[int]] = {}
     for patch, (geometry, field) in enumerate(zip(maps, fields, strict=True)):
-        groups.setdefault((*geometry.shape[1:4], *field.shape[1:4]), []).append(patch)
-    parts = []
-    for shape, patches in groups.items():
+        alike.setdefault((*geometry.shape[1:4], *field.shape[1:4]), []).append(patch)
+    groups = []
+    for shape, patches in alike.items():
         ids = np.concatenate([np.arange(first[patch], first[patch + 1]) for patch in patches])
         geometry, field = (np.concatenate([nets[patch] for patch in patches]) for nets in (maps, fields))
-        parts.append(_part([size - 1 for size in shape], geometry, field, ids, is_rational))
-    return parts
+        groups.append(([size - 1 for size in shape], geometry, field, ids))
+    return groups
+
+
+def _faces(mesh: PatchMesh, groups: list[Group]) -> Faces:
+    """The faces of all elements; those that share their vertices are one."""
+    vertices = mesh.elements()
+    parts = [Hexahedra(vertices[ids], max(degrees[:3]), _images(nets), unit=True) for degrees, nets, _, ids in groups]
+    return Faces(hexahedron_faces(parts), [ids for *_, ids in groups])
+
+
+def _images(nets: Floats) -> Callable[[Ints, Floats], Floats]:
+    """The rational maps of elements with these nets."""
+
+    def images(elements: Ints, points: Floats) -> Floats:
+        each = [evaluated(nets[elements], np.tile(point, (len(elements), 1))) for point in points]
+        return np.stack(each, axis=1)
+
+    return images
 
 
 def _part(degrees: list[int], geometry: Floats, field: Floats, ids: Ints, is_rational: bool) -> Part:
