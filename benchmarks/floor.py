@@ -72,6 +72,16 @@ def operations(case: Case) -> int:
     return steps * step + 2 * coefficients(shape, case.order)
 
 
+def coefficients_of(degree: int, dimension: int) -> int:
+    """Number of coefficients of a polynomial of total degree in two or three coordinates; none below degree 0."""
+    return comb(degree + dimension, dimension) if degree >= 0 else 0
+
+
+def simplicial(degree: int, dimension: int) -> int:
+    """Operations of a Newton step on the map of a triangle or tetrahedron: position, derivatives and solve."""
+    return 6 * (coefficients_of(degree, dimension) + dimension * coefficients_of(degree - 1, dimension)) + SOLVE
+
+
 def peaks(device: str) -> dict[str, float]:
     """Double precision operations a processor second, so of a core: NumPy's matrix product, multiply-adds in a kernel.
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from elvis.formats import Dataset
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.expansion import values
-from elvis.formats.patch import patches
+from elvis.formats.patch import Patch, patches
+from elvis.renderer import Plane
 from elvis.renderer.view import View
 
 #: tetrahedra of one refinement: rows of the four vertices, then the midpoints 01 02 03 12 13 23
@@ -35,19 +36,28 @@ class Pieces:
     """The tetrahedra of a dataset in 8^level linear pieces each; tables and coefficients are at hand beforehand."""
 
     def __init__(self, dataset: Dataset, field: str, level: int) -> None:
-        (patch,) = patches(dataset, [field])
         points, self._cells = refinement(level)
-        self._map, self._field = values(patch.geometry, points), values(patch.fields[0], points)  # type: ignore[arg-type]
-        self._positions = np.ascontiguousarray(patch.geometry_coefficients.transpose(0, 2, 1))
-        self._modes: Floats = patch.coefficients[0]  # type: ignore[assignment]
-        self.count = len(patch) * len(self._cells)
+        self._parts = [_tables(patch, points) for patch in patches(dataset, [field])]
+        self.count = sum(len(modes) for *_, modes in self._parts) * len(self._cells)
 
     def grid(self, shift: float = 0.0) -> Any:
         """The pieces as a vtkUnstructuredGrid, with the values raised by ``shift``."""
-        points = np.matmul(self._map, self._positions).reshape(-1, 3)
-        scalars = (self._modes @ self._field.T).reshape(-1) + shift
-        starts = np.arange(len(self._modes), dtype=np.int64) * len(self._map)
+        points = _together([np.matmul(table, places).reshape(-1, 3) for table, _, places, _ in self._parts])
+        scalars = _together([(modes @ table.T).reshape(-1) for _, table, _, modes in self._parts]) + shift
+        each = len(self._parts[0][0])
+        starts = np.arange(len(points) // each, dtype=np.int64) * each
         return unstructured(points, (starts[:, None, None] + self._cells).reshape(-1, 4), scalars)
+
+
+def _tables(patch: Patch, points: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Tables of the modes of map and field at points, and the coefficients of both."""
+    tables = [values(expansion, points) for expansion in (patch.geometry, patch.fields[0])]  # type: ignore[arg-type]
+    places = np.ascontiguousarray(patch.geometry_coefficients.transpose(0, 2, 1))
+    return tables[0], tables[1], places, patch.coefficients[0]  # type: ignore[return-value]
+
+
+def _together(parts: list[Floats]) -> Floats:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def unstructured(points: Floats, cells: Ints, scalars: Floats) -> Any:
@@ -67,27 +77,33 @@ def unstructured(points: Floats, cells: Ints, scalars: Floats) -> Any:
     return grid
 
 
-def section(grid: Any, view: View) -> Any:
-    """The triangles (vtkPolyData) in which the view's plane cuts a grid."""
+def section(grid: Any, plane: Plane) -> Any:
+    """The triangles (vtkPolyData) in which a plane cuts a grid."""
     import vtk
 
-    plane, cutter = vtk.vtkPlane(), vtk.vtkPlaneCutter()
-    plane.SetOrigin(*view.plane.point)
-    plane.SetNormal(*view.plane.basis()[2])
+    function, cutter = vtk.vtkPlane(), vtk.vtkPlaneCutter()
+    function.SetOrigin(*plane.point)
+    function.SetNormal(*plane.basis()[2])
     cutter.SetInputData(grid)
-    cutter.SetPlane(plane)
+    cutter.SetPlane(function)
     cutter.ComputeNormalsOff()
     cutter.BuildTreeOff()
     cutter.BuildHierarchyOff()
     cutter.Update()
-    found = cutter.GetOutputDataObject(0)
+    return joined(cutter.GetOutputDataObject(0))
+
+
+def joined(found: Any) -> Any:
+    """One vtkPolyData of what a filter gave, in one or in several."""
+    import vtk
+
     if isinstance(found, vtk.vtkPolyData):
         return found
-    joined = vtk.vtkAppendPolyData()
+    together = vtk.vtkAppendPolyData()
     for part in _leaves(found):
-        joined.AddInputData(part)
-    joined.Update()
-    return joined.GetOutput()
+        together.AddInputData(part)
+    together.Update()
+    return together.GetOutput()
 
 
 def _leaves(composite: Any) -> list[Any]:

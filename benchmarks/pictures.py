@@ -98,7 +98,7 @@ class Rival:
     def picture(self) -> Any:
         """Refine, cut and draw."""
         grid = self.stages["refine"].run(self._pieces.grid)
-        triangles = self.stages["cut"].run(lambda: linear.section(grid, self._view))
+        triangles = self.stages["cut"].run(lambda: linear.section(grid, self._view.plane))
         self._bytes = 1024 * grid.GetActualMemorySize()
         return self.stages["draw"].run(lambda: self._canvas.image(triangles))
 
@@ -106,7 +106,7 @@ class Rival:
         """Its numbers beside the exact frame."""
         low, high = frame.range
         shift = (high - low) - low
-        shown = self._gauge.values(linear.section(self._pieces.grid(shift), self._view)) - shift
+        shown = self._gauge.values(linear.section(self._pieces.grid(shift), self._view.plane)) - shift
         return {
             "refinements": self._level,
             "tetrahedra": self._pieces.count,

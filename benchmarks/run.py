@@ -15,11 +15,14 @@ from typing import Any
 
 import cases
 import conversion
+import floor
 import machine
 import measuring
 import million
 import orders
 import pictures
+import scenes
+import shown
 import starting
 from tables import Table
 
@@ -38,6 +41,40 @@ def cut(options: argparse.Namespace) -> tuple[Any, list[Table]]:
         numbers[case.name] = pictures.compare(case, options.device, side, rounds, levels=2 if options.quick else 4)
         tables.append(pictures.table(numbers[case.name], title))
     return numbers, tables
+
+
+def shown_scenes(kinds: tuple[str, ...], options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Some kinds of pictures of both wings."""
+    side, rounds = (100, 1) if options.quick else (1000, max(2, options.rounds // 2))
+    peak = max(floor.peaks(options.device).values())
+    numbers, tables = {}, []
+    for each in shown.SHOWN:
+        levels = 2 if options.quick else 4
+        found = scenes.compare(kinds, each, options.device, side, rounds, levels, options.quick)
+        numbers[each.name] = found
+        tables.append(scenes.table(found, peak))
+    return numbers, tables
+
+
+def surfaces(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Cut planes and surfaces with contours, and how they grow."""
+    numbers, tables = shown_scenes(("cut", "faces"), options)
+    side, rounds = (100, 1) if options.quick else (1000, max(2, options.rounds // 3))
+    numbers["growth"] = scenes.growth(options.device, side, rounds, options.quick)
+    return numbers, [*tables, *scenes.growth_table(numbers["growth"])]
+
+
+def isosurface(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Isosurfaces."""
+    return shown_scenes(("isosurface",), options)
+
+
+def volume(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Volumes of the delta wing, and everything in one picture."""
+    side, rounds = (60, 1) if options.quick else (1000, 2)
+    kinds = ("cut", "faces", "isosurface", "volume", "together")
+    found = scenes.compare(kinds, shown.DELTA, options.device, side, rounds, 0, options.quick)
+    return found, [scenes.sharing(found)]
 
 
 def order(options: argparse.Namespace) -> tuple[Any, list[Table]]:
@@ -66,7 +103,16 @@ def start(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [starting.table(numbers)]
 
 
-PARTS: dict[str, Part] = {"cut": cut, "orders": order, "million": many, "convert": convert, "start": start}
+PARTS: dict[str, Part] = {
+    "cut": cut,
+    "surfaces": surfaces,
+    "isosurface": isosurface,
+    "volume": volume,
+    "orders": order,
+    "million": many,
+    "convert": convert,
+    "start": start,
+}
 
 
 def main() -> None:

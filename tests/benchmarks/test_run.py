@@ -28,8 +28,10 @@ def quick(tmp_path_factory):
 def test_every_part_prints_its_table(quick):
     text, numbers = quick
     titles = [line for line in text.splitlines() if line.startswith("## ")]
-    assert len(titles) == 6
-    assert set(numbers) == {"machine", "cut", "orders", "million", "convert", "start"}
+    assert len(titles) == 13
+    assert set(numbers) == {
+        "machine", "cut", "surfaces", "isosurface", "volume", "orders", "million", "convert", "start"
+    }  # fmt: skip
     assert numbers["machine"]["date"] in text
 
 

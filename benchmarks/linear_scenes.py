@@ -1,0 +1,202 @@
+"""The usual way, by VTK, for the scenes: surfaces of refined faces, marched isosurfaces, contours as polylines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import linear
+import numpy as np
+from measuring import Timing
+
+from elvis.formats import Dataset, Shape
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.expansion import values
+from elvis.formats.patch import patches
+from elvis.plugins.faces import native_faces
+from elvis.renderer import CutSurface, Faces, Isosurface, Plane, Scene
+from elvis.renderer.frame import Frame
+from elvis.renderer.view import View
+
+STAGES = ("refine", "extract", "draw")
+#: share of the range that one step of an 8-bit colour map spans, and pixels that an isosurface may be off
+STEP, HALF = 1 / 256, 0.5
+
+
+def lattice(level: int) -> tuple[Floats, Ints]:
+    """Points (q, 2) of the reference triangle and the 4^level triangles (k, 3) between them that fill it."""
+    n = 1 << level
+    number = np.full((n + 2, n + 2), -1)
+    places = [(i, j) for j in range(n + 1) for i in range(n + 1 - j)]
+    for row, (i, j) in enumerate(places):
+        number[i, j] = row
+    lower = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in places if i + j < n]
+    upper = [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in places if i + j < n - 1]
+    return np.array(places) * (2.0 / n) - 1.0, np.array(lower + upper)
+
+
+class FacePieces:
+    """Chosen faces of a dataset's tetrahedra in 4^level linear triangles each; tables are at hand beforehand."""
+
+    def __init__(self, dataset: Dataset, field: str, words: tuple[str, ...], level: int) -> None:
+        points, self._cells = lattice(level)
+        parts = patches(dataset, [field])
+        faces = native_faces(dataset, [patch.element_ids for patch in parts])
+        self._parts = []
+        for block, rows in zip(faces.blocks, faces.select(words), strict=True):
+            patch = parts[block.part]
+            assert patch.shape is Shape.TETRAHEDRON
+            for local, frame in enumerate(block.frames):
+                chosen = block.element[rows[block.local[rows] == local]]
+                where = frame[0] + points @ frame[1:]
+                tables = values(patch.geometry, where), values(patch.fields[0], where)  # type: ignore[arg-type]
+                places = np.ascontiguousarray(patch.geometry_coefficients[chosen].transpose(0, 2, 1))
+                self._parts.append((*tables, places, patch.coefficients[0][chosen]))  # type: ignore[index]
+        self.count = sum(len(modes) for *_, modes in self._parts) * len(self._cells)
+
+    def grid(self, shift: float = 0.0) -> Any:
+        """The triangles as vtkPolyData, with the values raised by ``shift``."""
+        import vtk
+        from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+
+        points = np.concatenate([np.matmul(table, places).reshape(-1, 3) for table, _, places, _ in self._parts])
+        scalars = np.concatenate([(modes @ table.T).reshape(-1) for _, table, _, modes in self._parts]) + shift
+        each = self._parts[0][0].shape[0]
+        starts = np.arange(len(points) // each, dtype=np.int64) * each
+        cells = np.ascontiguousarray((starts[:, None, None] + self._cells).reshape(-1))
+        surface, positions, triangles = vtk.vtkPolyData(), vtk.vtkPoints(), vtk.vtkCellArray()
+        positions.SetData(numpy_to_vtk(points))
+        offsets = np.arange(0, len(cells) + 1, 3, dtype=np.int64)
+        triangles.SetData(numpy_to_vtkIdTypeArray(offsets), numpy_to_vtkIdTypeArray(cells))
+        surface.SetPoints(positions)
+        surface.SetPolys(triangles)
+        array = numpy_to_vtk(scalars)
+        array.SetName("u")
+        surface.GetPointData().SetScalars(array)
+        return surface
+
+
+class Rival:
+    """VTK's picture of a scene after some refinements; the seconds of its stages are kept for every run."""
+
+    def __init__(self, dataset: Dataset, scene: Scene, level: int, frame: Frame) -> None:
+        (self._item,), self._scene, self._view, self._level = scene.objects, scene, frame.view, level
+        if isinstance(self._item, Faces):
+            self._pieces: Any = FacePieces(dataset, scene.field, self._item.select, level)
+        else:
+            self._pieces = linear.Pieces(dataset, scene.field, level)
+        low, high = scene.range  # type: ignore[misc]
+        self._low, self._high = float(low), float(high)
+        self._canvas = Canvas(frame.view, self._low, self._high)
+        self.stages = {stage: Timing() for stage in STAGES}
+
+    def picture(self) -> Any:
+        """Refine, extract surfaces and contours, draw."""
+        grid = self.stages["refine"].run(self._pieces.grid)
+        triangles, lines = self.stages["extract"].run(lambda: self._extracted(grid))
+        return self.stages["draw"].run(lambda: self._canvas.both(triangles, lines))
+
+    def _extracted(self, grid: Any) -> tuple[Any, Any]:
+        triangles = self._surface(grid)
+        marks = np.linspace(self._low, self._high, 12)[1:-1]
+        return triangles, None if isinstance(self._item, Isosurface) else contours(triangles, marks)
+
+    def _surface(self, grid: Any) -> Any:
+        if isinstance(self._item, Faces):
+            return grid
+        if isinstance(self._item, CutSurface):
+            assert isinstance(self._item.surface, Plane)
+            return linear.section(grid, self._item.surface)
+        return marched(grid, self._item.values[0])  # type: ignore[union-attr]
+
+    def record(self, timing: Timing, frame: Frame) -> dict[str, Any]:
+        """Its numbers beside the exact frame."""
+        right = self._off_the_surface(frame) if isinstance(self._item, Isosurface) else self._off_the_values(frame)
+        stages = {stage: taken.record() for stage, taken in self.stages.items()}
+        return {"refinements": self._level, "pieces": self._pieces.count, **timing.record(), "stages": stages, **right}
+
+    def _off_the_values(self, frame: Frame) -> dict[str, float]:
+        """Pixels off by a colour, and those seen by one side only, as shares of those that are seen."""
+        span = self._high - self._low
+        shift = 3 * span - self._low
+        gauge = linear.Gauge(self._view, span)
+        shown = gauge.values(self._surface(self._pieces.grid(shift))) - shift
+        both = np.isfinite(shown) & frame.seen
+        error = np.abs(shown - frame.field)[both] / span
+        missed = float((np.isfinite(shown) != frame.seen).sum() / frame.seen.sum())
+        return {"wrong": float((error > STEP).mean()), "missed": missed}
+
+    def _off_the_surface(self, frame: Frame) -> dict[str, float]:
+        """Pixels where the surface is off by more than half a pixel, or seen by one side only, of those seen by any."""
+        depths = self._canvas.depths(self._surface(self._pieces.grid()))
+        both = np.isfinite(depths) & frame.seen
+        height = self._scene.camera.height / self._view.height  # type: ignore[union-attr,operator]
+        slope = np.abs(frame.normal @ self._view.camera.basis()[2])
+        off = np.abs(depths[both] - frame.depth[both]) * slope[both] / height
+        any_sees = (np.isfinite(depths) | frame.seen).sum()
+        missed = any_sees - both.sum()
+        return {"wrong": float(((off > HALF).sum() + missed) / any_sees), "missed": float(missed / any_sees)}
+
+
+class Canvas(linear.Canvas):
+    """A canvas with lines over its triangles, whose depths can be read."""
+
+    def __init__(self, view: View, low: float, high: float) -> None:
+        super().__init__(view, low, high)
+        import vtk
+
+        self._lines = vtk.vtkPolyDataMapper()
+        self._lines.ScalarVisibilityOff()
+        self._lines.SetResolveCoincidentTopologyToPolygonOffset()
+        actor = vtk.vtkActor()
+        actor.SetMapper(self._lines)
+        actor.GetProperty().SetColor(0, 0, 0)
+        actor.GetProperty().LightingOff()
+        self._actor = actor
+        self._eye, at = np.array(view.camera.eye), np.array(view.camera.at)
+        distance = float(np.linalg.norm(at - self._eye))
+        self._near, self._far = 1e-3 * distance, 3.0 * distance
+        self._scene.GetActiveCamera().SetClippingRange(self._near, self._far)
+
+    def both(self, triangles: Any, lines: Any) -> Any:
+        """(height, width, 3) colours, read back."""
+        if lines is not None:
+            self._lines.SetInputData(lines)
+            self._scene.AddActor(self._actor)
+        return self.image(triangles)
+
+    def depths(self, triangles: Any) -> Floats:
+        """(height, width) depths along the view; infinite where nothing is seen."""
+        import vtk
+        from vtk.util.numpy_support import vtk_to_numpy
+
+        self.image(triangles)
+        width, height = self._size
+        buffer = vtk.vtkFloatArray()
+        self._window.GetZbufferData(0, 0, width - 1, height - 1, buffer)
+        z = vtk_to_numpy(buffer).astype(np.float64).reshape(height, width)[::-1]
+        return np.where(z < 1.0, self._near + z * (self._far - self._near), np.inf)
+
+
+def marched(grid: Any, value: float) -> Any:
+    """The triangles of an isosurface of linear tetrahedra, by all cores."""
+    import vtk
+
+    march = vtk.vtkContour3DLinearGrid()
+    march.SetInputData(grid)
+    march.SetValue(0, value)
+    march.SetMergePoints(False)
+    march.SetComputeNormals(False)
+    march.Update()
+    return linear.joined(march.GetOutputDataObject(0))
+
+
+def contours(triangles: Any, marks: Floats) -> Any:
+    """Lines of equal value on triangles."""
+    import vtk
+
+    lines = vtk.vtkContourFilter()
+    lines.SetInputData(triangles)
+    for number, mark in enumerate(marks):
+        lines.SetValue(number, float(mark))
+    lines.Update()
+    return lines.GetOutput()
