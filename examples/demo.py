@@ -17,6 +17,7 @@ elvis render out/data/cylinder.xml out/data/cylinder.fld --field Cp --colormap t
 elvis render out/data/bend.xml out/data/bend.fld --plane 0,0,0:0,0,1 -o out/bend.png
 elvis render out/data/bend.xml out/data/bend.fld --plane 1.4,1.4,0:-1,1,0 -o out/bend-across.png
 elvis render out/data/blocks.xml out/data/blocks.fld --plane 1.5,0.5,0.45:0.1,0.2,1 -o out/blocks.png -o out/blocks.npz
+elvis compare out/data/blocks.xml out/data/blocks.fld --plane 1.5,0.5,0.45:0.1,0.2,1 --size 600x450 -o out/report
 elvis probe out/data/bend.xml out/data/bend.fld --line 0,1.4,0:0,2.6,0 -n 7
 """
 
@@ -30,7 +31,7 @@ def main() -> None:
         command = [str(Path(sys.executable).with_name("elvis")), *shlex.split(line)[1:]]
         subprocess.run(command, cwd=ROOT, check=True)
     pictures = sorted(path.name for path in (ROOT / "out").glob("*.png"))
-    print(f"\nThe pictures are in out/: {', '.join(pictures)}.")
+    print(f"\nThe pictures are in out/: {', '.join(pictures)}; the accuracy report is out/report/index.html.")
 
 
 if __name__ == "__main__":
