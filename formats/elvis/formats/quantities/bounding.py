@@ -6,6 +6,7 @@ Elements that may hold an extreme are halved, as in `elvis.formats.ranges`; the 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from elvis.formats.orientation import chunks
 from elvis.formats.patch import Patch
 from elvis.formats.quantities.cells import Cells
 from elvis.formats.quantities.expression import Expression
+from elvis.formats.quantities.intervals import Interval
 from elvis.formats.quantities.sampling import Evaluator
 from elvis.formats.quantities.tree import Node, negative
 from elvis.formats.ranges import Range, field_range, finite_rows
@@ -42,8 +44,7 @@ def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
     search = _Search(evaluator, expression)
     if not np.isfinite(search.greatest):
         return None
-    upper = search.bound(expression.root, search.greatest)
-    lower = -search.bound(negative(expression.root), -search.least)
+    upper, lower = search.bound(1), -search.bound(-1)
     return Range(min(lower, search.least), max(upper, search.greatest), search.least, search.greatest)
 
 
@@ -81,13 +82,21 @@ class _Search:
         if len(finite):
             self.least, self.greatest = min(self.least, float(finite.min())), max(self.greatest, float(finite.max()))
 
-    def bound(self, root: Node, attained: float) -> float:
-        """What no value of ``root`` exceeds, which is the expression or its negative."""
+    @cached_property
+    def _first(self) -> list[tuple[Patch, Ints, Interval]]:
+        """Bounds on whole elements."""
+        root = self.expression.root
+        return [(patch, rows, self._cells(patch, rows).bounds(root)) for patch, rows in self.whole]
+
+    def bound(self, sign: int) -> float:
+        """What no value of the expression (1) or of its negative (-1) exceeds."""
         if self.expression.order > 1:
             return np.inf
+        root = self.expression.root if sign > 0 else negative(self.expression.root)
+        attained = self.greatest if sign > 0 else -self.least
         rivals: list[tuple[Patch, Ints, Floats]] = []
-        for patch, rows in self.whole:
-            upper = self._cells(patch, rows).bounds(root)[1]
+        for patch, rows, (low, high) in self._first:
+            upper = high if sign > 0 else -low
             rival = np.flatnonzero(~(upper <= attained) & ~np.isnan(upper))
             rivals.append((patch, rows[rival], upper[rival]))
         tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
