@@ -209,3 +209,20 @@ def test_vtk_draws_the_order_of_the_data():
         errors.append(np.abs(drawn.field - exact.field)[exact.seen & drawn.seen].max())
     assert errors[0] == pytest.approx(0.25**2, rel=0.05)
     assert 1e-3 < errors[1] < 0.3 * errors[0]
+
+
+def test_clips_take_away_what_is_inside():
+    """Of the cube without its front half one sees the inner sides of its back; the plane of the clip stays."""
+    from elvis.renderer.scene import Clip
+
+    made = baseline(solid(grid(Shape.HEXAHEDRON, 2)), 1)
+    clip = Clip(Plane((0.5, 0.5, 0.5), (0.0, -1.0, 0.0)), "outside")
+    scene = Scene("u", camera=VIEW.camera, size=(80, 60), objects=(Faces(),), clip=(clip,))
+    drawn = made.draw(scene, VIEW, (0.0, 1.0))
+    whole = made.draw(Scene("u", camera=VIEW.camera, size=(80, 60), objects=(Faces(),)), VIEW, (0.0, 1.0))
+    assert drawn.position[drawn.seen][:, 1].min() >= 0.5 - 1e-12
+    kept = whole.seen & (whole.position[..., 1] > 0.5)
+    assert np.array_equal(drawn.depth[kept], whole.depth[kept])
+    assert (drawn.seen & ~kept).sum() > 0
+    distance = np.abs(drawn.position[drawn.seen] - 0.5).max(axis=1)
+    assert np.abs(distance - 0.5).max() < 1e-12

@@ -16,7 +16,9 @@ from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_m
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.templates import template
 from elvis.reference.baseline.tracing import Tracer
+from elvis.reference.clipping import clipped
 from elvis.reference.composing import Layer, is_lit, record
+from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import Record
@@ -138,7 +140,7 @@ def layers_of(mesh: LinearMesh, shown: SceneObject, scene: Scene, view: View, en
     style: Style = shown.style  # type: ignore[union-attr]
     tracer, beyond, layers = Tracer(mesh), None, []
     for _ in range(1 if style.opacity == 1.0 else _DEEPEST):
-        hits = tracer.first(view, beyond)
+        hits = _kept(tracer, view, beyond, scene)
         if not hits.seen.any():
             break
         quantity = style.quantity or scene.field
@@ -146,3 +148,16 @@ def layers_of(mesh: LinearMesh, shown: SceneObject, scene: Scene, view: View, en
         layers.append(Layer(hits, style, quantity, is_lit(style, not isinstance(shown, CutSurface)), drawn))
         beyond = hits.depth
     return layers
+
+
+def _kept(tracer: Tracer, view: View, beyond: Floats | None, scene: Scene) -> Hits:
+    """The nearest hits beyond some depths that no clip takes away."""
+    kept = tracer.first(view, beyond)
+    size = tracer.mesh.size
+    for _ in range(_DEEPEST if scene.clip else 0):
+        gone = clipped(scene.clip, kept.position, kept.values.__getitem__, size)
+        if not gone.any():
+            break
+        further = tracer.first(view, np.where(gone, kept.depth, np.inf))
+        kept.put(gone, further, gone)
+    return kept

@@ -14,6 +14,7 @@ from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.locate import Locator
+from elvis.reference.clipping import clipped
 from elvis.reference.composing import Layer, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
@@ -23,14 +24,12 @@ from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.selection import chosen_faces
-from elvis.reference.surfaces import levels
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Drawing, Frame, Legend, Status
 from elvis.renderer.palette import Palette, automatic_range
 from elvis.renderer.scene import (
     Camera,
-    Clip,
     CutSurface,
     Faces,
     Implicit,
@@ -116,8 +115,7 @@ class Scenery:
                 found = self._faces(select, view)
             case _:
                 raise ElvisError("the reference draws no volumes yet")
-        for clip in scene.clip:
-            found = found.part(~self._clipped(found, clip, view))
+        found = found.part(~self._clipped(found, scene, view))
         return found.once(self.quantities.patches, self.size)
 
     def _levels(self, name: str, values: Sequence[float], view: View) -> Crossings:
@@ -142,18 +140,12 @@ class Scenery:
                 kind = "with Fourier directions" if patch.periods else "of two dimensions"
                 raise ElvisError(f"the reference draws {what} of volume elements only, found elements {kind}")
 
-    def _clipped(self, found: Crossings, clip: Clip, view: View) -> Bools:
-        """(k,) hits that a clip takes away."""
-        if isinstance(clip.surface, Implicit):
-            inside = found.values(clip.surface.expression, self.quantities) < 0
-        else:
-            row, column = np.divmod(found.pixel, view.width)
-            origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
-            try:
-                inside = levels(clip.surface, origins + found.depth[:, None] * directions) < 0
-            except TypeError as error:
-                raise SceneError(f"the reference clips by no {error}") from error
-        return np.asarray(inside == (clip.away == "inside"))
+    def _clipped(self, found: Crossings, scene: Scene, view: View) -> Bools:
+        """(k,) hits that clips take away."""
+        row, column = np.divmod(found.pixel, view.width)
+        origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+        points = origins + found.depth[:, None] * directions
+        return clipped(scene.clip, points, lambda name: found.values(name, self.quantities), self.size)
 
     def frame(self, scene: Scene, view: View) -> Frame:
         """The picture."""
