@@ -13,7 +13,7 @@ from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import Expression, Names
 from elvis.plugins.formulas import Formula
 from elvis.plugins.native import NativeVolume
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import Opened, guarded
 from elvis.plugins.volume import Part, Quantity, Shown, Volume
 
 
@@ -30,6 +30,13 @@ def volume_of(data: Dataset | Opened, quantities: Sequence[str]) -> Volume:
     return _opened(data, quantities)
 
 
+def names_of(data: Dataset | Opened) -> Names:
+    """What names in expressions can stand for."""
+    if isinstance(data, Dataset):
+        return Names.of(data)
+    return Names(data.fields, time=guarded(data.name, "its time", lambda: float(data.source.time)))
+
+
 def dimension_of(dataset: Dataset) -> int:
     """Number of coordinates that a picture of the dataset has: those of its elements, and Fourier directions."""
     names = Names.of(dataset)
@@ -38,7 +45,7 @@ def dimension_of(dataset: Dataset) -> int:
 
 def _opened(opened: Opened, texts: Sequence[str]) -> Volume:
     """A plugin's volume; expressions are made of its values and slopes."""
-    names = Names(opened.fields)
+    names = names_of(opened)
     expressions = [Expression.parse(text, names) for text in texts]
     used = tuple(dict.fromkeys(name for each in expressions for name in each.fields)) or opened.fields[:1]
     if len(used) != 1:
