@@ -169,7 +169,7 @@ def test_a_plugins_field_makes_expressions(renderer, opened):
         (["u+one"], "shows quantities of one of its fields, found u, one"),
         (["u*quality"], "there is no quality of elements that a runtime plugin draws"),
         (["u*"], "expected a number, a name or (, found its end"),
-        (["w"], "there is no 'w'; the fields are u, one"),
+        (["w*t"], "there is no 'w'; the fields are u, one; besides there are x, y, z, t, pi"),
     ],
 )
 def test_what_a_plugin_cannot_show_is_said(opened, texts, sentence):

@@ -13,10 +13,10 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
-from elvis.formats.quantities import Expression, Names
+from elvis.formats.quantities import Expression
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
-from elvis.plugins.serving import dimension_of, volume_of
+from elvis.plugins.serving import dimension_of, names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas
@@ -70,7 +70,7 @@ def render(
 
 def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
     """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
-    scene = _with_quantity(scene, Names(opened.fields))
+    scene = _with_quantity(scene, opened)
     volume = volume_of(opened, quantities(scene))
     scene = _with_plane(scene, volume.dimension)
     if device in plugins("elvis.devices"):
@@ -98,17 +98,17 @@ def default_field(data: Dataset | Opened) -> str:
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its quantity checked and a plane: z = 0 for 2D data; else it must be given."""
-    return _with_plane(_with_quantity(scene, Names.of(dataset)), dimension_of(dataset))
+    return _with_plane(_with_quantity(scene, dataset), dimension_of(dataset))
 
 
 def _names(data: Dataset | Opened) -> tuple[str, ...]:
     return data.fields if isinstance(data, Opened) else tuple(field.name for field in data.fields)
 
 
-def _with_quantity(scene: Scene, names: Names) -> Scene:
+def _with_quantity(scene: Scene, data: Dataset | Opened) -> Scene:
     """The scene, if its field is a quantity of the data; SceneError where it is none."""
     try:
-        Expression.parse(scene.field, names)
+        Expression.parse(scene.field, names_of(data))
     except ElvisError as error:
         raise SceneError(str(error)) from error
     return scene
