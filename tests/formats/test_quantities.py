@@ -198,6 +198,38 @@ def test_what_is_no_expression_is_refused_in_a_sentence(text, sentence):
     assert "\n" not in str(error.value)
 
 
+def test_texts_put_together_at_random_are_expressions_or_refused():
+    words = [
+        "u",
+        "v",
+        "x",
+        "t",
+        "(",
+        ")",
+        ",",
+        *"+-*/^",
+        "sin",
+        "d(",
+        "grad(",
+        "jump",
+        "2",
+        "1e300",
+        "'rho u'",
+        '"',
+        "speed",
+        "é",
+        "∂",
+    ]
+    rng, read = np.random.default_rng(8), 0
+    for _ in range(3000):
+        try:
+            Expression.parse("".join(rng.choice(words, rng.integers(1, 12))), NAMES)
+            read += 1
+        except ElvisError:
+            pass
+    assert read > 50
+
+
 def test_a_field_comes_before_all_else_that_has_its_name():
     names = Names(("x", "a-b", "e", "d", "sin"))
     assert Expression.parse("x + e + d", names).fields == ("x", "e", "d")

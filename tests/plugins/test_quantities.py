@@ -92,6 +92,23 @@ def test_a_part_has_all_quantities_by_name_and_shares_what_they_are_made_of(rend
         assert nets["u"] == nets["d(u,x)"] == id(part.buffers["coefficients"])
 
 
+def test_fields_that_an_element_lacks_are_nan_there(renderer):
+    """The first quantity says which elements there are."""
+    dataset = flow(mixed_volume(seed=1))
+    partial = replace(dataset.field("v"), blocks=dataset.field("v").blocks[:2])
+    dataset = replace(dataset, fields=(dataset.field("u"), partial))
+    drawing, volume = renderer("vulkan"), volume_of(dataset, ["u", "v", "u+v"])
+    assert sum(map(len, volume.parts)) == len(dataset.mesh.domain_ids())
+    assert sum(map(len, volume_of(dataset, ["u+v"]).parts)) == sum(map(len, partial.blocks))
+    drawing.show(volume)
+    held = np.concatenate([block.element_ids for block in partial.blocks])
+    for number, part in enumerate(volume.parts):
+        elements = np.arange(len(part))
+        for text in ("v", "u+v"):
+            found = drawing.examine(number, elements, np.zeros((len(part), 3)), text).value
+            assert np.array_equal(np.isnan(found), ~np.isin(part.element_ids, held))
+
+
 @pytest.mark.parametrize("text", ["vorticity_z + x", "1/(u-u)"])
 def test_pictures_of_expressions_are_what_numpy_evaluates(text):
     dataset = flow(curved(grid(Shape.TETRAHEDRON, 2), ripple(0.02), n=3))

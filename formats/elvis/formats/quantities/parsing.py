@@ -31,6 +31,8 @@ _TOKEN = re.compile(
     r"|(?P<quoted>\"[^\"]*\"|'[^']*')|(?P<symbol>\S))"
 )
 _LONGEST, _DEEPEST = 1000, 60
+#: characters of an expression that messages repeat
+_SHOWN = 80
 
 T = TypeVar("T")
 
@@ -169,6 +171,7 @@ class Parser:
     def _mistaken(self, sentence: str, token: int | None = None) -> ElvisError:
         """An error at a token, the last one that was taken by default."""
         token = self._next - 1 if token is None else token
+        text = self._text if len(self._text) <= _SHOWN else self._text[:_SHOWN] + "…"
         if token >= len(self._tokens):
-            return ElvisError(f"expression {self._text!r}: {sentence}")
-        return ElvisError(f"expression {self._text!r}: character {self._tokens[token][2] + 1}: {sentence}")
+            return ElvisError(f"expression {text!r}: {sentence}")
+        return ElvisError(f"expression {text!r}: character {self._tokens[token][2] + 1}: {sentence}")
