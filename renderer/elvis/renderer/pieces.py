@@ -190,7 +190,9 @@ def _examined(space: FaceSpace, screen: Floats, front: Bools, view: View) -> tup
         b += _weighted(screen[..., 4], slopes[..., 3])
         tame = front & ((b <= TAME * (1.0 - g.sum(axis=(0, 2)).max(axis=1))) | (b <= 1e-9))
 
-    sides = [*plane, plane[1] - plane[0]] if len(space.halves) == 3 else [*plane]
+    # the greatest speed along each side, for any pixel
+    speeds = np.concatenate([plane, half * slopes[..., 2:3]], axis=-1)
+    sides = [*speeds, speeds[1] - speeds[0]] if len(space.halves) == 3 else [*speeds]
     way = np.argmax([np.square(side).sum(axis=2).max(axis=1) for side in sides], axis=0)
     return tame, way, np.abs(inverse).sum(axis=1).max(axis=1)
 
