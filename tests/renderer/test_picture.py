@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import grid
-from elvis.renderer import SceneError
+from elvis.renderer import Contours, CutSurface, Faces, Plane, SceneError, Style
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
-from elvis.renderer.picture import labels, picture, ticks
+from elvis.renderer.picture import AXES, labels, picture, ticks
 
 FINITE = st.floats(-1e12, 1e12)
 
@@ -132,3 +132,84 @@ def test_titles_and_numbers_of_any_length_fit(draw, linear):
     framed = np.asarray(picture(frame))
     assert (framed[:, -5:] == 255).all()
     assert (framed[-3:] == 255).all()
+
+
+FIRST = {
+    "elvis:blackbody": ((0, 0, 0), (1, 1, 1)),
+    "elvis:bluetoyellow": ((0.0392157, 0.0392157, 0.94902), (0.94902, 0.94902, 0.0392157)),
+    "elvis:grayscale": ((0, 0, 0), (1, 1, 1)),
+    "elvis:rainbow": ((0, 0, 1), (1, 0, 0)),
+    "elvis:diverging": ((0.229806, 0.298718, 0.753683), (0.705673, 0.0155562, 0.150233)),
+}
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_colour_maps_of_the_first_elvis(name):
+    table = Palette.named(name, 0.0, 1.0).table
+    assert table.shape == (STEPS, 3)
+    assert np.allclose(table[[0, -1]], FIRST[name], atol=1e-5)
+    assert np.abs(np.diff(table, axis=0)).max() < 0.03
+
+
+@pytest.fixture(scope="module")
+def solid(draw, linear):
+    """A cube with two quantities, contours of one, seen askew."""
+    styles = Style(contours=Contours(values=(-1.0, 0.5))), Style(quantity="x*y", contours=Contours(count=30))
+    planes = Plane((0.5, 0.5, 0.5), (0, 0, 1)), Plane((0.5, 0.5, 0.5), (0, 1, 0))
+    objects = tuple(map(CutSurface, planes, styles))
+    return draw(linear(grid(Shape.HEXAHEDRON, 1)), objects=objects, camera="iso", size=(240, 200))
+
+
+def test_every_quantity_has_its_bar_and_its_contours(solid):
+    framed = np.asarray(picture(solid)).astype(int)
+    assert [legend.title for legend in solid.legends] == ["u", "x*y"]
+    assert [len(legend.marks) for legend in solid.legends] == [2, 30]
+
+    # two columns beside the image show the whole map from below to above, but for the contours across
+    table = np.rint(solid.palette.table * 255).astype(int)
+    beside = framed[:, 10 + 240 + 5 :]
+    full = [
+        x
+        for x in range(beside.shape[1])
+        if all((np.abs(beside[:, x] - color).max(axis=1) <= 8).any() for color in table[[20, 60, 100, 160, 220]])
+    ]
+    runs = np.split(np.array(full), np.flatnonzero(np.diff(full) > 1) + 1)
+    assert len(runs) == 2
+    assert all(len(run) >= 10 for run in runs)
+
+
+def test_axes_point_along_the_view(solid, draw, linear):
+    """Seen from (1, 1, 1), z goes up and x and y to both sides; 2D data have no axes."""
+    plain, framed = np.asarray(picture(solid, plain=True)).astype(int), np.asarray(picture(solid)).astype(int)
+    image = framed[30 : 30 + 200, 10 : 10 + 240]
+    corner = image[120:, :80]
+    assert (plain != image).any(axis=2)[:120].sum() == 0
+    places = []
+    for color in AXES:
+        near = np.abs(corner - color).max(axis=2) < 60
+        assert near.sum() > 10
+        places.append(np.argwhere(near).mean(axis=0))
+    (_, x), (_, y), (z, between) = places
+    assert x < between < y
+    assert z < min(places[0][0], places[1][0])
+    flat = draw(linear(grid(Shape.QUADRILATERAL, 1)), size=(240, 200))
+    framed = np.asarray(picture(flat))
+    assert (framed[30 : 30 + 200, 10 : 10 + 240] == np.asarray(picture(flat, plain=True))).all()
+
+
+@pytest.mark.parametrize("size", [(40, 30), (300, 60), (60, 300), (900, 700)])
+def test_legends_fit_at_any_size(draw, linear, size):
+    style = Style(contours=Contours(count=12))
+    frame = draw(linear(grid(Shape.HEXAHEDRON, 1)), objects=(Faces(style=style),), camera="iso", size=size)
+    framed = np.asarray(picture(frame))
+    assert (framed[:, -2:] == 255).all()
+    assert (framed[-2:] == 255).all()
+    assert (framed[:, :2] == 255).all()
+
+
+def test_titles_are_the_scenes(draw, linear):
+    data = linear(grid(Shape.QUADRILATERAL, 1))
+    titles = ("", None, "A long title of this picture")
+    none, usual, long = (np.asarray(picture(draw(data, size=(200, 100), title=title))) for title in titles)
+    assert len(none) < len(usual) == len(long)
+    assert 0 < (usual[:25] < 100).sum() < (long[:25] < 100).sum()

@@ -1,6 +1,7 @@
 """Scene files: equal to the Python object, in three languages; what is wrong is named by its key."""
 
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import get_args, get_type_hints
 
 import pytest
@@ -231,3 +232,10 @@ def test_yaml_reads_numbers_as_people_write_them(tmp_path):
     (tmp_path / "s.yaml").write_text("ambient: 1e-3\nrange: [-1e5, 2.5E+3]\n")
     scene = read_scene(tmp_path / "s.yaml")
     assert (scene.ambient, scene.range) == (1e-3, (-1e5, 2500.0))
+
+
+def test_scenes_of_the_examples_are_read():
+    files = sorted((Path(__file__).parents[2] / "examples" / "scenes").glob("*"))
+    assert len(files) > 3
+    for path in files:
+        assert read_scene(path).every_object
