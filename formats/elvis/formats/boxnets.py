@@ -17,6 +17,13 @@ from elvis.formats.arrays import Floats, frozen_floats
 from elvis.formats.bernstein import BernsteinSpace
 from elvis.formats.shapes import Shape
 
+#: for each direction of eta those whose powers lower the degree in it, on shapes whose spaces aren't tensor products
+_SHRINKING: dict[Shape, tuple[tuple[int, ...], ...]] = {
+    Shape.TRIANGLE: ((1,), ()),
+    Shape.TETRAHEDRON: ((1, 2), (2,), ()),
+    Shape.PRISM: ((2,), (), ()),
+}
+
 
 def box_degrees(space: BernsteinSpace) -> tuple[int, ...]:
     """Degree of the space in each direction of eta."""
@@ -28,8 +35,11 @@ def box_degrees(space: BernsteinSpace) -> tuple[int, ...]:
 
 def box_nets(space: BernsteinSpace, coefficients: Floats) -> Floats:
     """(n, D1, …, Dd) tensor Bernstein nets on the box of eta, from Bernstein coefficients (n, count)."""
-    net = coefficients @ _to_box(space)
-    return net.reshape(len(net), *(degree + 1 for degree in box_degrees(space)))
+    sizes = tuple(degree + 1 for degree in box_degrees(space))
+    if space.shape in _SHRINKING:
+        return (coefficients @ _to_box(space)).reshape(len(coefficients), *sizes)
+    net = coefficients.reshape(len(coefficients), *sizes[::-1])
+    return np.ascontiguousarray(net.transpose(0, *range(len(sizes), 0, -1)))
 
 
 def corners(nets: Floats) -> Floats:
@@ -74,8 +84,7 @@ def _raised_factors(space: BernsteinSpace) -> Iterator[Floats]:
 
     On a tetrahedron b_k^p(t3) b_j^(p-k)(s2) b_i^(p-j-k)(s1): the powers of the later directions lower the degree.
     """
-    later = {Shape.TRIANGLE: ((1,), ()), Shape.TETRAHEDRON: ((1, 2), (2,), ()), Shape.PRISM: ((2,), (), ())}
-    lowering = later.get(space.shape, ((),) * space.shape.dimension)
+    lowering = _SHRINKING[space.shape]
     for direction, degree in enumerate(box_degrees(space)):
         powers = space.powers[:, direction]
         lowered = degree - space.powers[:, list(lowering[direction])].sum(axis=1)
