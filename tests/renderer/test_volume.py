@@ -1,0 +1,211 @@
+"""Volumes whose light along every ray is known: chords, integrals in closed form, and what happens at borders."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.formats.connectivity import connected
+from elvis.formats.dataset import Dataset
+from elvis.formats.mesh import Composite
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid
+from elvis.plugins.faces import faces_of
+from elvis.plugins.native import NativeVolume
+from elvis.renderer import Camera, SceneError
+from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.scene import Transfer
+from elvis.renderer.view import View
+from elvis.renderer.volume_rendering import VolumeRenderer
+
+SOLIDS = [shape for shape in Shape if shape.dimension == 3]
+SIZE = (36, 30)
+VIEWS = {
+    "parallel": Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9),
+    "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=60.0),
+}
+WHITE = (1.0, 1.0, 1.0)
+EVEN = Transfer((0.0,), (1.0,), (WHITE,))
+
+
+@pytest.fixture(scope="module")
+def gather(renderer):
+    """What rays gather in a dataset's first field."""
+
+    def draw(dataset, view, transfer, **options):
+        volume = NativeVolume.of(dataset, dataset.fields[0].name)
+        loaded = Loaded(renderer("vulkan").device, volume)
+        faces = FaceDrawer(loaded, faces_of(dataset, volume))
+        return VolumeRenderer(loaded, lambda: faces).draw(view, transfer, **options)
+
+    return draw
+
+
+def with_field(mesh, function, modes):
+    dataset = Dataset(mesh)
+    return Dataset(mesh, (approximated(dataset, "u", function, modes),))
+
+
+def all_rays(view):
+    rows, columns = np.divmod(np.arange(view.count), view.width)
+    return view.rays(columns, rows)
+
+
+def ends(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
+    """(n,) depths at which rays enter and leave a box, and whether they meet it."""
+    origins, ways = all_rays(view)
+    with np.errstate(divide="ignore"):
+        first, second = (np.array(low) - origins) / ways, (np.array(high) - origins) / ways
+    enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
+    return enter, leave, leave > np.maximum(enter, 0)
+
+
+def chord(view, **box):
+    """(n,) length of rays in a box."""
+    enter, leave, met = ends(view, **box)
+    return np.where(met, (leave - np.maximum(enter, 0)) * np.linalg.norm(all_rays(view)[1], axis=1), 0.0)
+
+
+@pytest.mark.parametrize("camera", VIEWS)
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_segments_add_up_to_the_chord(gather, shape, camera):
+    view = View.through(VIEWS[camera], SIZE)
+    light = gather(with_field(grid(shape, 2), lambda p: p[:, 0], 3), view, EVEN)
+    assert np.abs(light.length - chord(view)).max() < 1e-9
+    assert np.abs(light.alpha - (1 - np.exp(-chord(view)))).max() < 1e-9
+    assert np.abs(light.color - light.alpha[:, None]).max() < 1e-12
+    assert not light.lost.any()
+
+
+def sheared(points):
+    """A bend of second degree that keeps the cube's chords along z, and its volume."""
+    x, y, _ = points.T
+    return points + np.outer(0.3 * x * y - 0.2 * y**2, [0, 0, 1])
+
+
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_chords_of_curved_elements(gather, shape):
+    view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), SIZE)
+    light = gather(with_field(curved(grid(shape, 2), sheared, 3), lambda p: p[:, 0], 3), view, EVEN)
+    inside = chord(view, low=(0, 0, -9), high=(1, 1, 9)) > 0
+    assert np.abs(light.length - inside).max() < 1e-9
+    assert not light.lost.any()
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_boundary_layers_of_aspect_a_hundred_thousand(gather, shape):
+    """Cells that shrink to 1e-5 of their width towards z = 0."""
+
+    def squeezed(points):
+        return points * [1, 1, 0] + np.outer(10.0 ** (-5 * (1 - points[:, 2])) * (points[:, 2] > 0), [0, 0, 1])
+
+    mesh = grid(shape, 3)
+    mesh = replace(mesh, vertices=squeezed(mesh.vertices))
+    for camera in (*VIEWS.values(), Camera((3.0, 0.37, 0.1), (0.5, 0.5, 0.003), height=0.02)):
+        view = View.through(camera, SIZE)
+        light = gather(with_field(mesh, lambda p: p[:, 0], 2), view, EVEN)
+        assert np.abs(light.length - chord(view)).max() < 1e-9
+        assert not light.lost.any()
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_holes_and_separate_parts(gather, shape):
+    """Of 3 x 3 x 3 cells, those with an even sum of their numbers are left: they touch at edges alone."""
+    mesh, side = grid(shape, 3), np.arange(27)
+    cells = np.flatnonzero((side % 3 + side // 3 % 3 + side // 9) % 2 == 0)
+    per = 6 if shape is Shape.TETRAHEDRON else 1
+    chosen = (cells[:, None] * per + np.arange(per)).reshape(-1)
+    mesh = replace(mesh, composites=(Composite(0, ((shape.tag, chosen),)),), domains={0: (0,)})
+    view = View.through(VIEWS["parallel"], SIZE)
+    light = gather(with_field(mesh, lambda p: p[:, 0], 2), view, EVEN)
+    expected = np.zeros(view.count)
+    for cell in cells:
+        low = np.array([cell % 3, cell // 3 % 3, cell // 9]) / 3
+        expected += chord(view, low=low, high=low + 1 / 3)
+    assert np.abs(light.length - expected).max() < 1e-9
+
+
+def test_inverted_elements_are_drawn(gather):
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    view = View.through(VIEWS["perspective"], SIZE)
+    lengths = []
+    for order in ([0, 1, 2, 3], [1, 0, 2, 3]):
+        mesh = connected(corners, {Shape.TETRAHEDRON: np.array([order])})
+        lengths.append(gather(with_field(mesh, lambda p: p[:, 0], 2), view, EVEN).length)
+    assert lengths[0].max() > 0.3
+    assert np.abs(lengths[0] - lengths[1]).max() < 1e-12
+
+
+def test_light_of_a_ramp_in_closed_form(gather):
+    """Density z, colour from black to red with z, seen from above: D = (1 - z^2) / 2, C the integral of z^2 exp(-D).
+
+    Many of these rays run along faces and edges.
+    """
+    view = View.through(Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=0.9), (5, 5))
+    ramp = Transfer((0.0, 1.0), (0.0, 1.0), ((0, 0, 0), (1, 0, 0)))
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 2], 2)
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    v = (nodes + 1) / 2
+    exact = 0.5 * weights @ (v**2 * np.exp((v**2 - 1) / 2))
+    for error in (1e-3, 1e-6, 1e-9):
+        light = gather(data, view, ramp, error=error)
+        assert np.abs(light.color[:, 0] - exact).max() < error
+        assert (light.error <= error).all()
+    assert np.abs(light.alpha - (1 - np.exp(-0.5))).max() < 1e-12
+
+
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_the_error_asked_for_is_kept_across_breakpoints(gather, shape):
+    """A thin bright shell in a wavy field, against the same with an error ten thousand times smaller."""
+    data = with_field(curved(grid(shape, 2), sheared, 3), lambda p: ((p - 0.5) ** 2).sum(axis=1), 4)
+    shell = Transfer((0.08, 0.1, 0.11, 0.14), (0.0, 60.0, 5.0, 0.0), ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)))
+    view = View.through(VIEWS["perspective"], (20, 16))
+    fine = gather(data, view, shell, error=1e-7)
+    assert fine.alpha.max() > 0.5
+    for error in (1e-2, 1e-4):
+        light = gather(data, view, shell, error=error)
+        assert np.abs(light.color - fine.color).max() < error
+        assert np.abs(light.alpha - fine.alpha).max() < error
+
+
+def test_surfaces_end_the_march(gather):
+    """What lies before a surface and what lies behind it make up the whole."""
+    view = View.through(VIEWS["perspective"], SIZE)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 2], 2)
+    look = Transfer((0.0, 0.5, 1.0), (3.0, 0.0, 4.0), ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    middle = np.full(view.count, 1.6)
+    whole, before = gather(data, view, look, error=1e-9), gather(data, view, look, error=1e-9, end=middle)
+    behind = gather(data, view, look, error=1e-9, start=middle)
+    assert 0.1 < before.length.max() < whole.length.max()
+    assert np.abs(before.length + behind.length - whole.length).max() < 1e-12
+    mixed = before.color + (1 - before.alpha)[:, None] * behind.color
+    assert np.abs(mixed - whole.color).max() < 1e-8
+
+
+def test_elements_without_numbers_are_left_out_and_counted(gather):
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 2], 2)
+    block = data.fields[0].blocks[0]
+    values = np.array(block.coefficients)
+    values[:6] = np.nan
+    data = Dataset(data.mesh, (replace(data.fields[0], blocks=(replace(block, coefficients=values),)),))
+    view = View.through(VIEWS["parallel"], SIZE)
+    light = gather(data, view, EVEN)
+    hole = chord(view, high=(0.5, 0.5, 0.5))
+    assert ((light.undefined > 0) == (hole > 1e-12)).all()
+    assert np.abs(light.alpha - (1 - np.exp(hole - chord(view)))).max() < 1e-9
+
+
+def test_what_can_not_be_drawn_is_refused(gather):
+    data, view = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 2], 2), View.through(VIEWS["parallel"], (4, 4))
+    with pytest.raises(SceneError, match=r"1e\+308 overflows"):
+        gather(data, view, Transfer((0.0,), (1e308,), (WHITE,)))
+    with pytest.raises(SceneError, match="colors of a volume"):
+        gather(data, view, Transfer((0.0, 1.0), (1.0, 1.0)))
+    with pytest.raises(SceneError, match="ascending"):
+        Transfer((1.0, 0.0), (1.0, 1.0))
+    with pytest.raises(SceneError, match="ascending"):
+        Transfer((), ())
+    plane = with_field(grid(Shape.TRIANGLE, 1), lambda p: p[:, 0], 2)
+    with pytest.raises(SceneError, match="3D"):
+        gather(plane, view, EVEN)
