@@ -1,5 +1,7 @@
 """Isosurfaces whose every point is known in closed form, on straight and curved elements of every shape."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,14 +9,15 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid
 from elvis.plugins.native import NativeVolume
-from elvis.renderer import Camera, Status
+from elvis.renderer import Camera, SceneError, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
+from elvis.renderer.scene import unit
 from elvis.renderer.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
-SIZE = (60, 50)
+SIZE = (36, 30)
 PARALLEL = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 VIEWS = {"parallel": PARALLEL, "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=60.0)}
 
@@ -98,7 +101,7 @@ def test_an_ellipsoid_on_curved_elements(iso, shape, camera):
     assert (layer.status[clear & ~hit] == Status.MISS).all()
     assert (layer.status[hit] == Status.CERTAIN).mean() > 0.95
     both = hit & np.isfinite(truth)
-    assert np.abs(layer.depth - truth)[both].max() < 1e-10 * np.sqrt(3)
+    assert np.abs(layer.depth[both] - truth[both]).max() < 1e-10 * np.sqrt(3)
 
     origins, ways = all_rays(view)
     normal = WEIGHTS * (origins + layer.depth[:, None] * ways - CENTRE)[:]
@@ -107,3 +110,175 @@ def test_an_ellipsoid_on_curved_elements(iso, shape, camera):
         normal *= -np.sign((normal * ways).sum(axis=1))[:, None]
     assert np.abs(layer.normal - normal)[both].max() < 1e-9
     assert np.abs(layer.field - LEVEL)[hit].max() < 1e-13
+
+
+def check(layer, truth, clear):
+    """Coverage and places against depths in closed form; all but a few pixels certain."""
+    hit = layer.owner != NOBODY
+    assert np.array_equal(hit[clear], np.isfinite(truth)[clear])
+    both = hit & np.isfinite(truth) & clear
+    assert np.abs(layer.depth[both] - truth[both]).max(initial=0.0) < 1e-10 * np.sqrt(3)
+    assert (layer.status[~hit & clear] != Status.FAILED).all()
+    assert (layer.status[both] == Status.CERTAIN).mean() > 0.9
+
+
+@pytest.mark.parametrize("camera", VIEWS)
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_an_ellipsoid_on_straight_elements(iso, shape, camera, monkeypatch):
+    monkeypatch.setitem(globals(), "straightened", lambda points: points)
+    view = View.through(VIEWS[camera], SIZE)
+    layer, _ = iso(cube(shape, quadric, 4, curved_mesh=False), view, LEVEL)
+    check(layer, *nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL)))
+
+
+def test_both_ways_through_straight_tetrahedra_agree(iso, renderer, monkeypatch):
+    dataset = cube(
+        Shape.TETRAHEDRON, lambda p: np.sin(2 * p[:, 0]) * np.cos(3 * p[:, 1]) + p[:, 2], 4, curved_mesh=False
+    )
+    view = View.through(PARALLEL, SIZE)
+    layer, drawer = iso(dataset, view, 0.4)
+    monkeypatch.setattr(type(drawer.traversal), "is_straight", lambda *_: False)
+    other, _ = iso(dataset, view, 0.4)
+    sure = (layer.status == Status.CERTAIN) & (other.status == Status.CERTAIN)
+    assert sure.mean() > 0.2
+    assert np.array_equal(layer.owner[sure], other.owner[sure])
+    assert np.abs(layer.depth[sure] - other.depth[sure]).max() < 1e-11
+    assert np.abs(layer.normal[sure] - other.normal[sure]).max() < 1e-8
+
+
+def torus(points):
+    """Zero on a torus of radii 0.27 and 0.12 around the vertical through (0.5, 0.6)."""
+    x, y, z = (points - [0.5, 0.6, 0.55]).T
+    around = x**2 + y**2 + z**2 + 0.27**2 - 0.12**2
+    return around**2 - 4 * 0.27**2 * (x**2 + y**2)
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_a_torus_has_its_hole_and_its_silhouettes(iso, shape, monkeypatch):
+    monkeypatch.setitem(globals(), "straightened", lambda points: points)
+    view = View.through(PARALLEL, SIZE)
+    layer, _ = iso(cube(shape, torus, 5, curved_mesh=False), view, 0.0)
+    origins, ways = all_rays(view)
+
+    # the field along a ray is a quartic: from five values, its real roots
+    near = view.depth_of(np.array([0.5, 0.6, 0.55]))
+    places = near + np.linspace(-1, 1, 5)
+    values = np.stack([torus(origins + depth * ways) for depth in places], axis=1)
+    quartics = np.linalg.solve(np.vander(places - near), values.T).T
+    roots = np.full((len(quartics), 4), np.nan)
+    for row, quartic in enumerate(quartics):
+        found = np.roots(quartic)
+        real = np.abs(found.imag) < 1e-9
+        roots[row, : real.sum()] = found.real[real] + near
+    check(layer, *nearest_inside(view, roots))
+
+
+def test_a_blob_within_one_element_is_found(iso):
+    centre = np.array([0.43, 0.61, 0.37])
+    dataset = cube(Shape.HEXAHEDRON, lambda p: ((p - centre) ** 2).sum(axis=1), 5, cells=1)
+    view = View.through(PARALLEL, (200, 200))
+    for radius in (0.04, 0.012, 0.004):
+        layer, _ = iso(dataset, view, radius**2)
+        truth, clear = nearest_inside(view, quadric_roots(view, centre, np.ones(3), radius**2))
+        check(layer, truth, clear)
+        assert np.isfinite(truth).any() or radius < 0.01
+
+
+def test_the_next_surface_lies_beyond_the_last(iso):
+    view = View.through(PARALLEL, SIZE)
+    dataset = cube(Shape.PRISM, quadric, 5)
+    roots, beyond = quadric_roots(view, CENTRE, WEIGHTS, LEVEL), 0.0
+    for _ in range(3):
+        layer, _ = iso(dataset, view, LEVEL, np.broadcast_to(beyond, view.count).copy())
+        truth, clear = nearest_inside(view, roots, np.nan_to_num(beyond, posinf=1e300) + 1e-9)
+        check(layer, truth, clear)
+        beyond = layer.depth
+    assert not (layer.owner != NOBODY).any()
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID])
+def test_rays_that_touch_a_sphere_are_never_called_certain_wrongly(iso, shape):
+    """The sphere's outline passes exactly through the centres of pixels."""
+    camera = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.0)
+    view = View.through(camera, (51, 51))
+    radius, centre = 15 / 51, np.array([0.5, 0.5, 0.5])
+    mesh = cube(shape, lambda p: ((p - centre) ** 2).sum(axis=1), 4, curved_mesh=False)
+    layer, _ = iso(mesh, view, radius**2)
+    y, x = np.divmod(np.arange(view.count), 51)
+    squared = (x - 25) ** 2 + (y - 25) ** 2
+    hit, sure = layer.owner != NOBODY, layer.status != Status.AMBIGUOUS
+    assert hit[squared < 225].all()
+    assert not hit[squared > 225].any()
+    assert not (sure & (squared > 225) & hit).any()
+    assert (layer.status[(squared != 225) & ~hit] == Status.MISS).all()
+    touched = hit & (squared == 225)
+    assert np.abs(layer.depth[touched] - 4.5).max(initial=0.0) < 1e-6
+
+
+def offset(dataset, rows, amount):
+    """The first field, with constants added in some elements: a jump between elements."""
+    block = dataset.fields[0].blocks[0]
+    values = np.array(block.coefficients)
+    ones = approximated(dataset, "one", lambda p: np.ones(len(p)), block.expansion.modes[0]).blocks[0].coefficients
+    values[rows] += np.asarray(amount) * ones[rows]
+    return Dataset(dataset.mesh, (replace(dataset.fields[0], blocks=(replace(block, coefficients=values),)),))
+
+
+def test_cracks_between_elements_stay_open(iso, monkeypatch):
+    """Planes z = 0.5 and z = 0.4 on the two sides of x = 1/2: seen from above and the lower side, the step is a gap."""
+    plain = cube(Shape.HEXAHEDRON, lambda p: p[:, 2], 3, curved_mesh=False)
+    right = np.flatnonzero(np.arange(8) % 2 == 1)
+    dataset = offset(plain, right, 0.1)
+    view = View.through(Camera((4.0, 0.5, 2.5), (0.5, 0.5, 0.45), height=0.6), (60, 60))
+    layer, _ = iso(dataset, view, 0.5)
+    origins, ways = all_rays(view)
+    expected = np.full(view.count, np.inf)
+    for side, level in ((0, 0.5), (1, 0.4)):
+        depth = (level - origins[:, 2]) / ways[:, 2]
+        points = origins + depth[:, None] * ways
+        inside = ((points[:, :2] > 0) & (points[:, :2] < 1)).all(axis=1) & ((points[:, 0] > 0.5) == side)
+        expected = np.where(inside, np.minimum(depth, expected), expected)
+    assert np.isinf(expected.reshape(60, 60)[:, 30][10:50]).any()
+    assert np.array_equal(np.isfinite(expected), layer.owner != NOBODY)
+    both = np.isfinite(expected)
+    assert np.abs(expected[both] - layer.depth[both]).max() < 1e-10
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_elements_that_are_constant_or_not_numbers_are_left_out_and_counted(iso, shape):
+    plain = cube(shape, lambda p: p[:, 2], 3, curved_mesh=False)
+    count = len(plain.fields[0].blocks[0].coefficients)
+    block = plain.fields[0].blocks[0]
+    values = np.array(block.coefficients)
+    values[0] = np.nan
+    values[1] = approximated(plain, "c", lambda p: np.full(len(p), 0.25), 3).blocks[0].coefficients[1]
+    dataset = Dataset(plain.mesh, (replace(plain.fields[0], blocks=(replace(block, coefficients=values),)),))
+    view = View.through(PARALLEL, SIZE)
+    layer, drawer = iso(dataset, view, 0.25)
+    assert drawer.counts["undefined"] == 1
+    assert drawer.counts["flat"] == 1
+    assert not np.isin(layer.owner, (0, 1)).any()
+    assert (layer.owner != NOBODY).sum() > 20
+    assert count > 2
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_quadrics_on_curved_elements(iso, seed):
+    """Ellipsoids, hyperboloids and all between: nothing that is called certain is wrong."""
+    rng = np.random.default_rng(seed)
+    shape, centre, weights = SOLIDS[seed % len(SOLIDS)], rng.uniform(0.2, 0.8, 3), rng.normal(size=3)
+    level = float(weights @ rng.uniform(0, 0.1, 3))
+    eye = 0.5 + 2.2 * unit(rng.normal(size=3), "eye")
+    view = View.through(Camera(tuple(eye), (0.5, 0.5, 0.5), fov=40.0 + 20 * (seed % 2)), SIZE)
+    layer, _ = iso(cube(shape, lambda p: (p - centre) ** 2 @ weights, 5), view, level)
+    check(layer, *nearest_inside(view, quadric_roots(view, centre, weights, level)))
+
+
+def test_2d_data_have_no_isosurface(iso):
+    with pytest.raises(SceneError, match="draw contours"):
+        iso(cube_of_plane(), View.through(PARALLEL, SIZE), 0.5)
+
+
+def cube_of_plane():
+    dataset = Dataset(grid(Shape.TRIANGLE, 2))
+    return Dataset(dataset.mesh, (approximated(dataset, "u", lambda p: p[:, 0], 2),))

@@ -78,7 +78,8 @@ class IsosurfaceDrawer:
     ) -> None:
         """The straight tetrahedra of a part that may have the value."""
         extents = self.traversal.extents(number, quantity)
-        flat = (extents.low == extents.high) & (extents.low == value)
+        largest = np.maximum(np.abs(extents.low), np.abs(extents.high))
+        flat = np.maximum(extents.high - value, value - extents.low) <= 1e-13 * largest
         self.counts["flat"] += int(flat.sum())
         self.counts["undefined"] += int(np.isnan(extents.low).sum())
         sections = seen(view, extents.corners, (extents.low <= value) & (extents.high >= value) & ~flat)
