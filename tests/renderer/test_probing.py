@@ -122,7 +122,7 @@ def test_points_that_are_none(linear, renderer):
 def test_nothing_to_probe(linear, renderer):
     renderer("vulkan")
     with Renderer("vulkan") as device:
-        with pytest.raises(ElvisError, match="load a dataset before probing"):
+        with pytest.raises(ElvisError, match="load a dataset first"):
             device.probe(np.zeros((1, 3)))
         device.load(replace(linear(grid(Shape.HEXAHEDRON, 1)), fields=(Field("u", ()),)), "u")
         with pytest.raises(SceneError, match="no element to look in"):
