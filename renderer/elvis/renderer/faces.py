@@ -63,7 +63,7 @@ class FaceDrawer:
             kernel(tiles, {**self.loaded.bound(number, quantity), **buffers, **image}, groups=True)
         layer = Layer.empty(view.count) if not image else self._read(image)
         for _, edges in self._pieces(view, select):
-            _mark(view, layer, edges, after)
+            _mark(view, layer, edges, np.broadcast_to(after, view.count))
         return layer
 
     def _read(self, image: dict[str, slangpy.Buffer]) -> Layer:
