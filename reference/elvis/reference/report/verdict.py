@@ -83,7 +83,8 @@ def how_wrong(rival: Rival) -> str:
     if found.lost:
         said.append(f"{counted(found.lost, 'contour')} lost or invented")
     if found.contour_max:
-        said.append(f"contours off by up to {some(found.contour_max)} pixels")
+        far = some(found.contour_max)
+        said.append(f"contours off by up to {far} pixel{'s' * (far != '1')}")
     if found.off:
         said.append(f"{some(found.off)} % of the pixels off by more than one colour step")
     if found.missing + found.spurious:

@@ -1,0 +1,47 @@
+"""The reports of the example cases: made by one command, their table from their numbers."""
+
+import json
+import re
+import sys
+
+import pytest
+
+
+@pytest.fixture
+def make(request, monkeypatch):
+    """The script, as a module."""
+    monkeypatch.syspath_prepend(request.config.rootpath / "examples" / "reports")
+    yield __import__("make")
+    sys.modules.pop("make", None)
+
+
+def test_the_table_is_made_of_the_summaries(make):
+    """Every case has its row; numbers of a summary come out as the page has them."""
+    rivals = [{"key": f"n{n}", "off": 123.4 / 2**n, "contour_max": None if n == 0 else 2.0 / n} for n in range(4)]
+    data = {"elements_drawn": 1234, "degrees": [3, 3], "bytes": 1.5e6}
+    rows = make.table_rows("delta", {"data": data, "rivals": rivals, "next": {"bytes": 2e9}})
+    assert rows[0] == "| delta | 1,234 | 3 | off | 123 % | 62 % | 31 % | 15 % | – | 2000 MB | 1.5 MB |"
+    assert rows[1] == "|  |  |  | contours | – | 2 px | 1 px | 0.67 px | – |  |  |"
+    page = make.PAGE.read_text()
+    assert set(re.findall(r"^\| (\w+) \|", page, re.M)) - {"case"} == set(make.CASES)
+    assert page.startswith(make.HEAD.split("{size}")[0])
+    assert page.count("Exact: all") == len(make.CASES)
+
+
+def test_unknown_cases_are_refused(make, capsys):
+    assert make.main(["nothing"]) == 2
+    assert "there is no case nothing; the cases are delta" in capsys.readouterr().err
+
+
+def test_one_case_is_made(make, block_files, monkeypatch, tmp_path, capfd):
+    """The command that it runs writes a report."""
+    data = tmp_path / "out" / "cases"
+    data.mkdir(parents=True)
+    for file, name in zip(block_files, ("delta.xml", "delta.fld"), strict=True):
+        (data / name).write_bytes(file.read_bytes())
+    monkeypatch.setattr(make, "ROOT", tmp_path)
+    monkeypatch.setitem(make.CASES, "delta", ("--plane 1.5,0.5,0.45:0.1,0.2,1", "the blocks in its place"))
+    options = ["--size", "40x30", "--device", "reference", "--judge", "0", "--refinements", "0,1"]
+    assert make.main(["delta", "--", *options]) == 0
+    told = json.loads((tmp_path / "out" / "reports" / "delta" / "summary.json").read_text())
+    assert told["picture"]["size"] == [40, 30]
