@@ -6,7 +6,7 @@ import pytest
 from elvis.formats.bernstein import bernstein_values
 from elvis.formats.dataset import Dataset, Field
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, one_element
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Status
@@ -169,3 +169,131 @@ def test_brute_force_counts_as_many_hits(drawer, shape, seed):
     assert (found % 2 == 0).mean() > 0.999
     layer = drawn.draw(view)
     assert (layer.status[found != counted] == Status.AMBIGUOUS).all() or (found != counted).sum() <= 2
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """Elements of all shapes, bent, with a field; entered any way round, and with any number of nodes."""
+
+    def make(seed=1, nodes=4):
+        mesh = curved(shuffled(mixed_volume(3), seed), lambda p: p + 0.2 * np.sin(1) * p[:, [1, 2, 0]] ** 2, nodes)
+        plain = Dataset(mesh)
+        field = approximated(plain, "u", lambda p: p[:, 0] - 2 * p[:, 1] * p[:, 2], 4)
+        return Dataset(mesh, (Field("u", field.blocks),))
+
+    return make
+
+
+PLACES = {
+    "outside": Camera((4, -3, 3), (1.4, 0.9, 0.6), height=4.0),
+    "along an axis": Camera((1.4, 0.9, 9.0), (1.4, 0.9, 0.6), (0, 1, 0), height=4.0),
+    "near": Camera((2.6, -0.6, 1.5), (1.4, 0.9, 0.6), fov=80.0),
+    "inside": Camera((0.4, 0.45, 0.5), (1.4, 0.9, 0.6), fov=100.0),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_closed_hulls_have_no_gaps_and_no_doubles(drawer, mixed, place):
+    drawn, view = drawer(mixed()), View.through(PLACES[place], (120, 90))
+    hits, layer = drawn.hits(view), drawn.draw(view)
+    counts = np.bincount(hits["pixel"], minlength=view.count)
+    sure = layer.status != Status.AMBIGUOUS
+    assert (~sure).sum() < 5
+    sure[hits["pixel"][hits["margin"] < 1e-6]] = False  # rays along edges and flat walls
+    assert (~sure).sum() < 9
+    assert counts[sure].max() >= 2 - (place == "inside")
+    assert (counts[sure] % 2 == (place == "inside")).all()
+
+    # rays go in and out by turns, and layers are the hits one after another
+    turn = np.arange(len(hits)) - np.searchsorted(hits["pixel"], hits["pixel"]) + (place == "inside")
+    certain = sure[hits["pixel"]]
+    assert np.array_equal(hits["entering"][certain], 1 - turn[certain] % 2)
+    for number in range(2):
+        here = np.flatnonzero(np.isfinite(layer.depth) & sure)
+        own = hits[np.searchsorted(hits["pixel"], here) + number]
+        assert np.array_equal(layer.depth[here], own["depth"])
+        assert np.array_equal(layer.owner[here], own["element"])
+        layer = drawn.draw(view, beyond=layer.depth) if number == 0 else layer
+        sure &= layer.status != Status.AMBIGUOUS
+        sure &= counts >= 2
+
+
+def test_some_rows_are_as_in_the_whole(drawer, mixed):
+    drawn, view = drawer(mixed()), View.through(PLACES["near"], (120, 90))
+    hits = drawn.hits(view)
+    rows = (hits["pixel"] >= 30 * 120) & (hits["pixel"] < 51 * 120)
+    assert np.array_equal(drawn.hits(view, rows=(30, 51)), hits[rows])
+
+
+@pytest.mark.parametrize("place", ["outside", "near"])
+def test_pictures_do_not_depend_on_how_a_mesh_is_told(drawer, mixed, place):
+    view = View.through(PLACES[place], (120, 90))
+    first = drawer(mixed()).draw(view)
+    for other in (mixed(seed=5), mixed(nodes=5)):
+        layer = drawer(other).draw(view)
+        sure = (first.status != Status.AMBIGUOUS) & (layer.status != Status.AMBIGUOUS)
+        assert (~sure).sum() < 5
+        hit = sure & np.isfinite(first.depth)
+        assert np.array_equal(np.isfinite(layer.depth[sure]), np.isfinite(first.depth[sure]))
+        assert np.abs(layer.depth[hit] - first.depth[hit]).max() < 1e-10
+        assert np.abs(layer.normal[hit] - first.normal[hit]).max() < 1e-8
+        assert np.abs(layer.field[hit] - first.field[hit]).max() < 1e-10
+
+
+def test_walls_seen_edge_on_hide_nothing(drawer):
+    straight = grid(Shape.TETRAHEDRON, 2)
+    low, high = straight.vertices.min(axis=0), straight.vertices.max(axis=0)
+    mesh = curved(straight, lambda p: p + 0.2 * np.column_stack([p[:, 1] ** 2, p[:, 0], 0 * p[:, 0]]), 3)
+    field = approximated(Dataset(mesh), "u", lambda p: p[:, 2], 4)
+    drawn = drawer(Dataset(mesh, (Field("u", field.blocks),)))
+    middle = (low + high) / 2 + [0.1, 0.1, 0]
+    camera = Camera((*middle[:2], high[2] + 2), tuple(middle), (0, 1, 0), height=1.5 * float(high[1] - low[1]))
+    view = View.through(camera, (151, 151))
+    layer = drawn.draw(view)
+
+    # the shear undone, step by step
+    pixel = np.arange(view.count)
+    x, y = view.rays(pixel % 151, pixel // 151)[0][:, :2].T
+    own_x, own_y = x, y
+    for _ in range(200):
+        own_x, own_y = x - 0.2 * own_y**2, y - 0.2 * own_x
+    inside = np.min([own_x - low[0], high[0] - own_x, own_y - low[1], high[1] - own_y], axis=0)
+    sure = np.abs(inside) > 1e-8
+    found = np.isfinite(layer.depth)
+    assert np.array_equal(found[sure], inside[sure] > 0)
+    assert 0.2 < found.mean() < 0.9
+    assert (layer.status[sure & (np.abs(inside) > 1e-3)] != Status.FAILED).all()
+    assert np.abs(layer.depth[found] - 2).max() < 1e-12
+    assert np.abs(layer.field[found] - high[2]).max() < 1e-12
+
+
+def test_a_tetrahedron_through_itself(drawer):
+    corners = one_element(Shape.TETRAHEDRON)
+
+    def moved(points):
+        """The middle of the edge from (0, 0, 0) to (1, 0, 0) goes up by 0.6."""
+        l = (points + 1) / 2  # noqa: E741
+        return l + 2.4 * (l[:, :1] * (1 - l.sum(axis=1, keepdims=True))) * [0, 0, 1]
+
+    drawn = drawer(mapped(corners, moved, 3))
+    view = View.through(Camera((3, -4, 2.5), (0.3, 0.3, 0.3), height=1.6), (60, 60))
+    hits = drawn.hits(view)
+    nets = [(block.space, net) for block in drawn.faces.blocks for net in block.nets(np.arange(len(block)))]
+    counted = sum(crossings(net, space, view) for space, net in nets)
+    found = np.bincount(hits["pixel"], minlength=view.count)
+    assert set(np.unique(found)) == {0, 2, 4}
+    assert (found != counted).sum() <= 2
+
+
+def test_plane_data_are_seen_from_above(drawer):
+    mesh = curved(mixed_plane(), lambda p: p + 0.1 * p[:, [1, 0, 2]] ** 2 * [1, 1, 0], 3)
+    field = approximated(Dataset(mesh), "u", lambda p: p[:, 0], 4)
+    drawn = drawer(Dataset(mesh, (Field("u", field.blocks),)))
+    view = View.through(Camera((1.2, 0.7, 5.0), (1.2, 0.7, 0.0), (0, 1, 0), height=4.0), (80, 80))
+    layer = drawn.draw(view)
+    found = np.isfinite(layer.depth)
+    pixel = np.flatnonzero(found)
+    origin, way = view.rays(pixel % 80, pixel // 80)
+    assert found.sum() > 300
+    assert np.abs(layer.depth[found] - 5).max() < 1e-12
+    assert np.abs(layer.field[found] - (origin + 5 * way)[:, 0]).max() < 1e-12
