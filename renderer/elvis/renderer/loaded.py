@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part, Volume
 from elvis.renderer.device import Device
@@ -25,23 +27,24 @@ class Loaded:
     def __init__(self, device: Device, volume: Volume) -> None:
         device.include(volume.shader_folder)
         self.device, self.parts, self.dimension = device, volume.parts, volume.dimension
-        self.buffers = [{name: device.buffer(data) for name, data in part.buffers.items()} for part in self.parts]
+        self.bytes, self._brought = 0, dict[int, "slangpy.Buffer"]()
+        self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
         self.reach = max(map(_reach, self.parts), default=0.0)
-        self.bytes = sum(data.nbytes for part in self.parts for data in part.buffers.values())
-        self._brought: dict[int, slangpy.Buffer] = {}
 
     def bound(self, number: int, quantity: str | None = None) -> dict[str, slangpy.Buffer]:
-        """The buffers of a part, or of one of its quantities, by name; data that quantities share are there once."""
-        if quantity is None:
-            return self.buffers[number]
-        own = self.parts[number].quantities[quantity].buffers
-        for data in own.values():
+        """The buffers of a part, or of one of its quantities, by name."""
+        own = {} if quantity is None else self._bring(self.parts[number].quantities[quantity].buffers)
+        return {**self.buffers[number], **own}
+
+    def _bring(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, slangpy.Buffer]:
+        """Arrays on the device: those that several parts and quantities share are there once."""
+        for data in arrays.values():
             if id(data) not in self._brought:
                 self._brought[id(data)] = self.device.buffer(data)
                 self.bytes += data.nbytes
-        return {**self.buffers[number], **{name: self._brought[id(data)] for name, data in own.items()}}
+        return {name: self._brought[id(data)] for name, data in arrays.items()}
 
 
 def _reach(part: Part) -> float:
