@@ -1,0 +1,110 @@
+"""Faces that runtime plugins give: exact cylinders, boxes, walls of quasi-3D data."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.formats.errors import ElvisError
+from elvis.formats.reading import read
+from elvis.plugins.faces import faces_of, vertices_at
+from elvis.plugins.fourier.plugin import FourierBox, series, write_box
+from elvis.plugins.nurbs.plugin import Nurbs
+from elvis.plugins.serving import volume_of
+from elvis.plugins.volume import Shown
+from elvis.renderer import Camera, Status
+from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.view import View
+
+MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
+
+
+@pytest.fixture(scope="module")
+def drawer(renderer):
+    return lambda volume, dataset=None: FaceDrawer(Loaded(renderer("vulkan").device, volume), faces_of(dataset, volume))
+
+
+def places(view, layer):
+    """Pixels that are hit, and where (n, 3)."""
+    pixel = np.flatnonzero(np.isfinite(layer.depth))
+    origin, way = view.rays(pixel % view.width, pixel // view.width)
+    return pixel, origin + layer.depth[pixel, None] * way
+
+
+@pytest.mark.skipif(not MFEM.is_dir(), reason="needs the shared data")
+def test_a_pipe_is_round_to_the_last_bit(drawer):
+    volume = Nurbs([MFEM / "pipe_nurbs.mesh", MFEM / "pipe_nurbs.u.gf"]).volume("u")
+    drawn = drawer(volume)
+
+    # across the straight leg: an outer cylinder of radius 3 around the z axis
+    view = View.through(Camera((0.0, -20.0, 2.0), (0.0, 0.0, 2.0), height=2.0), (140, 40))
+    layer, hits = drawn.draw(view), drawn.hits(view)
+    pixel = np.arange(view.count)
+    x = view.rays(pixel % 140, pixel // 140)[0][:, 0]
+    assert np.array_equal(np.isfinite(layer.depth), np.abs(x) <= 3)
+    seen, place = places(view, layer)
+    assert np.abs(place[:, 1] + np.sqrt(9 - x[seen] ** 2)).max() < 1e-10
+    radial = place * [1, 1, 0] / 3
+    assert np.abs(layer.normal[seen] - radial).max() < 1e-10
+    counts = np.bincount(hits["pixel"], minlength=view.count)
+    assert np.array_equal(counts, np.where(np.abs(x) <= 3, 2, 0) + np.where(np.abs(x) <= 2, 2, 0))
+
+    # along the axis, from within: walls are seen edge-on or from beside the eye, nothing is lost
+    for size in ({"height": 6.4}, {"fov": 80.0}):
+        view = View.through(Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0, 1, 0), **size), (60, 60))
+        layer = drawn.draw(view)
+        pixel, place = places(view, layer)
+        radius = np.hypot(place[:, 0], place[:, 1])
+        off = np.min(np.abs([radius - 3, radius - 2, place[:, 2]]), axis=0)
+        assert len(pixel) > 100
+        assert off.max() < 1e-10
+        assert (layer.status != Status.FAILED).all()
+
+
+def test_a_periodic_box_has_six_sides(drawer, tmp_path):
+    rng, low, high = np.random.default_rng(3), np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.5, 4.0])
+    amplitudes, bases = rng.normal(size=(5, 3, 4)), ("fourier", "fourier", "legendre")
+    write_box(tmp_path / "box.npz", low, high, bases, {"u": amplitudes})
+    drawn = drawer(FourierBox([tmp_path / "box.npz"]).volume("u"))
+    assert sum(map(len, drawn.faces.select(["all"]))) == 6
+    view = View.through(Camera((3.0, -4.0, 6.0), (0.5, 0.2, 3.0), fov=45.0), (70, 60))
+    layer, hits = drawn.draw(view), drawn.hits(view)
+    pixel, place = places(view, layer)
+    reference = 2 * (place - low) / (high - low) - 1
+    assert np.abs(np.abs(reference).max(axis=1) - 1).max() < 1e-12
+    assert np.abs(layer.field[pixel] - series(bases, amplitudes, reference)).max() < 1e-11
+    assert set(np.unique(np.bincount(hits["pixel"], minlength=view.count))) == {0, 2}
+
+
+def test_quasi_3d_data_have_walls_and_lids(drawer, nektar):
+    folder = nektar / "triquad_h1d"
+    dataset = read(*sorted(path for path in folder.iterdir() if path.suffix in (".xml", ".fld"))[::-1])
+    name = dataset.fields[0].name
+    volume = volume_of(dataset, [name])
+    assert volume.dimension == 3
+    drawn = drawer(volume, dataset)
+    boxes = np.concatenate([part.boxes for part in volume.parts]).astype(float)
+    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low))
+    view = View.through(Camera(tuple(middle + reach * np.array([1.1, -1.3, 0.9])), tuple(middle), fov=45.0), (70, 60))
+    layer, hits = drawn.draw(view), drawn.hits(view)
+    counts = np.bincount(hits["pixel"], minlength=view.count)
+    sure = layer.status != Status.AMBIGUOUS
+    assert (counts[sure] % 2 == 0).all()
+    assert counts.max() >= 2
+    wall = drawn.draw(view, list(drawn.faces.boundaries)[:1])
+    assert np.isfinite(wall.depth).any()
+
+
+def test_a_plugin_without_faces_says_so():
+    with pytest.raises(ElvisError, match="gives no element faces"):
+        faces_of(None, Shown([], Path()))
+
+
+def test_corners_at_one_place_are_one_vertex():
+    corners = np.random.default_rng(0).normal(size=(2, 8, 3))
+    corners[1, 4] = corners[0, 2] + 1e-14
+    found = vertices_at(corners)
+    assert len(np.unique(found)) == 15
+    assert found[1, 4] == found[0, 2]
