@@ -44,6 +44,10 @@ class GeometryBlock:
     def __len__(self) -> int:
         return len(self.element_ids)
 
+    def taken(self, which: Ints) -> Floats:
+        """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
+        return np.asarray(self.coefficients[which])
+
 
 def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
     """The mapping of every element in the domain, by shape; straight elements apart from curved ones.
@@ -52,6 +56,11 @@ def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
     faces need.  Elements that the fields of ``GeometryMap`` hold come last, in those fields' expansion.  FormatError,
     naming the element, for a mesh that breaks the rules of the format.
     """
+    return tuple(part if isinstance(part, GeometryBlock) else part.block() for part in parts(dataset))
+
+
+def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
+    """As `geometry`, but what follows from the mesh alone is put together only when it is asked for."""
     mapped = tuple(_mapped(dataset))
     ids = dataset.mesh.domain_ids()
     for block in mapped:
@@ -60,7 +69,7 @@ def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
         return mapped
     skeleton = Skeleton(dataset.mesh)
     shapes = dataset.mesh.elements
-    return (*(block for shape in shapes for block in _assembled(skeleton, shape, ids)), *mapped)
+    return (*(part for shape in shapes for part in _assembled(skeleton, shape, ids)), *mapped)
 
 
 def _mapped(dataset: Dataset) -> Iterator[GeometryBlock]:
@@ -91,28 +100,52 @@ def _stacked(names: tuple[str, ...], group: Group) -> GeometryBlock:
     return GeometryBlock(expansion, frozen_ints(group.element_ids), frozen_floats(coefficients))
 
 
-def _assembled(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[GeometryBlock]:
-    """Blocks of the elements of a shape with ids among the sorted ``wanted``, one for each set of orders."""
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """The mapping of elements of one expansion, to be put together from the vertices, edges and faces of the mesh.
+
+    rows      (n,) of the elements among all of their shape
+    vertices  (m, n_vertices) of all elements of the shape
+    """
+
+    skeleton: Skeleton
+    expansion: Expansion
+    rows: Ints
+    vertices: Ints
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def element_ids(self) -> Ints:
+        """(n,) global ids."""
+        return frozen_ints(self.skeleton.mesh.of(self.expansion.shape).ids[self.rows])
+
+    def taken(self, which: Ints) -> Floats:
+        """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
+        assemble = _straight if max(self.expansion.modes) == 2 else _CURVED[self.expansion.shape.dimension]
+        rows = self.rows[which]
+        coefficients = np.empty((len(rows), 3, mode_count(self.expansion)))
+        for part in chunks(len(rows), _CHUNK):
+            coefficients[part] = assemble(self.skeleton, self.expansion, rows[part], self.vertices[rows[part]])
+        return coefficients
+
+    def block(self) -> GeometryBlock:
+        """All of it."""
+        return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.taken(np.arange(len(self)))))
+
+
+def _assembled(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assembly]:
+    """The elements of a shape with ids among the sorted ``wanted``, one part for each set of orders."""
     entities, vertices = skeleton.mesh.of(shape), _vertices(skeleton, shape)
     chosen = np.flatnonzero(np.isin(entities.ids, wanted))
     if len(chosen) and not skeleton.curved:
-        yield _block(skeleton, modified(shape, (2,) * shape.dimension), chosen, vertices)
+        yield Assembly(skeleton, modified(shape, (2,) * shape.dimension), chosen, vertices)
     if len(chosen) == 0 or not skeleton.curved:
         return
     orders, which = np.unique(_orders(skeleton, shape, vertices)[chosen], axis=0, return_inverse=True)
     for number, modes in enumerate(orders.tolist()):
-        yield _block(skeleton, modified(shape, tuple(modes)), chosen[which.reshape(-1) == number], vertices)
-
-
-def _block(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> GeometryBlock:
-    """The elements ``rows`` (n,) of a shape, all with the modes of ``expansion``."""
-    assemble = _straight if max(expansion.modes) == 2 else _CURVED[expansion.shape.dimension]
-    coefficients = np.empty((len(rows), 3, mode_count(expansion)))
-    for part in chunks(len(rows), _CHUNK):
-        coefficients[part] = assemble(skeleton, expansion, rows[part], vertices[rows[part]])
-    return GeometryBlock(
-        expansion, frozen_ints(skeleton.mesh.of(expansion.shape).ids[rows]), frozen_floats(coefficients)
-    )
+        yield Assembly(skeleton, modified(shape, tuple(modes)), chosen[which.reshape(-1) == number], vertices)
 
 
 def _vertices(skeleton: Skeleton, shape: Shape) -> Ints:

@@ -10,7 +10,7 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.evaluation import evaluate, evaluate_with_gradients
-from elvis.formats.geometry import geometry
+from elvis.formats.geometry import parts
 from elvis.formats.shapes import Shape
 from elvis.formats.tangents import determinants
 from elvis.formats.terminal import track
@@ -180,7 +180,7 @@ class _Maps:
     """The geometry of a dataset, by element."""
 
     def __init__(self, dataset: Dataset) -> None:
-        self.blocks = geometry(dataset)
+        self.blocks = parts(dataset)
         self.is_flat = dataset.mesh.space == dataset.mesh.dimension == 2
         ids = np.concatenate([block.element_ids for block in self.blocks])
         self._order = np.argsort(ids, kind="stable")
@@ -194,7 +194,7 @@ class _Maps:
         jacobians = np.empty((len(ids), inside))
         for number, here, rows in self._parts(ids):
             block = self.blocks[number]
-            own = block.coefficients[rows]
+            own = block.taken(rows)
             places[here] = evaluate(block.expansion, own, points).transpose(0, 2, 1)
             slopes = evaluate_with_gradients(block.expansion, own, points[:inside])[1]
             jacobians[here] = self._determinants(slopes.transpose(0, 2, 1, 3))
