@@ -103,12 +103,9 @@ class Lines:
         kernel = self._device.kernel("line_find", self._loaded.parts[0])
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
         sight = self._sight(kernel, view, count=strips, levels=levels)
-        rest = {
-            "field": self._device.buffer(layer.field),
-            "side": self._device.buffer(self._sides(layer)),
-            "view": sight,
-        }
-        every = {**self._loaded.buffers[0], **buffers, **rest}
+        sides, field = self._sides(layer), self._device.buffer(layer.field)
+        side = buffers["owner"] if sides is layer.owner else self._device.buffer(sides)
+        every = {**self._loaded.buffers[0], **buffers, "field": field, "side": side, "view": sight}
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
 
     def _run(
