@@ -163,10 +163,10 @@ def table(numbers: dict[str, Any], peak: float) -> Table:
     for kind, views in numbers["kinds"].items():
         for view, found in views.items():
             shown.rows += _rows(f"{WORDS[kind]}, {view}", found, peak)
-    sizes = numbers["bytes"]
+    raw, device = (numbers["bytes"][key] for key in ("raw", "device"))
     shown.notes = [
-        f"Coefficients, vertices and points of curves: {mebibytes(sizes['raw'])} MiB; on the device with all that its "
-        f"stages keep: {mebibytes(sizes['device'])} MiB, {sizes['device'] / sizes['raw']:.2f} times that. "
+        f"Coefficients, vertices and points of curves: {mebibytes(raw)} MiB; the volume on the device, without what "
+        f"stages make for a view: {mebibytes(device)} MiB, {device / raw:.2f} times that. "
         f"Loading took {seconds(numbers['load'])} s.",
         *(_costs(kind, views) for kind, views in numbers["kinds"].items()),
     ]
