@@ -222,6 +222,70 @@ def test_what_it_cannot_draw_is_said():
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Isosurface((7.0,)),)))
     with pytest.raises(ElvisError, match="there is no 'w'"):
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Faces(style=Style(quantity="w")),)))
-    fog = VolumeRendering(Transfer((0.0, 1.0), (0.0, 1.0)))
-    with pytest.raises(ElvisError, match="no volumes"):
-        render(solid(Shape.HEXAHEDRON), replace(scene, objects=(fog,)))
+
+
+@pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
+def test_even_fog_takes_up_light_by_its_length(shape):
+    """A constant density s over a chord L hides 1 - exp(-s L)."""
+    fog = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.2, 0.4, 0.6), (0.2, 0.4, 0.6))))
+    frame = render(solid(shape, bend=0.05), Scene("u", camera=NEAR, size=(24, 20), objects=(fog,)))
+    origins, directions = rays(frame)
+    near, far = cube_depths(origins, directions)
+    length = np.nan_to_num((far - near) * np.linalg.norm(directions, axis=-1))
+    hidden = (1 - np.exp(-1.7 * length))[..., None]
+    assert np.abs(frame.color - (1 - hidden * (1 - np.array([0.2, 0.4, 0.6])))).max() < 1e-9
+    assert np.array_equal(frame.status > 0, length > 0)
+    assert not frame.seen.any()
+
+
+@pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
+def test_fog_of_a_linear_field(shape):
+    """Density x and colour black: what is hidden follows from the middle of each chord."""
+    fog = VolumeRendering(Transfer((-1.0, 2.0), (0.0, 6.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    data = solid(shape, function=lambda x: x[:, 0])
+    frame = render(data, Scene("u", camera=PARALLEL, size=(24, 20), objects=(fog,)))
+    origins, directions = rays(frame)
+    near, far = cube_depths(origins, directions)
+    middle = (origins + (0.5 * (near + far))[..., None] * directions)[..., 0]
+    depth = np.nan_to_num(2 * (1 + middle) * (far - near) * np.linalg.norm(directions, axis=-1))
+    assert np.abs(frame.color[..., 0] - np.exp(-depth)).max() < 1e-9
+
+
+def test_surfaces_end_the_fog_before_them():
+    """An opaque plane within even fog: only what lies before it takes up light; a half transparent one lets half in."""
+    fog = VolumeRendering(Transfer((-1.0, 2.0), (1.5, 1.5), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    data = solid(Shape.HEXAHEDRON)
+    plane = Plane((0.5, 0.5, 0.6), (0.1, 0.3, 1.0))
+    for opacity in (1.0, 0.5):
+        cut = CutSurface(plane, Style(color=(1.0, 1.0, 1.0), opacity=opacity))
+        scene = Scene("u", camera=NEAR, size=SIZE, objects=(fog, cut), background=(1.0, 0.0, 0.0))
+        frame = render(data, scene)
+        origins, directions = rays(frame)
+        near, far = cube_depths(origins, directions)
+        speed = 1.5 * np.linalg.norm(directions, axis=-1)
+        seen = frame.seen
+        before = np.exp(-speed * (frame.depth - near))[seen]
+        behind = np.exp(-speed * (far - frame.depth))[seen]
+        assert seen.sum() > 200
+        assert np.abs(frame.color[seen][:, 1] - before * opacity).max() < 1e-8
+        assert np.abs(frame.color[seen][:, 0] - before * (opacity + (1 - opacity) * behind)).max() < 1e-8
+
+
+def test_fog_converges_where_transfer_functions_bend():
+    """A tent over a quadratic field, against sums over many small steps."""
+    tent = Transfer((0.05, 0.15, 0.25), (0.0, 9.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    scene = Scene("u", camera=PARALLEL, size=(24, 20), objects=(VolumeRendering(tent),), background=(0.0, 0.0, 0.0))
+    frame = render(solid(Shape.TETRAHEDRON), scene)
+    origins, directions = rays(frame)
+    near, far = cube_depths(origins, directions)
+    steps = (np.arange(20000) + 0.5) / 20000
+    rows, columns = np.nonzero(np.isfinite(near))
+    for row, column in list(zip(rows, columns, strict=True))[::17]:
+        start, end = near[row, column], far[row, column]
+        points = origins[row, column] + (start + steps * (end - start))[:, None] * directions[row, column]
+        values, step = ball(points), (end - start) / 20000
+        density = np.interp(values, tent.values, tent.densities) * step
+        through = np.exp(-np.concatenate([[0], np.cumsum(density)[:-1]]))
+        color = np.column_stack([np.interp(values, tent.values, np.array(tent.colors)[:, i]) for i in range(3)])
+        expected = ((through * -np.expm1(-density))[:, None] * color).sum(axis=0)
+        assert np.abs(frame.color[row, column] - expected).max() < 2e-4

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Floats, Ints
 from elvis.reference.hits import Hits
 from elvis.reference.record import Record
 from elvis.renderer.palette import Palette
@@ -34,7 +34,25 @@ class Layer:
     lines: tuple[tuple[Floats, tuple[float, float, float]], ...] = ()
 
 
-def record(layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float, float]) -> Record:
+@dataclass(frozen=True, eq=False)
+class Fog:
+    """What volumes add along rays, in pieces between surfaces.
+
+    pixel  (k,)
+    depth  (k,)    of the middle of a piece
+    color  (k, 3)  times alpha
+    alpha  (k,)    part in [0, 1] of what lies behind that is hidden
+    """
+
+    pixel: Ints
+    depth: Floats
+    color: Floats
+    alpha: Floats
+
+
+def record(
+    layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float, float], fogs: Sequence[Fog] = ()
+) -> Record:
     """The picture of some layers over the background; the channels are those of the nearest of the most opaque ones."""
     shape = (view.height, view.width)
     nearest, opacity = Hits.none(view.count, ("shown",)), np.zeros(view.count)
@@ -44,7 +62,8 @@ def record(layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float,
         named = Hits(**{**vars(layer.hits), "values": {"shown": layer.hits.values[layer.quantity]}})
         nearest.put(better, named, better)
         opacity[better] = layer.style.opacity
-    colors = blended([(layer.hits, *painted(layer, scene, view, ends)) for layer in layers], scene, view)
+    pieces = [_piece(layer, *painted(layer, scene, view, ends)) for layer in layers]
+    colors = blended([*pieces, *fogs], scene, view)
     return Record(
         colors.reshape(*shape, 3),
         nearest.depth.reshape(shape),
@@ -89,14 +108,26 @@ def _light(hits: Hits, scene: Scene, view: View) -> Floats:
     return factor
 
 
-def blended(stack: Sequence[tuple[Hits, Floats, Floats]], scene: Scene, view: View) -> Floats:
-    """(n, 3) colours of hits with colours (n, 3) and opacities (n,), over one another by depth."""
+def _piece(layer: Layer, colors: Floats, opacity: Floats) -> Fog:
+    """A layer's hits as pieces without length."""
+    here = np.flatnonzero(layer.hits.seen)
+    return Fog(here, layer.hits.depth[here], opacity[here, None] * colors[here], opacity[here])
+
+
+def blended(pieces: Sequence[Fog], scene: Scene, view: View) -> Floats:
+    """(n, 3) colours of pieces over one another by depth, over the background."""
     result = np.tile(np.asarray(scene.background, np.float64), (view.count, 1))
-    depth = np.array([hits.depth for hits, _, _ in stack]).reshape(len(stack), view.count)
-    for places in np.argsort(-depth, axis=0, kind="stable"):
-        for number, (hits, colors, opacity) in enumerate(stack):
-            here = np.flatnonzero((places == number) & hits.seen)
-            result[here] += opacity[here, None] * (colors[here] - result[here])
+    if not pieces:
+        return result
+    pixel, depth, color, alpha = (
+        np.concatenate([getattr(own, name) for own in pieces]) for name in ("pixel", "depth", "color", "alpha")
+    )
+    order = np.lexsort([-depth, pixel])
+    pixel, color, alpha = pixel[order], color[order], alpha[order]
+    rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
+    for number in range(int(rank.max(initial=-1)) + 1):
+        here = rank == number
+        result[pixel[here]] = color[here] + (1 - alpha[here, None]) * result[pixel[here]]
     return result
 
 

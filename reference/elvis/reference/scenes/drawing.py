@@ -15,7 +15,7 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.locate import Locator
 from elvis.reference.clipping import clipped
-from elvis.reference.composing import Layer, is_lit, record
+from elvis.reference.composing import Fog, Layer, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities, names_of
@@ -23,6 +23,7 @@ from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
+from elvis.reference.scenes.volumes import gathered, ways_through
 from elvis.reference.selection import chosen_faces
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
@@ -37,6 +38,7 @@ from elvis.renderer.scene import (
     Scene,
     SceneObject,
     Style,
+    Transfer,
     VolumeRendering,
 )
 from elvis.renderer.view import View
@@ -114,7 +116,7 @@ class Scenery:
             case Faces(select=select):
                 found = self._faces(select, view)
             case _:
-                raise ElvisError("the reference draws no volumes yet")
+                return Crossings.none()
         found = found.part(~self._clipped(found, scene, view))
         return found.once(self.quantities.patches, self.size)
 
@@ -149,7 +151,8 @@ class Scenery:
 
     def frame(self, scene: Scene, view: View) -> Frame:
         """The picture."""
-        drawn = [(shown, self.crossings(shown, scene, view)) for shown in scene.every_object]
+        surfaces = [shown for shown in scene.every_object if not isinstance(shown, VolumeRendering)]
+        drawn = [(shown, self.crossings(shown, scene, view)) for shown in surfaces]
         failed, doubt = np.zeros(view.count, bool), np.zeros(view.count, bool)
         for _, found in drawn:
             failed[found.pixel[found.status == Status.FAILED]] = True
@@ -157,13 +160,34 @@ class Scenery:
         stacks = [(shown, self._hits(found, _style(shown), scene, view)) for shown, found in drawn]
         ranges = self._ranges(stacks, scene)
         layers = [layer for shown, hits in stacks for layer in self._layers(shown, hits, scene, view, ranges)]
-        made = record(layers, scene, view, ranges[scene.field])
+        fogs = self._fogs(scene, view, [layer.hits.depth for layer in layers], ranges)
+        ends = ranges.get(scene.field) or _ends(scene)
+        made = record(layers, scene, view, ends, fogs)
         status = made.status.astype(np.uint8)
         status[doubt.reshape(status.shape) & (made.element < 0)] = Status.AMBIGUOUS
+        for fog in fogs:
+            glowing = fog.pixel[fog.alpha > 0]
+            status.ravel()[glowing[status.ravel()[glowing] == Status.MISS]] = Status.CERTAIN
         status[failed.reshape(status.shape)] = Status.FAILED
-        palette = Palette.named(scene.palette, *ranges[scene.field])
+        palette = Palette.named(scene.palette, *ends)
         drawing = Drawing(made.depth, made.normal, made.color, (Legend(scene.field, palette),))
         return Frame(scene, view, made.field, made.element, made.reference, status, {}, drawing)
+
+    def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges) -> list[Fog]:
+        """What the volumes add, in pieces between the depths (n,) of surfaces."""
+        shown = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
+        if not shown:
+            return []
+        self._check_solid("volumes")
+        found = []
+        for number, patch in enumerate(self.quantities.patches):
+            ways = ways_through(number, patch, view, self.size).between(cuts)
+            for item in shown:
+                name = item.quantity or scene.field
+                transfer = _colored(item.transfer, scene, ranges.get(name), name == scene.field)
+                color, alpha = gathered(ways, patch, self.quantities, name, transfer, view)
+                found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))
+        return found
 
     def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:
         """The surfaces of one object, nearest first, as far as they are seen."""
@@ -174,12 +198,12 @@ class Scenery:
 
     def _ranges(self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene) -> Ranges:
         """Ends of the colour range of each quantity: two values of the scene for its field, else what is seen."""
-        seen: dict[str, list[Floats]] = {scene.field: []}
+        seen: dict[str, list[Floats]] = {}
         for _, stack in stacks:
             for hits in stack:
                 for name, values in hits.values.items():
                     seen.setdefault(name, []).append(values)
-        ranges = {name: automatic_range(np.concatenate([np.empty(0), *values])) for name, values in seen.items()}
+        ranges = {name: automatic_range(np.concatenate(values)) for name, values in seen.items()}
         if isinstance(scene.range, tuple):
             ranges[scene.field] = scene.range
         return ranges
@@ -192,6 +216,24 @@ class Scenery:
         style = replace(style, range=style.range or ranges.get(quantity))
         ends = ranges.get(quantity, (0.0, 1.0))
         return [Layer(hits, style, quantity, lit, lines(hits, style, quantity, view, ends)) for hits in stack]
+
+
+def _ends(scene: Scene) -> tuple[float, float]:
+    """The ends of the colour range where no surface shows the scene's field: those of a volume's transfer function."""
+    transfers = [shown.transfer for shown in scene.every_object if isinstance(shown, VolumeRendering)]
+    return (transfers[0].values[0], transfers[0].values[-1]) if transfers else (0.0, 1.0)
+
+
+def _colored(transfer: Transfer, scene: Scene, seen: tuple[float, float] | None, own: bool) -> Transfer:
+    """The transfer function with colours: its own, or those of the colour map at its values.
+
+    The ends of the map are two values of the scene, for its field; else what surfaces show; else those of the function.
+    """
+    if transfer.colors:
+        return transfer
+    ends = scene.range if own and isinstance(scene.range, tuple) else seen or (transfer.values[0], transfer.values[-1])
+    colors = Palette.named(scene.palette, *ends).colors(np.asarray(transfer.values, np.float64))
+    return replace(transfer, colors=tuple((float(r), float(g), float(b)) for r, g, b in colors))
 
 
 def _style(shown: SceneObject) -> Style:

@@ -94,14 +94,14 @@ def _step(slopes: Floats, gradient: Floats, ray: Floats, away: Floats, held: Flo
     With J = dPhi/dr and g = J^-T h': J dr = d dt - away, so that (g . d) dt = g . away - h.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        inverse = _inverses(slopes)
+        inverse = inverses(slopes)
         world = np.einsum("nij,ni->nj", inverse, gradient)
         deeper = (np.einsum("ni,ni->n", world, away) - held) / np.einsum("ni,ni->n", world, ray)
         step = np.einsum("nij,nj->ni", inverse, deeper[:, None] * ray - away)
     return step, deeper, world
 
 
-def _inverses(matrices: Floats) -> Floats:
+def inverses(matrices: Floats) -> Floats:
     """(n, 3, 3) inverses by cofactors; not finite where there are none."""
     a, b, c = (matrices[:, :, i] for i in range(3))
     rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
