@@ -15,7 +15,7 @@ from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.traversal import SECTION, Traversal, binned, seen
+from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
 from elvis.renderer.view import View
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ class IsosurfaceDrawer:
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> Layer:
         """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) where they are given.
+
+        Hits nearer to one another than APART of the greatest coordinate are one.
 
         quantity  one of the parts' quantities; None is their own field
 
@@ -153,7 +155,7 @@ class IsosurfaceDrawer:
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
         record["to_depth"] = np.append(forward, -forward @ eye)
         record["eye"], record["forward"], record["level"] = eye, forward, value
-        record["across"] = 1 / np.linalg.norm(view.column)
+        record["across"], record["apart"] = 1 / np.linalg.norm(view.column), APART * self.loaded.reach
         record["width"], record["height"], record["perspective"] = view.width, view.height, view.perspective
         record["first"] = self.loaded.first[number]
         for name, number_of in other.items():
