@@ -281,6 +281,14 @@ def test_attributes_are_those_of_straight_elements():
     assert np.allclose(values, [0, 3, 6, 30 / 8, 1, quality, 0], rtol=1e-14)
 
 
+def test_the_sign_of_jacobians_is_the_proved_one():
+    mesh = grid(Shape.TETRAHEDRON, 2)
+    mesh = replace(mesh, vertices=mesh.vertices * [1.0, 1.0, -1.0])
+    points = np.random.default_rng(0).uniform(0.1, 0.9, (20, 3)) * [1.0, 1.0, -1.0]
+    values = Sampler(Dataset(mesh), [Expression.of(Dataset(mesh), "jacobian_sign")]).sample(points).values
+    assert (values == -1).all()
+
+
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 0])
 def test_ideal_elements_have_quality_one(shape):
     from elvis.formats.connectivity import connected

@@ -3,6 +3,7 @@
 element          global id
 order            highest degree of a field on it, of its map where it has no field
 shape            0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron
+jacobian_sign    1 where the Jacobian is proved to be positive all over, -1 where it isn't, 0 undecided (`validity`)
 jacobian         determinant of the map's derivative in xi; length or area where space has more dimensions
 scaled_jacobian  the same in parts of the product of the lengths of the derivative's columns: -1 to 1
 quality          mean ratio of the map from the ideal element, with equal edges: 1 where the map keeps its form, 0 where
@@ -24,9 +25,10 @@ from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.patch import Patch
 from elvis.formats.quantities.jumps import jumps
 from elvis.formats.shapes import Shape
+from elvis.formats.validity import validity
 
 #: those that are one number throughout an element, beside jump(...)
-CONSTANT = ("element", "order", "shape")
+CONSTANT = ("element", "order", "shape", "jacobian_sign")
 _NUMBERS = {shape: float(number) for number, shape in enumerate(Shape)}
 
 #: edges of the ideal element along xi, in columns; of the pyramid and the prism those at the middle of the base
@@ -73,13 +75,22 @@ class Attributes:
         if name == "shape":
             return np.full(len(element_ids), _NUMBERS[shape])
         if name not in self._found:
-            ids, values = self._orders() if name == "order" else jumps(self._dataset, name[5:-1])
+            ids, values = self._constant(name)
             order = np.argsort(ids, kind="stable")
             self._found[name] = ids[order], values[order]
         ids, values = self._found[name]
         place = np.searchsorted(ids, element_ids).clip(0, max(len(ids) - 1, 0))
         held = ids[place] == element_ids if len(ids) else np.zeros(len(element_ids), bool)
         return np.where(held, values[place] if len(ids) else 0.0, np.nan)
+
+    def _constant(self, name: str) -> tuple[Ints, Floats]:
+        """Ids of elements and the attribute on each."""
+        if name == "order":
+            return self._orders()
+        if name == "jacobian_sign":
+            found = validity(self._dataset)
+            return found.element_ids, found.verdict.astype(np.float64)
+        return jumps(self._dataset, name[5:-1])
 
     def _orders(self) -> tuple[Ints, Floats]:
         """Ids of elements and the highest degree of a field on each."""

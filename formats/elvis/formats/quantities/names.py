@@ -14,7 +14,7 @@ from elvis.formats.quantities.tree import AXES, Node, attribute, coordinate, fie
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
 #: what is known of elements by themselves (see `attributes`), in every dataset
-ATTRIBUTES = ("element", "order", "shape", "quality", "jacobian", "scaled_jacobian")
+ATTRIBUTES = ("element", "order", "shape", "quality", "jacobian", "scaled_jacobian", "jacobian_sign")
 #: of diatomic gases
 RATIO_OF_HEATS = 1.4
 
