@@ -87,9 +87,9 @@ def _is_linear(scene: Scene) -> bool:
 
 
 def _rivals(dataset: Dataset, scene: Scene, frame: Frame, levels: int) -> list[Rival]:
-    """As many refinements as leave at most four million pieces."""
+    """As many refinements as leave at most five million pieces."""
     count = sum(len(block) for block in geometry(dataset))
-    few = [level for level in range(levels) if isinstance(scene.objects[0], Faces) or count * 8**level <= 1 << 22]
+    few = [level for level in range(levels) if isinstance(scene.objects[0], Faces) or count * 8**level <= 5_000_000]
     return [Rival(dataset, scene, level, frame) for level in few]
 
 
