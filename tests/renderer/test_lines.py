@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from elvis.formats.dataset import Dataset
+from elvis.formats.margins import margins
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, shuffled
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.volume import NativeVolume
 from elvis.renderer import Camera, Plane
@@ -135,6 +136,18 @@ def test_circles(cut, shape, camera):
     check(layer, drawn.coverage, apart.min(axis=0), 1.5)
     near = drawn.number >= 0
     assert np.array_equal(drawn.number[near], apart.argmin(axis=0)[near])
+
+
+@pytest.mark.parametrize("shape", [*Shape.of_dimension(2), *Shape.of_dimension(3)], ids=lambda shape: shape.label)
+def test_facets_of_reference_shapes(renderer, shape):
+    """The least of the facets that are found is the margin, anywhere; here it is 2, not 1, at the far end."""
+    dataset = with_field(one_element(shape), lambda p: p[..., 0])
+    lines = Lines(Loaded(renderer("vulkan").device, NativeVolume.of(dataset, "u")))
+    facets = lines.facets(0)
+    assert len(facets) == (len(shape.faces) if shape.dimension == 3 else len(shape.edges))
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, (500, 3))
+    expected = 2 * margins(shape, points[:, : shape.dimension])
+    assert np.abs((points @ facets[:, :3].T + facets[:, 3]).min(axis=1) - expected).max() < 1e-12
 
 
 def test_both_devices_draw_the_same(cut):

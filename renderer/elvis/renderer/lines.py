@@ -125,7 +125,7 @@ class Lines:
         hits = {"pieces": pieces, "references": layer.reference[base], "normals": layer.normal[base]}
         shared = {**buffers, **{name: self._device.buffer(data) for name, data in hits.items()}}
         for number, part in enumerate(self._loaded.parts):
-            kernel, facets = self._device.kernel(stage, part, quantity), self._facets_of(number)
+            kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
             place = {"first": self._loaded.first[number], "elements": len(part), "facets": len(facets)}
             own = {
                 "facets": self._device.buffer(facets),
@@ -157,13 +157,13 @@ class Lines:
         part = np.searchsorted(self._loaded.first, layer.owner[pixels], side="right") - 1
         found = np.zeros(len(pixels), np.uint32)
         for number in np.unique(part):
-            here, facets = np.flatnonzero(part == number), self._facets_of(int(number))
+            here, facets = np.flatnonzero(part == number), self.facets(int(number))
             margins = np.abs(layer.reference[pixels[here]] @ facets[:, :3].T + facets[:, 3])
             found[here] = np.where(margins.min(axis=1) < ON_FACE, margins.argmin(axis=1) + 1, 0)
         return found
 
-    def _facets_of(self, number: int) -> Floats:
-        """(k, 4) facets of a part's reference shape, asked for once: a x + b y + c z + d is the margin beside one."""
+    def facets(self, number: int) -> Floats:
+        """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""
         if number not in self._facets:
             kernel = self._device.kernel("line_shape", self._loaded.parts[number])
             directions, facets = _sphere(_DIRECTIONS), self._device.empty(kernel.dtype("facets"), _DIRECTIONS)
