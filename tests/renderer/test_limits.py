@@ -79,7 +79,7 @@ def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkey
     made = device.Device._create
 
     def fails(self, dtype, count, data):
-        if dtype == np.float64 and count in (80 * 90, 80 * 90 * 3):
+        if dtype == np.float64 and count in (80 * 90, 80 * 22, 3 * 80 * 90):
             raise DeviceLostError("the device failed: ERROR_DEVICE_LOST")
         return made(self, dtype, count, data)
 
@@ -88,8 +88,8 @@ def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkey
         whole = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))
         first = drawing.device
         monkeypatch.setattr(device.Device, "_create", fails)
-        monkeypatch.setattr(rendering, "BAND", 80 * 90)
-        monkeypatch.setattr(rendering, "FEWEST", 80 * 90 // 20)
+        monkeypatch.setattr(rendering, "BAND", 80 * 90 // 4)
+        monkeypatch.setattr(rendering, "FEWEST", 80 * 90 // 40)
         again = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))
         assert drawing.device is not first
     assert np.array_equal(whole.element, again.element)

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.sampling import Evaluator
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, ripple
 from elvis.renderer import (
@@ -353,3 +355,25 @@ def test_hits_are_not_found_again_behind_themselves(draw, linear):
     )
     assert frame.seen.sum() > 300
     assert np.allclose(frame.color[frame.seen], [1.0, 0.5, 0.5], atol=1e-12)
+
+
+def test_surfaces_in_space_show_themselves(draw, shared):
+    """Positions and values are those of map and field at the reference coordinates."""
+    sphere = shared("sphere_manifold")
+    name = sphere.fields[0].name
+    frame = draw(sphere, objects=(Faces(),), size=(60, 50))
+    evaluator = Evaluator(sphere, [Expression.of(sphere, text) for text in ("x", "y", "z", name)])
+    seen = frame.seen
+    assert seen.sum() > 1000
+    *place, value_there = (evaluator.at(e, frame.element[seen], frame.reference[seen]) for e in evaluator.expressions)
+    assert np.abs(frame.position[seen] - np.stack(place, axis=1)).max() < 1e-10
+    assert np.abs(frame.field[seen] - value_there).max() < 1e-11
+
+    # the equator, where the surface runs along z, is like the rest
+    lines = Style(mesh_lines=MeshLines(), contours=Contours(count=5), opacity=0.5)
+    styled = draw(sphere, objects=(Faces(style=lines),), size=(60, 50))
+    assert np.array_equal(styled.element, frame.element)
+    radius = np.linalg.norm(frame.position[seen], axis=1)
+    assert np.abs(np.einsum("ni,ni->n", frame.normal[seen], frame.position[seen]) / radius - 1.0).max() < 0.02
+    with pytest.raises(SceneError, match="surfaces in space are drawn themselves"):
+        draw(sphere, plane=Plane((0, 0, 0), (0, 0, 1)), size=(30, 30))

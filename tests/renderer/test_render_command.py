@@ -103,7 +103,10 @@ def test_every_kind_of_view(render, view):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ((*PLANE, "--field", "vorticity"), "elvis: error: expression 'vorticity': character 1: vorticity needs a velocity"),
+        (
+            (*PLANE, "--field", "vorticity"),
+            "elvis: error: expression 'vorticity': character 1: vorticity needs a velocity",
+        ),
         ((), "elvis: error: 3D data need a cut plane: give a point and a normal, such as --plane 0,0,0:0,0,1"),
         (("--plane", "0,0,7:0,0,1"), "elvis: error: the picture is empty: nothing of the plane through (0, 0, 7)"),
         ((*PLANE, "--camera", "5,5,5:6,6,6:0,0,1:10"), "elvis: error: the picture is empty: nothing of the plane"),
@@ -199,11 +202,9 @@ def test_quasi_3d_data_are_cut(render, device_name):
     assert err.startswith("elvis: error: 3D data need a cut plane")
 
 
-@pytest.mark.parametrize("case_name", ["line_1d", "sphere_manifold"])
 @pytest.mark.parametrize("device_name", ["vulkan", "reference"])
-def test_data_without_a_plane_picture(render, case_name, device_name):
-    options = () if case_name == "sphere_manifold" else ("--plane", "0,0,0:0,0,1")
-    status, err, files = render(case_name, *options, "--device", device_name)
+def test_data_without_pictures(render, device_name):
+    status, err, files = render("line_1d", "--plane", "0,0,0:0,0,1", "--device", device_name)
     assert (status, files) == (1, [])
     assert err.startswith("elvis: error: pictures ")
     assert err.count("\n") == 1

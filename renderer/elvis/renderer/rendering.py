@@ -97,7 +97,12 @@ def default_field(data: Dataset | Opened) -> str:
 
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
-    """The scene with its quantity checked and a plane: z = 0 for 2D data; else it must be given."""
+    """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
+    if dataset.mesh.space > dataset.mesh.dimension == 2:
+        if any(not isinstance(item, Faces) for item in scene.every_object):
+            raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
+        scene = replace(scene, objects=scene.objects or (Faces(),))
+        return _with_quantity(scene, dataset)
     return _with_plane(_with_quantity(scene, dataset), dimension_of(dataset))
 
 
@@ -200,7 +205,7 @@ class Renderer:
     def _drawn(self, scene: Scene, references: bool, most: int) -> Frame:
         """A frame of which so many pixels at most are drawn at once."""
         view = self._view(scene)
-        if isinstance(view, PlaneView) and scene.is_plain and view.count <= most:
+        if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references)
         records = references or view.count <= BAND
         return Canvas(scene, view, self.stages, records, most, self.progress).frame()

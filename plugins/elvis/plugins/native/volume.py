@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -37,7 +37,7 @@ class NativeVolume:
         """The elements that have the first quantity, with all of them: fields, expressions, ready-made ones.
 
         Elements of one shape and one pair of degrees make a part; quasi-3D data become one period of their planes along
-        z.  Raises ElvisError for what names no quantity, and for lines and surfaces in space, which have no volume.
+        z.  Raises ElvisError for what names no quantity, and for lines.
         """
         texts = (quantities,) if isinstance(quantities, str) else tuple(quantities)
         expressions = [Expression.of(dataset, text) for text in texts]
@@ -53,16 +53,16 @@ class NativeVolume:
         attributes = Attributes(dataset)
         groups = _groups(found, primary)
         parts = [Elements(patches, geometry, names, expressions, attributes).part() for geometry, patches in groups]
+        if dataset.mesh.space > dataset.mesh.dimension:
+            parts = [_in_space(part) for part in parts]
         return NativeVolume(dimension, parts)
 
 
 def _dimension(dataset: Dataset, found: Sequence[Patch]) -> int:
-    """2 or 3; ElvisError where the data have no volume to cut."""
+    """2 (in the plane or on a surface in space) or 3; ElvisError for lines."""
     mesh = dataset.mesh
-    if mesh.dimension < 2 or mesh.space != mesh.dimension:
-        raise ElvisError(
-            f"pictures are made of 2D data in the plane and of 3D data, found DIM={mesh.dimension} SPACE={mesh.space}"
-        )
+    if mesh.dimension < 2:
+        raise ElvisError(f"pictures are made of 2D and 3D data, found DIM={mesh.dimension} SPACE={mesh.space}")
     waves = {own.homogeneous for patch in found for own in patch.fields if own is not None}
     if waves <= {None}:
         return mesh.dimension
@@ -70,6 +70,13 @@ def _dimension(dataset: Dataset, found: Sequence[Patch]) -> int:
     if others or series is None or mesh.dimension != 2 or len(series.lengths) != 1:
         raise ElvisError("expected one Fourier series along z in all fields and elements of a plane, found others")
     return 3
+
+
+def _in_space(part: Part) -> Part:
+    """The part, its elements those of a surface in space (see in_space in native_data.slang)."""
+    says = " export static const bool in_space = true;"
+    quantities = {name: replace(own, source=own.source + says) for name, own in part.quantities.items()}
+    return replace(part, source=part.source + says, quantities=quantities)
 
 
 def _groups(found: Sequence[Patch], primary: int | None) -> Iterator[tuple[BernsteinSpace, list[Patch]]]:
