@@ -20,7 +20,7 @@ ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 def section():
     """The blocks of the section on runtime plugins, by language."""
     text = PAGE.read_text(encoding="utf-8")
-    text = text[text.index("\n## A runtime plugin") : text.index("\n## Modules")]
+    text = text[text.index("\n## A runtime plugin") :].split("\n## ")[1]
     return dict(re.findall(r"^```(\w+)\n(.*?)^```$", text, re.M | re.S))
 
 
