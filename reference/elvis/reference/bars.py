@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
-from elvis.reference.metrics import Place, value_errors, value_range, worst
+from elvis.reference.metrics import Place, extent, value_errors, value_range, worst
 from elvis.reference.record import Record
 from elvis.renderer.frame import Status
 
@@ -48,7 +48,7 @@ def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, 
     """
     decided = (exact.status != Status.AMBIGUOUS) & (other.status != Status.AMBIGUOUS)
     same = decided & exact.seen & other.seen & (exact.element == other.element)
-    size = diagonal or float(np.linalg.norm(np.ptp(exact.position[exact.seen], axis=0))) or 1.0
+    size = diagonal or extent(exact)
     moved = np.linalg.norm(other.position - exact.position, axis=2) / size
     gone = (exact.status == Status.FAILED) | (other.status == Status.FAILED)
     values = np.where(same, value_errors(exact, other, ends or value_range(exact)), 0.0)

@@ -6,7 +6,7 @@ What is shared with the renderer is the colour map and the scene's meaning, noth
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from elvis.formats.arrays import Floats, Ints
 from elvis.reference.hits import Hits
 from elvis.reference.record import Record
 from elvis.renderer.palette import Palette
-from elvis.renderer.scene import Scene, Style
+from elvis.renderer.scene import Scene, Style, Transfer
 from elvis.renderer.view import View
 
 
@@ -134,3 +134,15 @@ def blended(pieces: Sequence[Fog], scene: Scene, view: View) -> Floats:
 def is_lit(style: Style, surface: bool) -> bool:
     """Whether lights shade an object: as its style says, else faces and isosurfaces are."""
     return surface if style.lit is None else style.lit
+
+
+def colored(transfer: Transfer, scene: Scene, ends: tuple[float, float] | None) -> Transfer:
+    """The transfer function with colours: its own, or those of the colour map at its values.
+
+    ends  of the colour map: what surfaces show or the scene says; None takes those of the function
+    """
+    if transfer.colors:
+        return transfer
+    low, high = ends or (transfer.values[0], transfer.values[-1])
+    colors = Palette.named(scene.palette, low, high).colors(np.asarray(transfer.values, np.float64))
+    return replace(transfer, colors=tuple((float(r), float(g), float(b)) for r, g, b in colors))

@@ -15,6 +15,8 @@ from elvis.reference.record import Record
 
 #: steps of the colour map
 STEPS = 256
+#: part of full red, green or blue by which a colour may be off
+COLOR = 0.01
 #: ranges narrower than this part of their ends are none
 _NARROW = 1e-9
 
@@ -46,6 +48,7 @@ class Errors:
     pixel_max       greatest distance of the two positions in pixels, None likewise
     normal_max      greatest angle between the normals, degrees
     elements        pixels of another element
+    colors_off      percent of all pixels with a red, green or blue that is off by more than 1 %
     contours        how far each is displaced
     worst           the pixel of the greatest error of the value, None where no pixel is off
     """
@@ -64,6 +67,7 @@ class Errors:
     pixel_max: float | None
     normal_max: float
     elements: int
+    colors_off: float
     contours: tuple[Displacement, ...]
     worst: Place | None
 
@@ -106,7 +110,7 @@ def errors(
     off = value_errors(exact, other, (low, high))
     away, missing = off[both], exact.seen & ~other.seen
     moved = np.linalg.norm(other.position - exact.position, axis=2)[both]
-    diagonal = float(np.linalg.norm(np.ptp(exact.position[exact.seen], axis=0))) or 1.0
+    diagonal = extent(exact)
     wrong = int((away > 1 / STEPS).sum() + missing.sum())
     return Errors(
         (low, high),
@@ -121,9 +125,16 @@ def errors(
         None if pixel is None else _summary(moved / pixel)[0],
         _summary(_angles(exact.normal[both], other.normal[both]))[0],
         int((exact.element != other.element)[both].sum()),
+        100.0 * float((np.abs(exact.color - other.color).max(axis=2) > COLOR).mean()),
         tuple(displacement(exact, other, value) for value in contours),
         worst(exact, other, off),
     )
+
+
+def extent(record: Record) -> float:
+    """Diagonal of the box around what is seen; 1 where that is a point, or nothing."""
+    points = record.position[record.seen]
+    return (float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0) or 1.0
 
 
 def value_range(record: Record) -> tuple[float, float]:

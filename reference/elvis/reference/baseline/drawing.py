@@ -16,15 +16,16 @@ from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_m
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.templates import template
 from elvis.reference.baseline.tracing import Tracer
+from elvis.reference.baseline.volumes import fogs
 from elvis.reference.clipping import clipped
-from elvis.reference.composing import Layer, is_lit, record
+from elvis.reference.composing import Fog, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import Record
 from elvis.reference.selection import chosen_faces, on_faces
 from elvis.reference.surfaces import levels
-from elvis.renderer.scene import CutSurface, Faces, Implicit, Isosurface, Scene, SceneObject, Style
+from elvis.renderer.scene import CutSurface, Faces, Implicit, Isosurface, Scene, SceneObject, Style, VolumeRendering
 from elvis.renderer.view import View
 
 #: surfaces of one object that a ray is followed through
@@ -112,12 +113,24 @@ class Baseline:
         """The picture of a scene whose camera and size are those of ``view``; ``ends`` of the colour range."""
         start, layers = perf_counter(), []
         for shown in scene.every_object:
-            mesh = self.triangles(shown, scene.field)
-            self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
-            layers += layers_of(mesh, shown, scene, view, ends)
-        picture = record(layers, scene, view, ends)
+            if not isinstance(shown, VolumeRendering):
+                mesh = self.triangles(shown, scene.field)
+                self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
+                layers += layers_of(mesh, shown, scene, view, ends)
+        picture = record(layers, scene, view, ends, self._fogs(scene, view, [own.hits.depth for own in layers], ends))
         self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
         return picture
+
+    def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ends: tuple[float, float]) -> list[Fog]:
+        """What the volumes add, in pieces between the depths (n,) of surfaces."""
+        found: list[Fog] = []
+        for shown in scene.every_object:
+            if isinstance(shown, VolumeRendering):
+                name = shown.quantity or scene.field
+                transfer = colored(shown.transfer, scene, ends if name == scene.field else None)
+                for part in self._solid():
+                    found += fogs(part, name, transfer, view, cuts)
+        return found
 
 
 def affordable(patches: Sequence[Patch], level: int, quantities: int, limit: int) -> tuple[bool, int]:

@@ -97,6 +97,7 @@ def _errors(study: Study) -> Table:
         "contours lost",
         "surface off by up to, % of size",
         "normals off by up to, °",
+        "colours off by over 1 %, % of all pixels",
     ]
     rows = []
     for rival in study.rivals:
@@ -107,6 +108,7 @@ def _errors(study: Study) -> Table:
         value, mean = some(100 * found.value_max), some(100 * found.value_mean)
         counts = [f"{found.missing:,}", f"{found.spurious:,}", some(found.contour_max), str(found.lost)]
         surface = [some(_visible(100 * found.position_max)), some(_visible(found.normal_max))]
+        surface.append(some(found.colors_off))
         rows.append([rival.name, value, mean, some(found.off), *counts, *surface])
     return _table("Errors", heads, rows)
 

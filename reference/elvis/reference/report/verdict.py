@@ -17,6 +17,8 @@ def is_right(rival: Rival) -> bool:
     found = rival.errors
     if found is None:
         return False
+    if not found.pixels:
+        return found.colors_off <= PERCENT
     strange = 100.0 * found.spurious / max(1, found.pixels)
     moved = found.contour_max or 0.0
     return found.off <= PERCENT and strange <= PERCENT and moved <= PIXELS and not found.lost
@@ -79,6 +81,8 @@ def how_wrong(rival: Rival) -> str:
     """The errors of a picture in words."""
     found = rival.errors
     assert found is not None
+    if not found.pixels:
+        return f"{some(found.colors_off)} % of the pixels have colours off by more than 1 %"
     said = []
     if found.lost:
         said.append(f"{counted(found.lost, 'contour')} lost or invented")

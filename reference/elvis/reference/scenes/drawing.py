@@ -15,7 +15,7 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.locate import Locator
 from elvis.reference.clipping import clipped
-from elvis.reference.composing import Fog, Layer, is_lit, record
+from elvis.reference.composing import Fog, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities, names_of
@@ -38,7 +38,6 @@ from elvis.renderer.scene import (
     Scene,
     SceneObject,
     Style,
-    Transfer,
     VolumeRendering,
 )
 from elvis.renderer.view import View
@@ -184,7 +183,7 @@ class Scenery:
             ways = ways_through(number, patch, view, self.size).between(cuts)
             for item in shown:
                 name = item.quantity or scene.field
-                transfer = _colored(item.transfer, scene, ranges.get(name), name == scene.field)
+                transfer = colored(item.transfer, scene, ranges.get(name))
                 color, alpha = gathered(ways, patch, self.quantities, name, transfer, view)
                 found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))
         return found
@@ -222,18 +221,6 @@ def _ends(scene: Scene) -> tuple[float, float]:
     """The ends of the colour range where no surface shows the scene's field: those of a volume's transfer function."""
     transfers = [shown.transfer for shown in scene.every_object if isinstance(shown, VolumeRendering)]
     return (transfers[0].values[0], transfers[0].values[-1]) if transfers else (0.0, 1.0)
-
-
-def _colored(transfer: Transfer, scene: Scene, seen: tuple[float, float] | None, own: bool) -> Transfer:
-    """The transfer function with colours: its own, or those of the colour map at its values.
-
-    The ends of the map are two values of the scene, for its field; else what surfaces show; else those of the function.
-    """
-    if transfer.colors:
-        return transfer
-    ends = scene.range if own and isinstance(scene.range, tuple) else seen or (transfer.values[0], transfer.values[-1])
-    colors = Palette.named(scene.palette, *ends).colors(np.asarray(transfer.values, np.float64))
-    return replace(transfer, colors=tuple((float(r), float(g), float(b)) for r, g, b in colors))
 
 
 def _style(shown: SceneObject) -> Style:

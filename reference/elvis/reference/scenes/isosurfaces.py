@@ -22,7 +22,7 @@ from elvis.reference.baseline.templates import pulling, template
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
-from elvis.reference.scenes.rasters import boxed
+from elvis.reference.scenes.rasters import barycentric_gradients, boxed
 from elvis.renderer.frame import Status
 from elvis.renderer.view import View
 
@@ -118,17 +118,8 @@ def _placed(patch: Patch, rows: Ints, points: Floats) -> Floats:
 
 def _height(corners: Floats) -> Floats:
     """(m,) least height of tetrahedra (m, 4, 3)."""
-    gradients = _gradients(corners)
+    gradients = barycentric_gradients(corners)
     return np.asarray(1.0 / np.linalg.norm(gradients, axis=2).max(axis=1, initial=1e-300))
-
-
-def _gradients(corners: Floats) -> Floats:
-    """(m, 4, 3) gradients of the barycentric coordinates in tetrahedra (m, 4, 3)."""
-    a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
-    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found = rows / np.einsum("mi,mi->m", a, rows[:, 0])[:, None, None]
-    return np.concatenate([-found.sum(axis=1, keepdims=True), found], axis=1)
 
 
 def _widened(cells: Cells) -> Floats:
@@ -175,7 +166,7 @@ def _starts(
     cells: Cells, cell: Ints, origins: Floats, directions: Floats, function: Callable[[Ints, Floats], Floats]
 ) -> Iterator[tuple[Ints, Floats]]:
     """Pairs (k,) whose ray may meet the surface, and barycentric coordinates (k, 4) of where to start."""
-    gradients = _gradients(cells.corners)[cell]
+    gradients = barycentric_gradients(cells.corners)[cell]
     base = 1.0 * (np.arange(4) == 0) + np.einsum("nki,ni->nk", gradients, origins - cells.corners[cell, 0])
     slope = np.einsum("nki,ni->nk", gradients, directions)
 

@@ -69,3 +69,12 @@ def _near(screen: Floats, front: Bools, slack: Floats, triangle: Ints, pixel: In
         inwards = np.einsum("ni,ni->n", pixel - start, normal) * np.sign(height)
         near &= ~(inwards < -slack[triangle] * length) | (np.abs(height) < 1e-9 * length**2) | ~whole
     return near
+
+
+def barycentric_gradients(corners: Floats) -> Floats:
+    """(m, 4, 3) gradients of the barycentric coordinates in tetrahedra (m, 4, 3)."""
+    a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
+    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = rows / np.einsum("mi,mi->m", a, rows[:, 0])[:, None, None]
+    return np.concatenate([-found.sum(axis=1, keepdims=True), found], axis=1)

@@ -38,7 +38,7 @@ class Ways:
     pixel        (k,)    row by row from the top
     row          (k,)    of the elements
     near, far    (k,)    depths of both ends
-    first, last  (k, 3)  reference coordinates of both ends
+    first, last  (k, …)  reference coordinates of both ends, or whatever else is linear between them
     """
 
     pixel: Ints
@@ -96,32 +96,49 @@ def gathered(
     return colors, alphas
 
 
+def points_along(parts: int) -> Floats:
+    """(parts * POINTS,) Gauss points of equal parts of the unit interval."""
+    return np.asarray(((np.arange(parts)[:, None] + (1 + gauss(POINTS)[0]) / 2) / parts).ravel())
+
+
 def _summed(
     ways: Ways, patch: Patch, quantities: Quantities, name: str, transfer: Transfer, view: View
 ) -> tuple[Floats, Floats]:
-    """The sums over the parts of some ways; values that are no numbers send out and take up nothing."""
-    nodes, weights = gauss(POINTS)
-    places = ((np.arange(PARTS)[:, None] + (1 + nodes) / 2) / PARTS).ravel()
+    """The sums over the parts of some ways."""
+    places = points_along(PARTS)
     depth = ways.near[:, None] + places * (ways.far - ways.near)[:, None]
     start = ways.first[:, None] + places[:, None] * (ways.last - ways.first)[:, None]
     rows, pixel = np.repeat(ways.row, len(places)), np.repeat(ways.pixel, len(places))
     reference = _followed(patch, rows, start.reshape(-1, 3), _points(view, pixel, depth.ravel()))
     values = quantities.values(name, patch, rows, reference).reshape(depth.shape)
 
-    # density and colour at all points; beyond the ends of the transfer function they stay
+    return integrated(values, lengths(ways, view), transfer)
+
+
+def lengths(ways: Ways, view: View) -> Floats:
+    """(k,) lengths of ways in world units."""
+    row, column = np.divmod(ways.pixel, view.width)
+    directions = view.rays(column.astype(np.float64), row.astype(np.float64))[1]
+    return np.asarray(np.linalg.norm(directions, axis=1) * (ways.far - ways.near))
+
+
+def integrated(values: Floats, length: Floats, transfer: Transfer) -> tuple[Floats, Floats]:
+    """Colours (k, 3) times alpha, and alphas (k,), of ways of some length (k,).
+
+    values  (k, parts * POINTS) of the quantity at Gauss points of equal parts; beyond the ends of the transfer function
+            it stays as it is there, and what is no number sends out and takes up nothing
+    """
     known = np.isfinite(values)
     density = np.where(known, np.interp(values, transfer.values, transfer.densities), 0.0)
     tables = np.asarray(transfer.colors, np.float64)
     color = np.stack([np.interp(values, transfer.values, tables[:, axis]) for axis in range(3)], axis=-1)
     color = np.where(known[..., None], color, 0.0)
 
-    # parts of the way in world units
-    row, column = np.divmod(ways.pixel, view.width)
-    directions = view.rays(column.astype(np.float64), row.astype(np.float64))[1]
-    length = np.linalg.norm(directions, axis=1) * (ways.far - ways.near) / PARTS
-    taken = (0.5 * length[:, None, None] * weights) * density.reshape(-1, PARTS, POINTS)
+    # optical depths of the parts, mean colours in them, what of them reaches the beginning
+    parts, weights = values.shape[1] // POINTS, gauss(POINTS)[1]
+    taken = (0.5 * length[:, None, None] / parts * weights) * density.reshape(-1, parts, POINTS)
     depths = taken.sum(axis=2)
-    mean = np.einsum("kpg,kpgc->kpc", taken, color.reshape(-1, PARTS, POINTS, 3))
+    mean = np.einsum("kpg,kpgc->kpc", taken, color.reshape(-1, parts, POINTS, 3))
     mean /= np.where(depths > 0, depths, 1.0)[..., None]
     before = np.cumsum(depths, axis=1) - depths
     sent = np.exp(-before) * -np.expm1(-depths)
