@@ -97,6 +97,24 @@ def test_quasi_3d_data_have_walls_and_lids(drawer, nektar):
     assert np.isfinite(wall.depth).any()
 
 
+@pytest.mark.parametrize("name", ["gen_allelem_n4", "gen_pipe_curved", "gen_tet_p8_nekg2", "sphere_manifold"])
+def test_real_meshes_are_closed(drawer, shared, name):
+    dataset = shared(name)
+    volume = volume_of(dataset, [dataset.fields[0].name])
+    drawn = drawer(volume, dataset)
+    boxes = np.concatenate([part.boxes for part in volume.parts]).astype(float)
+    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low))
+    for way, size in (((0.51, -0.63, 0.612), {"fov": 60.0}), ((-0.4, 0.3, -0.8), {"height": reach})):
+        view = View.through(Camera(tuple(middle + reach * np.array(way)), tuple(middle), **size), (60, 60))
+        layer, hits = drawn.draw(view), drawn.hits(view)
+        counts = np.bincount(hits["pixel"], minlength=view.count)
+        assert (counts[layer.status == Status.CERTAIN] % 2 == 0).all()
+        assert (layer.status <= Status.AMBIGUOUS).all()
+        assert (layer.status == Status.AMBIGUOUS).sum() < 4
+        assert counts.max() >= 2
+
+
 def test_a_plugin_without_faces_says_so():
     with pytest.raises(ElvisError, match="gives no element faces"):
         faces_of(None, Shown([], Path()))
