@@ -151,16 +151,23 @@ def stretched(hits: NDArray[Any], dtype: np.dtype[Any], first: int) -> tuple[NDA
     hits   as FaceDrawer.hits lists them
     first  running number of the part's first element
     Of hits that enter an element twice before they leave it the first counts, of those that leave it twice the first
-    too: at edges two faces are met at once.  What is not paired belongs to the pixels returned last.
+    too: at edges two faces are met at once.  A ray that enters and leaves at one depth touches no more than an edge.
+    What is not paired belongs to the pixels returned last.
     """
     found = hits[hits["verdict"] != UNKNOWN]
     lost = hits["pixel"][hits["verdict"] == UNKNOWN]
     found = found[np.lexsort((found["depth"], found["element"], found["pixel"]))]
-    fresh = np.ones(len(found), bool)
-    fresh[1:] = (np.diff(found["pixel"].astype(np.int64)) != 0) | (np.diff(found["element"].astype(np.int64)) != 0)
+    while True:
+        near = np.diff(found["depth"]) <= APART * np.abs(found["depth"][1:])
+        touching = near & ~_fresh(found)[1:] & (np.diff(found["entering"]) != 0)
+        if not touching.any():
+            break
+        pairs = np.flatnonzero(touching & ~np.append(False, touching[:-1])[: len(touching)])
+        found = np.delete(found, np.concatenate([pairs, pairs + 1]))
     repeated = np.zeros(len(found), bool)
-    repeated[1:] = ~fresh[1:] & (found["entering"][1:] == found["entering"][:-1])
-    found, fresh = found[~repeated], fresh[~repeated]
+    repeated[1:] = ~_fresh(found)[1:] & (np.diff(found["entering"]) == 0)
+    found = found[~repeated]
+    fresh = _fresh(found)
 
     # an eye within an element sees no face before the one it leaves by
     enters = found["entering"] == 1
@@ -177,3 +184,9 @@ def stretched(hits: NDArray[Any], dtype: np.dtype[Any], first: int) -> tuple[NDA
     order = np.lexsort((stretches["first"], pixel))
     unpaired = found["pixel"][enters & ~paired]
     return stretches[order], pixel[order], np.concatenate([lost, unpaired]).astype(np.int64)
+
+
+def _fresh(hits: NDArray[Any]) -> Bools:
+    """(n,) hits that are the first of an element on a ray."""
+    pixel, element = (hits[name].astype(np.int64) for name in ("pixel", "element"))
+    return np.append(True, (np.diff(pixel) != 0) | (np.diff(element) != 0))[: len(hits)]
