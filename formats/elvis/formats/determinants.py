@@ -85,7 +85,11 @@ def determinant(expansion: Expansion, coefficients: Floats, space: int) -> Polyn
     if len(columns) == 1:
         return columns[0][0] if space == 1 else _square(columns[0][:space])
     if len(columns) == 2:
-        return _cross(*columns, 2) if space == 2 else _square([_cross(*columns, axis) for axis in range(3)])
+        return (
+            _cross(columns[0], columns[1], 2)
+            if space == 2
+            else _square([_cross(columns[0], columns[1], axis) for axis in range(3)])
+        )
     terms = [_cross(columns[0], columns[1], axis) * columns[2][axis] for axis in range(3)]
     return terms[0] + terms[1] + terms[2]
 
