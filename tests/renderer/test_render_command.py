@@ -202,11 +202,18 @@ def test_quasi_3d_data_are_cut(render, device_name):
     assert err.startswith("elvis: error: 3D data need a cut plane")
 
 
-@pytest.mark.parametrize("device_name", ["vulkan", "reference"])
-def test_data_without_pictures(render, device_name):
-    status, err, files = render("line_1d", "--plane", "0,0,0:0,0,1", "--device", device_name)
+@pytest.mark.parametrize(
+    ("case_name", "options", "sentence"),
+    [
+        ("line_1d", ("--device", "reference"), "pictures are made of 2D data"),
+        ("line_1d", ("--plane", "0,0,0:0,0,1"), "1D data show themselves: leave cuts, isosurfaces and volumes out"),
+        ("naca_h1d_line", (), "pictures of lines with Fourier directions can't be made"),
+    ],
+)
+def test_data_without_pictures(render, case_name, options, sentence):
+    status, err, files = render(case_name, *options)
     assert (status, files) == (1, [])
-    assert err.startswith("elvis: error: pictures ")
+    assert err.startswith(f"elvis: error: {sentence}")
     assert err.count("\n") == 1
 
 

@@ -20,6 +20,7 @@ from elvis.plugins.serving import dimension_of, names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas
+from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.errors import DeviceError, DeviceLostError, SceneError
 from elvis.renderer.examining import check_on_device, examine
@@ -60,6 +61,8 @@ def render(
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device, progress)
     scene = completed(dataset, scene)
+    if dataset.mesh.dimension == 1 and device not in plugins("elvis.devices"):
+        return draw_curves(dataset, scene)
     if device in plugins("elvis.devices"):
         draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
         return draw(dataset, scene)
@@ -98,7 +101,9 @@ def default_field(data: Dataset | Opened) -> str:
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
-    if dataset.mesh.space > dataset.mesh.dimension == 2:
+    if dataset.mesh.dimension == 1:
+        return _with_quantity(scene, dataset)
+    if dataset.mesh.space > dataset.mesh.dimension:
         if any(not isinstance(item, Faces) for item in scene.every_object):
             raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
         scene = replace(scene, objects=scene.objects or (Faces(),))

@@ -1,0 +1,152 @@
+"""1D data as curves, drawn on the host: lines in the plane or in space, else values over x as in a plot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.boxes import Boxes
+from elvis.formats.dataset import Dataset
+from elvis.formats.pointwise import positions
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.sampling import Evaluator
+from elvis.renderer.errors import SceneError
+from elvis.renderer.fitting import automatic, missed, surrounding
+from elvis.renderer.frame import Drawing, Frame, Legend, Status
+from elvis.renderer.lines import covered
+from elvis.renderer.palette import Palette, automatic_range
+from elvis.renderer.scene import Camera, Faces, Plane, Scene, Style
+from elvis.renderer.view import View
+
+#: width of a curve in pixels, where no mesh lines say another; height of a plot in parts of its width
+WIDTH, HEIGHT = 2.5, 0.6
+#: pixels between the points that stand for a curve, and the most of them
+STEP, MOST = 0.25, 1 << 22
+
+
+class Curves:
+    """The elements of 1D data: at so many even reference points of each, arrays by point."""
+
+    def __init__(self, dataset: Dataset, quantity: str) -> None:
+        self.expression, self.is_plot = Expression.of(dataset, quantity), dataset.mesh.space == 1
+        self.evaluator = Evaluator(dataset, [self.expression])
+        if any(patch.dimension > 1 for patch in self.evaluator.patches):
+            raise SceneError("pictures of lines with Fourier directions can't be made")
+        self.scale, self.base = 1.0, 0.0
+        self.sample(33)
+        if self.is_plot:
+            self.base, high = automatic_range(self.value)
+            self.scale = HEIGHT * float(np.ptp(self.place[:, 0])) / (high - self.base)
+            self.sample(33)
+
+    def sample(self, count: int) -> None:
+        """Set element ids, references, places (n, 3) as they are shown, and values (n,)."""
+        found: list[tuple[Floats | Ints, ...]] = []
+        for patch in self.evaluator.patches:
+            rows, points = np.repeat(np.arange(len(patch)), count), np.tile(np.linspace(-1.0, 1.0, count), len(patch))
+            value = self.evaluator.values(self.expression, patch, rows, points[:, None])
+            found.append((patch.element_ids[rows], points, positions(patch, rows, points[:, None]), value))
+        self.element, self.reference, self.place, self.value = (np.concatenate(c) for c in zip(*found, strict=True))
+        self.count = count
+        if self.is_plot:
+            self.place[:, 1] = self.scale * (np.nan_to_num(self.value) - self.base)
+
+    def boxes(self) -> Boxes:
+        """(k, 6) boxes around the elements."""
+        points = self.place.reshape(-1, self.count, 3)
+        return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1).astype(np.float32)
+
+    def seen(self, view: View) -> Floats:
+        """(n, 2) columns and rows of points close enough together for a view, NaN behind the eye."""
+        while True:
+            rows = self.place @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                seen = np.where(rows[:, 2:] > 0.0, rows[:, :2] / rows[:, 2:], np.nan)
+            steps = np.diff(seen.reshape(-1, self.count, 2), axis=1)
+            if len(seen) > MOST or not (np.abs(steps) > STEP).any():
+                return seen
+            self.sample(2 * self.count - 1)
+
+    def nearest(self, view: View, reach: float) -> tuple[Floats, Ints]:
+        """By pixel (n,): the distance in pixels of the nearest point within ``reach``, and its number."""
+        seen, size = self.seen(view), np.array([view.width, view.height])
+        distance, number = np.full(view.count, np.inf), np.zeros(view.count, np.int64)
+        around = range(-int(np.ceil(reach)), int(np.ceil(reach)) + 1)
+        for offset in product(around, around):
+            pixel = np.rint(np.nan_to_num(seen, nan=-1e6)) + offset
+            away = np.linalg.norm(pixel - seen, axis=1)
+            held = np.flatnonzero(((pixel >= 0) & (pixel < size)).all(axis=1) & (away <= reach))
+            held = held[np.argsort(-away[held], kind="stable")]
+            own = (pixel[held, 1] * view.width + pixel[held, 0]).astype(np.int64)
+            nearer = away[held] < distance[own]
+            distance[own[nearer]], number[own[nearer]] = away[held[nearer]], held[nearer]
+        return distance, number
+
+
+def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
+    """A picture of 1D data, coloured by the scene's field; of a scene's objects only faces, for their style.
+
+    Where the data lie on the x axis, their values stand for y, scaled to a plot; positions are those of the plot.
+    """
+    if any(not isinstance(item, Faces) for item in scene.every_object):
+        raise SceneError("1D data show themselves: leave cuts, isosurfaces and volumes out")
+    curves = Curves(dataset, scene.field)
+    style = scene.objects[0].style if scene.objects and isinstance(scene.objects[0], Faces) else Style()
+    width = style.mesh_lines.width if style.mesh_lines else WIDTH
+    view = _view(curves, scene, dataset.mesh.space < 3, width)
+    distance, number = curves.nearest(view, 0.5 * width + 0.5)
+    if not np.isfinite(distance).any():
+        raise SceneError(missed(None, surrounding([curves.boxes()])))
+    asked = style.range or scene.range
+    ends = asked if isinstance(asked, tuple) else automatic_range(curves.value)
+    palette = Palette.named(style.palette or scene.palette, *ends)
+    return _frame(scene, view, curves, covered(distance, width), number, palette, style)
+
+
+def _view(curves: Curves, scene: Scene, is_flat: bool, width: float) -> View:
+    """The view of a scene; flat data are looked at straight."""
+    ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)) if is_flat else None
+
+    def through(settled: Scene) -> View:
+        assert isinstance(settled.camera, Camera)
+        assert settled.size is not None
+        return View.through(settled.camera, settled.size)
+
+    def glance(small: Scene) -> Bools:
+        view = through(small)
+        near = np.isfinite(curves.nearest(view, 0.5 * width)[0])
+        return np.asarray(near.reshape(view.height, view.width))
+
+    return through(automatic(replace(scene, plane=ground, objects=()), [curves.boxes()], glance))
+
+
+def _frame(
+    scene: Scene, view: View, curves: Curves, coverage: Floats, number: Ints, palette: Palette, style: Style
+) -> Frame:
+    """Pixels that are covered half or more show the nearest point of a curve."""
+    shape, seen = (view.height, view.width), coverage >= 0.5
+    ink = palette.colors(curves.value[number]) if style.color is None else np.tile(style.color, (view.count, 1))
+    part = (style.opacity * coverage)[:, None]
+    color = (1.0 - part) * np.asarray(scene.background) + part * ink
+    depth = np.where(seen, view.depth_of(curves.place[number]), np.inf)
+    reference = np.where(seen[:, None], np.pad(curves.reference[number, None], ((0, 0), (0, 2))), np.nan)
+    drawing = Drawing(
+        depth.reshape(shape),
+        np.full((*shape, 3), np.nan),
+        color.reshape(*shape, 3),
+        (Legend(scene.field, palette),) if style.color is None else (),
+    )
+    frame = Frame(
+        scene,
+        view,
+        np.where(seen, curves.value[number], np.nan).reshape(shape),
+        np.where(seen, curves.element[number], -1).reshape(shape),
+        reference.reshape(*shape, 3),
+        np.where(seen, Status.CERTAIN, Status.MISS).astype(np.uint8).reshape(shape),
+        drawing=drawing,
+    )
+    frame.stats.update(device={"name": "host", "label": "NumPy"}, elements=len(curves.boxes()), pixels=frame.counts())
+    return frame

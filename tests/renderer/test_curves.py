@@ -1,0 +1,73 @@
+"""1D data as curves: where they run, what they show, against closed forms."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated
+from elvis.formats.testing.meshes import connected
+from elvis.renderer import Camera, Faces, MeshLines, SceneError, Style, render
+
+
+def chain(points, function):
+    """Straight segments from point to point (n, 3) with a field of degree 6."""
+    ends = np.stack([np.arange(len(points) - 1), np.arange(1, len(points))], axis=1)
+    space = int(np.flatnonzero(np.abs(points).max(axis=0)).max()) + 1
+    mesh = connected(points, {Shape.SEGMENT: ends}, space)
+    return Dataset(mesh, (approximated(Dataset(mesh), "u", function, 7),))
+
+
+def axis(count):
+    return np.stack([np.linspace(0.0, 2.0, count), np.zeros(count), np.zeros(count)], axis=1)
+
+
+def test_plots_show_values_over_x():
+    """A cubic from 0 to 8: columns are places, rows are values."""
+    frame = render(chain(axis(4), lambda p: p[:, 0] ** 3), size=(300, 200))
+    rows, columns = np.nonzero(frame.seen)
+    x = np.interp(columns, [columns.min() + 1, columns.max() - 1], [0.0, 2.0])
+    y = np.interp(rows, [rows.min() + 1, rows.max() - 1], [8.0, 0.0])
+    assert np.abs(y - x**3).max() < 0.5
+    assert np.abs(frame.field[frame.seen] - x**3).max() < 0.2
+    assert set(np.unique(frame.element)) == {-1, 0, 1, 2}
+    assert frame.range == pytest.approx((0.0, 8.0))
+    assert len(np.unique(columns)) == np.ptp(columns) + 1
+
+
+def test_jumps_stay_open():
+    frame = render(chain(axis(3), lambda p: p[:, 0] + 5.0 * (p[:, 0] > 1.0)), size=(200, 160))
+    gap = frame.seen.any(axis=1)
+    middle = np.flatnonzero(gap)[[0, -1]].sum() // 2
+    assert not gap[middle - 20 : middle + 20].any()
+
+
+@pytest.mark.parametrize("width", [1.0, 3.0, 6.0])
+def test_curves_in_space_are_as_wide_as_asked(width):
+    """A straight line askew: its area in pixels is length times width."""
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.4, 0.3]])
+    camera = Camera((0.5, 0.2, 3.0), (0.5, 0.2, 0.0), (0, 1, 0), height=1.0)
+    style = Style(color=(0.0, 0.0, 0.0), mesh_lines=MeshLines(width=width))
+    frame = render(chain(points, lambda p: p[:, 2]), objects=(Faces(style=style),), camera=camera, size=(300, 200))
+    covered = (1.0 - frame.color[..., 0]).sum()
+    assert covered == pytest.approx(200 * np.hypot(1.0, 0.4) * width, rel=0.03)
+    assert np.abs(frame.field[frame.seen] - 0.3 * frame.position[frame.seen][:, 0]).max() < 0.3 * (width + 2) / 200
+    assert np.abs(frame.depth[frame.seen] - (3.0 - frame.field[frame.seen])).max() < 1e-12
+
+
+def test_views_of_curves_are_fitted_and_files_written(tmp_path):
+    angle = np.linspace(0.0, 2.0 * np.pi, 13)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    frame = render(chain(ring, lambda p: p[:, 1]))
+    rows, columns = np.nonzero(frame.seen)
+    assert np.ptp(rows) > 0.9 * frame.view.height or np.ptp(columns) > 0.9 * frame.view.width
+    for name in ("a.png", "a.npz", "a.exr"):
+        frame.save(tmp_path / name)
+    record = np.load(tmp_path / "a.npz")
+    assert np.abs(record["reference"][frame.seen][:, 0]).max() <= 1.0
+
+
+def test_curves_that_are_not_in_the_picture_are_told():
+    camera = Camera((9.0, 9.0, 3.0), (9.0, 9.0, 0.0), (0, 1, 0), height=1.0)
+    with pytest.raises(SceneError, match="the picture is empty: nothing of any object is seen"):
+        render(chain(axis(3), lambda p: p[:, 0]), camera=camera, size=(30, 20))
