@@ -208,6 +208,21 @@ def test_lines_that_enter_and_leave_by_one_edge(cut, depth):
     check(layer, drawn.coverage, distances(view, points[points[:, 1] < 1.0]), 1.0)
 
 
+@pytest.mark.parametrize("values", [(-0.97, 0.97), (-0.5, 0.1, 0.7)])
+def test_waves_of_five_pixels(cut, values):
+    """Fields of high order where contours are as small and as close as pixels."""
+
+    def waves(points):
+        return np.sin(40 * points[..., 0]) * np.sin(40 * points[..., 1] + 0.3)
+
+    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 4), waves, 14), size=(40, 40))
+    apart = np.min([distances(view, curve(view, lambda p, v=v: waves(p) - v)) for v in values], axis=0)
+    near = np.isfinite(layer.depth).reshape(view.height, view.width)
+    inner = (near & ~grown(~near, 2)).ravel()
+    difference = lines.contours(view, layer, np.array(values), 1.0).coverage - covered(apart, 1.0)
+    assert np.abs(difference)[inner].max() < 0.025
+
+
 def test_jumps_stay_open(cut):
     """A field that steps from element to element: lines end at the steps, and no line is drawn along them."""
     step = lambda points: points[..., 1] + 0.25 * np.floor(2 * points[..., 0])  # noqa: E731
