@@ -40,12 +40,14 @@ class Quantity:
     source   Slang text that stands before the type is used, in place of the part's
     buffers  the module's global buffers that differ from the part's, or that the part doesn't have
     degree   as Part.degree, of the part's map and the quantity's values
+    bounds   optional: certified least and greatest value of each element, (n,) each, NaN where it is not a number
     """
 
     type: str
     source: str = ""
     buffers: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     degree: int = 0
+    bounds: Callable[[], tuple[Floats, Floats]] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class Part:
                  [-1, 1]^3; 0 where they aren't: isosurfaces are then found without proof
     collapsed    the coordinates that ``degree`` speaks of are those of a collapsed cube, (a, b, c) with
                  r = ((1 + a) (1 - c) / 2 - 1, (1 + b) (1 - c) / 2 - 1, c), in place of the reference coordinates
+    bounds       optional, as Quantity.bounds, of the part's own field
     affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
                  coordinates; their hull points are these corners
     """
@@ -86,6 +89,7 @@ class Part:
     degree: int = 0
     collapsed: bool = False
     affine: bool = False
+    bounds: Callable[[], tuple[Floats, Floats]] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

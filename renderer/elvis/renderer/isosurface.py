@@ -79,12 +79,13 @@ class IsosurfaceDrawer:
         buffers: dict[str, slangpy.Buffer],
     ) -> None:
         """The straight tetrahedra of a part that may have the value."""
-        extents = self.traversal.extents(number, quantity)
-        largest = np.maximum(np.abs(extents.low), np.abs(extents.high))
-        flat = np.maximum(extents.high - value, value - extents.low) <= 1e-13 * largest
+        low, high = self.traversal.bounds(number, quantity)
+        flat = np.isfinite(low) & (
+            np.maximum(high - value, value - low) <= 1e-13 * np.maximum(np.abs(low), np.abs(high))
+        )
         self.counts["flat"] += int(flat.sum())
-        self.counts["undefined"] += int(np.isnan(extents.low).sum())
-        sections = seen(view, extents.corners, (extents.low <= value) & (extents.high >= value) & ~flat)
+        self.counts["undefined"] += int(np.isnan(low).sum())
+        sections = seen(view, self.traversal.corners(number), (low <= value) & (high >= value) & ~flat)
         self.counts["pieces"] += len(sections)
         if len(sections):
             bins, order = binned(sections, draw.dtype("bins"))
@@ -99,12 +100,13 @@ class IsosurfaceDrawer:
 
     def _pieces(self, split: Kernel, view: View, number: int, quantity: str | None, value: float) -> NDArray[Any]:
         """Pieces of a part that are to be drawn, in order of depth."""
-        part, dtype = self.loaded.parts[number], split.dtype("pieces")
-        parents = np.zeros(len(part), dtype)
-        parents["element"], parents["half"], parents["worth"] = np.arange(len(part)), 1.0, 1.0
+        low, high = self.traversal.bounds(number, quantity)
+        elements = np.flatnonzero(~((low > value) | (high < value)))
+        parents = np.zeros(len(elements), split.dtype("pieces"))
+        parents["element"], parents["half"], parents["worth"] = elements, 1.0, 1.0
         degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
-        done = []
+        done = [parents[:0]]
         for level in range(_ROUNDS):
             last = len(parents) > MOST_PIECES or level == _ROUNDS - 1
             ask = self._ask(split, view, number, value, count=len(parents), last=last)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -27,25 +26,13 @@ _TILE = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32
 APART = 1e-11
 
 
-@dataclass(frozen=True, eq=False)
-class Extents:
-    """Straight tetrahedra seen from outside.
-
-    low, high  (n,) certified bounds of the field, NaN where it isn't a number
-    corners    (n, 4, 3)
-    """
-
-    low: Floats
-    high: Floats
-    corners: Floats
-
-
 class Traversal:
     """The parts of a loaded volume that are straight tetrahedra with polynomial fields."""
 
     def __init__(self, loaded: Loaded) -> None:
         self.loaded, self.device = loaded, loaded.device
-        self._extents: dict[tuple[int, str | None], Extents] = {}
+        self._bounds: dict[tuple[int, str | None], tuple[Floats, Floats]] = {}
+        self._corners: dict[int, Floats] = {}
 
     def degree(self, number: int, quantity: str | None) -> int:
         """See Part.degree."""
@@ -56,22 +43,26 @@ class Traversal:
         """Whether rays are lines, and the quantity a polynomial along them."""
         return self.loaded.parts[number].affine and self.degree(number, quantity) > 0
 
-    def extents(self, number: int, quantity: str | None) -> Extents:
-        """The elements of such a part; asked of the device once."""
-        key = (number, quantity)
-        if key not in self._extents:
-            kernel = self.device.kernel("ray_bound", self.loaded.parts[number], quantity)
-            count = len(self.loaded.parts[number])
-            places, net = _simplex(self.degree(number, quantity))
+    def bounds(self, number: int, quantity: str | None) -> tuple[Floats, Floats]:
+        """Certified least and greatest value of each element of a part, (n,) each; infinite where none are known."""
+        part = self.loaded.parts[number]
+        bounds = part.bounds if quantity is None else part.quantities[quantity].bounds
+        if (number, quantity) not in self._bounds:
+            ends = np.full(len(part), np.inf)
+            self._bounds[number, quantity] = (-ends, ends) if bounds is None else bounds()
+        return self._bounds[number, quantity]
+
+    def corners(self, number: int) -> Floats:
+        """(n, 4, 3) the corners of a part's straight tetrahedra; asked of the device once."""
+        if number not in self._corners:
+            kernel, count = self.device.kernel("ray_corner", self.loaded.parts[number]), len(self.loaded.parts[number])
             record = np.zeros(1, kernel.dtype("rays"))
             record["count"] = count
-            buffers = {"rays": record, "places": places, "net": net}
-            bound = {name: self.device.buffer(data) for name, data in buffers.items()}
-            bound["extents"] = self.device.empty(kernel.dtype("extents"), count)
-            kernel(count, {**self.loaded.bound(number, quantity), **bound})
-            found = self.device.read(bound["extents"], kernel.dtype("extents"))[:count]
-            self._extents[key] = Extents(*(np.array(found[name]) for name in ("low", "high", "corners")))
-        return self._extents[key]
+            buffers = {**self.loaded.bound(number), "rays": self.device.buffer(record)}
+            buffers["corners"] = self.device.empty(np.float64, 12 * count)
+            kernel(count, buffers)
+            self._corners[number] = self.device.read(buffers["corners"], np.float64)[: 12 * count].reshape(count, 4, 3)
+        return self._corners[number]
 
     def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> slangpy.Buffer:
         """The Rays record of the stages (shaders/ray.slang)."""
@@ -135,14 +126,6 @@ def _line(degree: int) -> tuple[Floats, Floats]:
     nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / max(degree, 1))
     values = bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), 2 * nodes[:, None] - 1)
     return frozen_floats(nodes), frozen_floats(np.linalg.inv(values))
-
-
-@lru_cache(maxsize=16)
-def _simplex(degree: int) -> tuple[Floats, Floats]:
-    """(n, 3) evenly spaced reference points of the tetrahedron, and the matrix (n, n) to Bernstein coefficients."""
-    space = BernsteinSpace(Shape.TETRAHEDRON, (degree,))
-    points = 2.0 * space.powers / degree - 1
-    return frozen_floats(points), frozen_floats(np.linalg.inv(bernstein_values(space, points)))
 
 
 def stretched(hits: NDArray[Any], dtype: np.dtype[Any], first: int) -> tuple[NDArray[Any], Ints, Ints]:

@@ -156,8 +156,8 @@ class _March:
     def _straight(self, number: int, rows: tuple[int, int]) -> _Seen:
         """A part of straight tetrahedra."""
         kernel = self.device.kernel("volume_list", self.loaded.parts[number], self.quantity, line_degree=self.degree)
-        extents = self.traversal.extents(number, self.quantity)
-        sections = seen(self.view, extents.corners, np.ones(len(extents.low), bool))
+        corners = self.traversal.corners(number)
+        sections = seen(self.view, corners, np.ones(len(corners), bool))
         tiles, order = binned(sections, kernel.dtype("tiles"))
         tiles = tiles[(tiles["y"] >= rows[0]) & (tiles["y"] < rows[1])]
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)

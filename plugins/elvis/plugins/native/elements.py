@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,7 @@ class Elements:
             degree=own.degree,
             collapsed=shape is Shape.PYRAMID,
             affine=self._is_affine and shape is Shape.TETRAHEDRON,
+            bounds=own.bounds,
         )
 
     @cached_property
@@ -92,7 +93,7 @@ class Elements:
         buffers: dict[str, NDArray[np.float64]] = {"coefficients": net} if names else {}
         if expression.is_field:
             degree = 0 if self.series else max(*self.geometry.degrees, *space.degrees)
-            return Quantity(type, source, buffers, degree)
+            return Quantity(type, source, buffers, degree, None if self.series else partial(_bounds, net, space))
         formula = Formula(expression, names, *_ideal(shape, 3 if self.series else shape.dimension))
         buffers["element_constants"] = self._constants(formula.constants)
         found = expression.degree(lambda leaf: self._degree(leaf, space))
@@ -152,6 +153,15 @@ class Elements:
         if not self.series:
             return {}
         return {"waves": waves(self.series), "period": np.array([self.series.lengths[0]])}
+
+
+def _bounds(net: Floats, space: BernsteinSpace) -> tuple[Floats, Floats]:
+    """(n,) least and greatest Bernstein coefficient of each element, a little apart for rounding."""
+    plain = net.reshape(len(net), space.count) / weights(space)
+    with np.errstate(invalid="ignore"):
+        low, high = plain.min(axis=1), plain.max(axis=1)
+        rounding = 1e-14 * np.maximum(np.abs(low), np.abs(high))
+        return low - rounding, high + rounding
 
 
 def map_space(patch: Patch) -> BernsteinSpace:
