@@ -1,0 +1,71 @@
+"""Faces and isosurfaces of the solver's own data: hits lie where the map says, and have the value that is asked for."""
+
+from time import process_time
+
+import numpy as np
+import pytest
+
+from elvis.formats.patch import patches
+from elvis.formats.pointwise import positions, values
+from elvis.formats.reading import read
+from elvis.reference.picture import render
+from elvis.renderer import Scene
+from elvis.renderer.scene import Faces, Isosurface, Transfer, VolumeRendering
+
+CASES = ["gen_allelem_n4", "gen_pyr_curved", "gen_pipe_curved", "tet_small", "hex_c0", "hex_chk", "chan3d_tet"]
+
+
+@pytest.fixture(params=CASES)
+def data(nektar, request):
+    """A dataset of volume elements."""
+    kept = (".xml", ".fld", ".chk", ".rst", ".nekg")
+    return read(*(path for path in (nektar / request.param).iterdir() if path.suffix in kept))
+
+
+def check_places(data, frame):
+    """The map takes the reference point to the place that the pixel's ray passes; the field is the value there."""
+    assert frame.counts()["failed"] == 0
+    seen = frame.seen
+    size = np.linalg.norm(np.ptp(frame.position[seen], axis=0))
+    for patch in patches(data, [data.fields[0].name]):
+        order = np.argsort(patch.element_ids)
+        here = seen & np.isin(frame.element, patch.element_ids)
+        rows = order[np.searchsorted(patch.element_ids, frame.element[here], sorter=order)]
+        world = positions(patch, rows, frame.reference[here])
+        assert np.abs(world - frame.position[here]).max(initial=0) < 1e-11 * size
+        expected = values(patch, 0, rows, frame.reference[here])
+        assert np.abs(frame.field[here] - expected).max(initial=0) <= 1e-13 * max(1.0, np.abs(expected).max(initial=0))
+
+
+def test_faces_isosurfaces_and_volumes_of_real_data(data):
+    name = data.fields[0].name
+    faces = render(data, Scene(name, camera="iso", size=(36, 36), objects=(Faces(),)))
+    assert faces.seen.sum() > 200
+    check_places(data, faces)
+
+    # a value that is on the outside is somewhere inside, too
+    low, high = np.nanmin(faces.field), np.nanmax(faces.field)
+    middle = 0.5 * (low + high)
+    scene = Scene(name, camera=faces.view.camera, size=(36, 36), objects=(Isosurface((float(middle),)),))
+    surface = render(data, scene)
+    assert surface.seen.any()
+    check_places(data, surface)
+    assert np.abs(surface.field[surface.seen] - middle).max() < 1e-11 * (high - low)
+    behind = surface.seen & faces.seen
+    assert (surface.depth[behind] - faces.depth[behind] > -1e-9).all()
+
+    # even fog is there where the faces are
+    fog = VolumeRendering(Transfer((0.0, 1.0), (1.0, 1.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    dim = render(data, Scene(name, camera=faces.view.camera, size=(12, 12), objects=(fog,)))
+    clear = render(data, Scene(name, camera=faces.view.camera, size=(12, 12), objects=(Faces(),)))
+    certain = clear.status != 2
+    assert np.array_equal((dim.color[..., 0] < 1.0)[certain], clear.seen[certain])
+
+
+@pytest.mark.parametrize("case", ["gen_pipe_curved"])
+def test_a_picture_takes_less_than_a_minute(nektar, case):
+    """300 x 300 pixels of the largest of the shared cases that have curved volume elements; of processor time."""
+    data = read(*(path for path in (nektar / case).iterdir() if path.suffix in (".xml", ".fld")))
+    start = process_time()
+    render(data, Scene(data.fields[0].name, camera="iso", size=(300, 300), objects=(Faces(),)))
+    assert process_time() - start < 60
