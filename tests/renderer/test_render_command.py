@@ -107,7 +107,7 @@ def test_every_kind_of_view(render, view):
             (*PLANE, "--field", "vorticity"),
             "elvis: error: expression 'vorticity': character 1: vorticity needs a velocity",
         ),
-        ((), "elvis: error: 3D data need a cut plane: give a point and a normal, such as --plane 0,0,0:0,0,1"),
+        ((), "elvis: error: 3D data need a cut plane, such as --plane 0,0,0:0,0,1, or other objects, such as --faces"),
         (("--plane", "0,0,7:0,0,1"), "elvis: error: the picture is empty: nothing of the plane through (0, 0, 7)"),
         ((*PLANE, "--camera", "5,5,5:6,6,6:0,0,1:10"), "elvis: error: the picture is empty: nothing of the plane"),
         ((*PLANE, "--camera", "1,1,1:1,1,1"), "elvis: error: the view of the camera (at - eye) must be a direction"),

@@ -135,7 +135,7 @@ def _with_plane(scene: Scene, dimension: int) -> Scene:
         objects = (CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects)
         return replace(scene, objects=tuple(objects))
     if not scene.every_object:
-        raise SceneError("3D data need a cut plane: give a point and a normal, such as --plane 0,0,0:0,0,1")
+        raise SceneError("3D data need a cut plane, such as --plane 0,0,0:0,0,1, or other objects, such as --faces all")
     return scene
 
 

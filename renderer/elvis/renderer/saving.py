@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.formats.output import replacing
 from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Frame
+from elvis.renderer.frame import Frame, Status
 
 SUFFIXES = (".png", ".exr", ".npz")
 
@@ -66,7 +66,8 @@ def _save_exr(frame: Frame, path: Path) -> None:
 
     record = arrays(frame)
     channels = {name: single(record["color"][..., i]) for i, name in enumerate("RGB")}
-    channels |= {"A": single(frame.seen), "Z": single(record["depth"]), "field": single(record["field"])}
+    shown = frame.seen | (frame.status == Status.CERTAIN)
+    channels |= {"A": single(shown), "Z": single(record["depth"]), "field": single(record["field"])}
     for name in ("position", "reference", "normal"):
         channels |= {f"{name}.{axis}": single(record[name][..., i]) for i, axis in enumerate("XYZ")}
 
