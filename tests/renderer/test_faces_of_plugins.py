@@ -36,6 +36,8 @@ def places(view, layer):
 def test_a_pipe_is_round_to_the_last_bit(drawer):
     volume = Nurbs([MFEM / "pipe_nurbs.mesh", MFEM / "pipe_nurbs.u.gf"]).volume("u")
     drawn = drawer(volume)
+    outer, named = (sum(map(len, drawn.faces.select(words))) for words in (["all"], list(drawn.faces.boundaries)))
+    assert outer == named == 24
 
     # across the straight leg: an outer cylinder of radius 3 around the z axis
     view = View.through(Camera((0.0, -20.0, 2.0), (0.0, 0.0, 2.0), height=2.0), (140, 40))

@@ -9,11 +9,14 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.shapes import Shape
 from elvis.plugins.nurbs.knots import KnotVector
 from elvis.plugins.nurbs.numbering import EDGES, numbered
 
 MESH, FUNCTION = "MFEM NURBS mesh v1.0", "FiniteElementSpace"
 _CUBE = 5
+#: axis of an array (n_z, n_y, n_x) of elements, and which end of it, where each face of a hexahedron lies
+_AXES = ((0, 0), (1, 0), (2, -1), (1, -1), (2, 0), (0, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,7 @@ class PatchMesh:
     weights     (k,) of the control points
     points      (k, 3) control points
     collection  name of the space of the control points, as ``NURBS2``
+    boundary    (b, 5) attribute and vertices of the patches' faces that bound the domain
     """
 
     vertices: Ints
@@ -42,6 +46,7 @@ class PatchMesh:
     weights: Floats
     points: Floats
     collection: str
+    boundary: Ints
 
     def controls(self) -> list[Ints]:
         """For each patch the numbers (n_x, n_y, n_z) of its control points."""
@@ -51,6 +56,23 @@ class PatchMesh:
     def control_count(self) -> int:
         """How many control points the patches have together."""
         return numbered(self.vertices, [[k.count for k in own] for own in self.knots], self.edges.tolist())[1]
+
+    def sides(self) -> dict[int, list[tuple[Ints, int]]]:
+        """For each attribute of the boundary numbers (n,) of elements, and which of their faces lie on it.
+
+        Faces are numbered as in `elvis.formats.shapes`.
+        """
+        found: dict[int, list[tuple[Ints, int]]] = {}
+        counts = [[len(vector.spans) for vector in own] for own in self.knots]
+        first = np.cumsum([0, *map(np.prod, counts)])
+        for attribute, *corners in self.boundary.tolist():
+            for patch, own in enumerate(self.vertices):
+                for face, local in enumerate(Shape.HEXAHEDRON.faces):
+                    if set(own[[*local]].tolist()) == set(corners):
+                        numbers = np.arange(first[patch], first[patch + 1]).reshape(counts[patch][::-1])
+                        axis, end = _AXES[face]
+                        found.setdefault(attribute, []).append((np.take(numbers, end, axis=axis).reshape(-1), face))
+        return found
 
     def elements(self) -> Ints:
         """(e, 8) vertices of the elements: the knot spans of all patches, x fastest, patch by patch."""
@@ -93,7 +115,8 @@ def read_mesh(path: Path) -> PatchMesh:
     function = _function(sections)
 
     # all must speak of the same control points
-    mesh = PatchMesh(vertices, knots, edges[:, 1:], weights, function.values, function.collection)
+    boundary = sections.counted("boundary", 6).astype(np.int64)[:, [0, 2, 3, 4, 5]]
+    mesh = PatchMesh(vertices, knots, edges[:, 1:], weights, function.values, function.collection, boundary)
     count = mesh.control_count
     for name, found in (("weights", weights.shape), (FUNCTION, function.values.shape)):
         wanted = (count,) if name == "weights" else (count, 3)

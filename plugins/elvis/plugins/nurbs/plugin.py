@@ -146,10 +146,18 @@ def _groups(maps: list[Floats], fields: list[Floats]) -> list[Group]:
 
 
 def _faces(mesh: PatchMesh, groups: list[Group]) -> Faces:
-    """The faces of all elements; those that share their vertices are one."""
+    """The faces of all elements; those that share their vertices are one.  Boundaries are named by their attributes."""
     vertices = mesh.elements()
     parts = [Hexahedra(vertices[ids], max(degrees[:3]), _images(nets), unit=True) for degrees, nets, _, ids in groups]
-    return Faces(hexahedron_faces(parts), [ids for *_, ids in groups])
+    blocks = hexahedron_faces(parts)
+    entity = np.empty((len(vertices), 6), np.int64)
+    for block, (*_, ids) in zip(blocks, groups, strict=True):
+        entity[ids[block.element], block.local] = block.entity
+    named = {
+        str(attribute): np.concatenate([entity[elements, face] for elements, face in sides])
+        for attribute, sides in mesh.sides().items()
+    }
+    return Faces(blocks, [ids for *_, ids in groups], named)
 
 
 def _images(nets: Floats) -> Callable[[Ints, Floats], Floats]:
