@@ -10,6 +10,7 @@ from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.volume import NativeVolume
+from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
 from elvis.renderer.cut import NOBODY, Cutter
 from elvis.renderer.errors import SceneError
@@ -17,6 +18,7 @@ from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Lines, covered, levels
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.solids import sampled
 from elvis.renderer.view import PlaneView, View
 
 #: how far coverages may be from the truth: a line's middle is displaced by no more than this, in pixels
@@ -157,6 +159,18 @@ def test_both_devices_draw_the_same(cut):
     assert np.abs(drawn[0].coverage - drawn[1].coverage).max() < 1e-4
     assert np.array_equal(drawn[0].number, drawn[1].number)
     assert np.abs(np.subtract(*(lines.mesh(view, layer, 1.5) for lines, view, layer in found))).max() < 1e-9
+
+
+def test_contours_of_an_expression(renderer):
+    """Another quantity than the part's own, and no polynomial."""
+    distance = "sqrt((x-0.47)^2+(y-0.52)^2)"
+    volume = volume_of(with_field(grid(Shape.HEXAHEDRON, 3), lambda p: p[..., 0]), ["u", distance])
+    loaded = Loaded(renderer("vulkan").device, volume)
+    view = PlaneView.on(View.through(CAMERAS["straight on"], SIZE), FLAT)
+    layer = Layer.of_cut(view, Cutter(loaded).draw(view))
+    layer.field = sampled(loaded, layer, distance)
+    drawn = Lines(loaded).contours(view, layer, np.array([0.2, 0.3]), 1.5, distance)
+    check(layer, drawn.coverage, np.min([distances(view, circle((0.47, 0.52), r)) for r in (0.2, 0.3)], axis=0), 1.5)
 
 
 @pytest.mark.parametrize("width", [0.5, 1.0, 3.0, 7.5])
