@@ -23,7 +23,7 @@ from elvis.renderer.view import View
 #: most pixels that are drawn at once, and hits that are kept while colours must wait for other bands
 BAND, KEPT = 1 << 21, 1 << 23
 #: bytes for each pixel of a picture with and without its record, while it is saved
-BYTES = {True: 160, False: 12}
+BYTES = {True: 160, False: 16}
 
 
 @dataclass(frozen=True, eq=False)
