@@ -23,6 +23,8 @@ TAME = 0.2
 THIN = 1e-6
 #: how often a face is halved at most
 _LEVELS = 96
+#: columns of pixels up to which thin pieces are looked at closely
+_COLUMNS = 8
 #: pieces worked on at once
 _CHUNK = 1 << 14
 
@@ -130,7 +132,25 @@ def _seen(screen: Floats, view: View) -> Bools:
     front = np.flatnonzero(seen & (w > 0.0).all(axis=1))
     least, most = _pixels(_bounds(screen[front]), view)
     seen[front] = (least <= most).all(axis=1)
+    front = front[seen[front]]
+    seen[front] = _may_hold(_flat(screen[front]))
     return np.asarray(seen)
+
+
+def _may_hold(points: Floats) -> Bools:
+    """(n,) whether hulls (n, count, 2) may hold the centre of a pixel: thin ones hold few, however long they are."""
+    (start, end), width = _ends(points)
+    steep = np.abs(end - start)[:, 1] > np.abs(end - start)[:, 0]
+    turned = np.where(steep[:, None, None], points[..., ::-1], points)[..., 0]
+    (x0, y0), (x1, y1) = (np.where(steep[:, None], some[:, ::-1], some).T for some in (start, end))
+
+    # the columns that they reach over, rows where they are steep
+    first, last = np.ceil(turned.min(axis=1) - THIN), np.floor(turned.max(axis=1) + THIN)
+    x = first[:, None] + np.arange(_COLUMNS)
+    slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
+    y = y0[:, None] + slope[:, None] * (x - x0[:, None])
+    held = (np.abs(y - np.rint(y)) <= 1.5 * width[:, None] + 2 * THIN) & (x <= last[:, None])
+    return np.asarray(held.any(axis=1) | (last - first >= _COLUMNS))
 
 
 def _flat(screen: Floats) -> Floats:
