@@ -184,7 +184,7 @@ class Scenery:
             for item in shown:
                 name = item.quantity or scene.field
                 transfer = colored(item.transfer, scene, ranges.get(name))
-                color, alpha = gathered(ways, patch, self.quantities, name, transfer, view)
+                color, alpha = gathered(ways, patch, self.quantities, name, transfer, view, self.size)
                 found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))
         return found
 

@@ -24,8 +24,8 @@ from elvis.reference.scenes.newton import inverses
 from elvis.renderer.scene import Transfer
 from elvis.renderer.view import View
 
-#: parts of the way through an element, and Gauss points in each
-PARTS, POINTS = 48, 2
+#: parts of a way as long as the scene; how many parts a way through an element may have; Gauss points in each
+ALONG, PARTS, POINTS = 256, (4, 8, 16, 32, 64, 128), 2
 #: ways that are summed together
 _AT_ONCE = 1 << 13
 _STEPS = 12
@@ -85,14 +85,17 @@ def _paired(hits: Crossings, pairs: Ints) -> Ways:
 
 
 def gathered(
-    ways: Ways, patch: Patch, quantities: Quantities, name: str, transfer: Transfer, view: View
+    ways: Ways, patch: Patch, quantities: Quantities, name: str, transfer: Transfer, view: View, size: float
 ) -> tuple[Floats, Floats]:
-    """Colours (k, 3) times alpha, and alphas (k,), of each way."""
+    """Colours (k, 3) times alpha, and alphas (k,), of each way; ``size`` of the scene in world units."""
     colors, alphas = np.zeros((len(ways.pixel), 3)), np.zeros(len(ways.pixel))
-    for start in range(0, len(ways.pixel), _AT_ONCE):
-        chunk = slice(start, start + _AT_ONCE)
-        part = Ways(**{key: column[chunk] for key, column in vars(ways).items()})
-        colors[chunk], alphas[chunk] = _summed(part, patch, quantities, name, transfer, view)
+    needed = np.ceil(ALONG * lengths(ways, view) / size)
+    parts = np.array(PARTS)[np.searchsorted(PARTS, needed).clip(0, len(PARTS) - 1)]
+    for count in PARTS:
+        here = np.flatnonzero(parts == count)
+        for chunk in np.array_split(here, -(-len(here) // _AT_ONCE)) if len(here) else ():
+            some = Ways(**{key: column[chunk] for key, column in vars(ways).items()})
+            colors[chunk], alphas[chunk] = _summed(some, patch, quantities, name, transfer, view, count)
     return colors, alphas
 
 
@@ -102,10 +105,10 @@ def points_along(parts: int) -> Floats:
 
 
 def _summed(
-    ways: Ways, patch: Patch, quantities: Quantities, name: str, transfer: Transfer, view: View
+    ways: Ways, patch: Patch, quantities: Quantities, name: str, transfer: Transfer, view: View, parts: int
 ) -> tuple[Floats, Floats]:
-    """The sums over the parts of some ways."""
-    places = points_along(PARTS)
+    """The sums over as many parts of some ways."""
+    places = points_along(parts)
     depth = ways.near[:, None] + places * (ways.far - ways.near)[:, None]
     start = ways.first[:, None] + places[:, None] * (ways.last - ways.first)[:, None]
     rows, pixel = np.repeat(ways.row, len(places)), np.repeat(ways.pixel, len(places))
