@@ -209,3 +209,15 @@ def test_what_can_not_be_drawn_is_refused(gather):
     plane = with_field(grid(Shape.TRIANGLE, 1), lambda p: p[:, 0], 2)
     with pytest.raises(SceneError, match="3D"):
         gather(plane, view, EVEN)
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_rays_the_other_way_have_the_same_segments(gather, shape):
+    """Seen from behind, columns run backwards."""
+    data, lights = with_field(curved(grid(shape, 2), sheared, 3), lambda p: p[:, 0], 3), []
+    for side in (1, -1):
+        eye = (0.5 + side * 1.7, 0.5 + side * 2.3, 0.5 + side * 0.9)
+        view = View.through(Camera(eye, (0.5, 0.5, 0.5), height=1.8), SIZE)
+        lights.append(gather(data, view, EVEN).length.reshape(SIZE[::-1])[:, ::side])
+    assert lights[0].max() > 0.5
+    assert np.abs(lights[0] - lights[1]).max() < 1e-9
