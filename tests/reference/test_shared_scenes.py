@@ -8,9 +8,12 @@ import pytest
 from elvis.formats.patch import patches
 from elvis.formats.pointwise import positions, values
 from elvis.formats.reading import read
+from elvis.reference.bars import bars
 from elvis.reference.picture import render
+from elvis.reference.record import Record
 from elvis.renderer import Scene
-from elvis.renderer.scene import Faces, Isosurface, Transfer, VolumeRendering
+from elvis.renderer import render as draw
+from elvis.renderer.scene import CutSurface, Faces, Isosurface, Sphere, Style, Transfer, VolumeRendering
 
 CASES = ["gen_allelem_n4", "gen_pyr_curved", "gen_pipe_curved", "tet_small", "hex_c0", "hex_chk", "chan3d_tet"]
 
@@ -69,3 +72,47 @@ def test_a_picture_takes_less_than_a_minute(nektar, case):
     start = process_time()
     render(data, Scene(data.fields[0].name, camera="iso", size=(300, 300), objects=(Faces(),)))
     assert process_time() - start < 60
+
+
+OBJECTS = {
+    "faces": (Faces(),),
+    "sphere": (CutSurface(Sphere((-0.645, -0.44, 0.425), 0.03)),),
+    "isosurface": (Isosurface((0.3,), style=Style(range=(0.0, 1.0))),),
+    "through one another": (Faces(style=Style(opacity=0.4)), Isosurface((0.3, 0.6), style=Style(range=(0.0, 1.0)))),
+    "volume": (VolumeRendering(Transfer((0.0, 0.3, 1.0), (0.0, 2.0, 0.5))),),
+}
+
+
+@pytest.mark.parametrize("objects", OBJECTS)
+def test_the_device_passes_the_bars(nektar, objects):
+    """The renderer's kernels and the reference draw the same scenes of the same data, each by its own means."""
+    data = read(*(path for path in (nektar / "tet_small").iterdir() if path.suffix in (".xml", ".fld")))
+    name, span = data.fields[0].name, range_of(data)
+    shown = tuple(scaled(item, span) for item in OBJECTS[objects])
+    scene = Scene(name, camera="iso", size=(60, 60), objects=shown, range=span)
+    found = draw(data, scene)
+    settled = Scene(name, camera=found.view.camera, size=(60, 60), objects=shown, range=span)
+    true = render(data, settled)
+    assert (true.status > 0).sum() > 100
+    pictures = Record.of(true), Record.of(found)
+    if true.seen.any():
+        assert {bar.name for bar in bars(*pictures, ends=span) if not bar.passed} == set()
+    assert np.abs(pictures[0].color - pictures[1].color).max() < 1e-6
+
+
+def range_of(data):
+    """Least and greatest value on the outer faces."""
+    frame = render(data, Scene(data.fields[0].name, camera="iso", size=(20, 20), objects=(Faces(),)))
+    return float(np.nanmin(frame.field)), float(np.nanmax(frame.field))
+
+
+def scaled(item, span):
+    """The object with values in parts of a range as values of the field."""
+    low, wide = span[0], span[1] - span[0]
+    match item:
+        case Isosurface():
+            values = tuple(low + wide * value for value in item.values)
+            return Isosurface(values, style=Style(opacity=item.style.opacity, range=span))
+        case VolumeRendering(transfer=own):
+            return VolumeRendering(Transfer(tuple(low + wide * value for value in own.values), own.densities))
+    return item

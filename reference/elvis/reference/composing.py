@@ -86,7 +86,7 @@ def painted(layer: Layer, scene: Scene, view: View, ends: tuple[float, float]) -
         np.tile(style.color or (0.0,) * 3, (view.count, 1)) if flat else palette.colors(hits.values[layer.quantity])
     )
     if layer.lit:
-        colors = np.clip(colors * _light(hits, scene, view)[:, None], 0, 1)
+        colors = colors * _light(hits, scene, view)[:, None]
 
     # lines lie on the surface, mesh lines under contours
     opacity = np.full(view.count, style.opacity)
@@ -97,15 +97,15 @@ def painted(layer: Layer, scene: Scene, view: View, ends: tuple[float, float]) -
 
 
 def _light(hits: Hits, scene: Scene, view: View) -> Floats:
-    """(n,) factors of light on both sides of surfaces: the ambient part, and Lambert's cosine for each lamp."""
+    """(n,) factors of light on the side that is seen: the ambient part, Lambert's cosine for each lamp; at most 1."""
     rows, columns = np.divmod(np.arange(view.count), view.width)
     rays = view.rays(columns.astype(np.float64), rows.astype(np.float64))[1]
     factor = np.full(view.count, scene.ambient)
     for light in scene.lights:
         lamps = -rays if light.direction is None else np.broadcast_to(np.asarray(light.direction), rays.shape)
         lamps = lamps / np.linalg.norm(lamps, axis=1, keepdims=True)
-        factor += light.intensity * np.nan_to_num(np.abs(np.einsum("ni,ni->n", lamps, hits.normal)))
-    return factor
+        factor += light.intensity * np.nan_to_num(np.maximum(np.einsum("ni,ni->n", lamps, hits.normal), 0.0))
+    return np.asarray(np.minimum(factor, 1.0))
 
 
 def _piece(layer: Layer, colors: Floats, opacity: Floats) -> Fog:

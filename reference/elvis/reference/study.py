@@ -145,7 +145,7 @@ def compare_scene(
     judged  longest side of the picture that the reference checks; 0 checks nothing
     meshes  whether all meshes are kept
     """
-    draw, scene = draw or _renderer(), replace(scene, samples=1)
+    draw, scene = draw or _renderer(), replace(scene, samples=1, outputs=())
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
     seconds = {"exact": perf_counter() - start}
