@@ -70,7 +70,7 @@ def test_the_page_works_from_disk(browser, report, tmp_path, width):
     assert "CONSOLE" not in errors
     said = json.loads(re.search(r'data-said="([^"]*)"', page).group(1).replace("&quot;", '"'))
     assert said["clip"] == "inset(0px 0px 0px 25%)"
-    assert said["shown"] == "pictures/n1.png"
+    assert said["shown"] == "pictures/vtk.png"
     assert said["dragged"] == 75
     assert said["broken"] == []
     assert said["pictures"] == page.count("<img")
