@@ -292,9 +292,3 @@ def _pixel(view: View) -> float | None:
 def _stored(patch: Patch) -> int:
     """Bytes of a patch's coefficients."""
     return patch.geometry_coefficients.nbytes + sum(own.nbytes for own in patch.coefficients if own is not None)
-
-
-def refuse_empty(scene: Scene) -> None:
-    """ElvisError for a scene that shows nothing."""
-    if not scene.every_object and not scene.data:
-        raise ElvisError("the scene has no objects: name a plane, faces or isosurfaces")
