@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.shapes import Shape
 
 if TYPE_CHECKING:
     from elvis.plugins.faces import Faces
@@ -74,6 +75,8 @@ class Part:
     bounds       optional, as Quantity.bounds, of the part's own field
     affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
                  coordinates; their hull points are these corners
+    shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy (`twins`)
+    unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
 
     module: str
@@ -90,6 +93,8 @@ class Part:
     collapsed: bool = False
     affine: bool = False
     bounds: Callable[[], tuple[Floats, Floats]] | None = None
+    shape: Shape | None = None
+    unit: bool = False
 
     def __len__(self) -> int:
         return len(self.element_ids)
@@ -102,15 +107,16 @@ def basis_part(
     buffers: Mapping[str, NDArray[Any]],
     element_ids: Ints | None = None,
     evaluate: Callable[[Ints, Floats], tuple[Floats, Floats]] | None = None,
+    **others: Any,
 ) -> Part:
     """A part whose Slang type implements IBasis: Jacobians come from automatic differentiation, bounds from the boxes.
 
-    element_ids  (n,) global ids, 0 to n - 1 by default; the rest as in Part
+    element_ids  (n,) global ids, 0 to n - 1 by default; these and ``others`` as in Part
     """
     ids = np.arange(len(boxes)) if element_ids is None else element_ids
     every = {**buffers, "element_boxes": np.ascontiguousarray(boxes, np.float32)}
     adapted, source = f"Differentiated<{type}>", "import differentiated;"
-    return Part(module, adapted, ids, boxes, every, source=source, evaluate=evaluate)
+    return Part(module, adapted, ids, boxes, every, source=source, evaluate=evaluate, **others)
 
 
 def boxes_between(low: Floats, high: Floats, margin: float = 1e-9) -> NDArray[np.float32]:

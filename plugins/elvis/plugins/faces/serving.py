@@ -6,8 +6,10 @@ import numpy as np
 
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
+from elvis.plugins.faces.derived import derived_faces
 from elvis.plugins.faces.faces import Faces
 from elvis.plugins.faces.native import native_faces
+from elvis.plugins.twins import twins_of
 from elvis.plugins.volume import Volume
 
 
@@ -24,6 +26,10 @@ def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
         return native_faces(dataset, [part.element_ids for part in volume.parts], length)
     give = getattr(volume, "faces", None)
     if give is None:
-        raise ElvisError("the plugin gives no element faces, so that none can be drawn")
+        twins = twins_of(volume)
+        if twins is None:
+            wanted = "or the shape and `evaluate` of its parts"
+            raise ElvisError(f"the plugin gives no element faces, {wanted}, so that none can be drawn")
+        return derived_faces(twins)
     faces: Faces = give()
     return faces

@@ -1,0 +1,103 @@
+"""Faces of elements that a runtime plugin describes in NumPy: whose they are, and polynomials in place of their maps.
+
+The stand-ins say where on the screen to look; what is seen there is decided on the plugin's own map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.bernstein import bernstein_values
+from elvis.formats.errors import ElvisError
+from elvis.formats.orientation import face_shape
+from elvis.formats.shapes import Shape
+from elvis.plugins.faces.faces import FaceBlock, Faces
+from elvis.plugins.faces.native import frames
+from elvis.plugins.faces.nets import FaceSpace, face_space, polynomial, sampled
+from elvis.plugins.projection.vertices import clusters, merging_tolerance
+from elvis.plugins.twins import Twin
+
+#: degrees that are tried for the maps of faces, and how far from them they may be, in parts of the faces' size
+_DEGREES, _OFF = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12), 1e-10
+
+
+def derived_faces(twins: Sequence[Twin]) -> Faces:
+    """The faces of all elements; those whose corners lie at the same places are one.  2D elements are faces themselves.
+
+    ElvisError for a map that no polynomial of degree 12 comes near to.
+    """
+    corners = [_corners(twin) for twin in twins]
+    sizes = [own.shape[0] * own.shape[1] for own in corners]
+    numbers = np.split(_vertices(corners), np.cumsum(sizes)[:-1])
+    keys: list[Ints] = []
+    blocks: list[tuple[int, Shape, list[int]]] = []
+    for part, (twin, places) in enumerate(zip(twins, corners, strict=True)):
+        vertices = numbers[part].reshape(places.shape[:2])
+        for kind, local in _kinds(twin.shape):
+            key = np.sort(vertices[:, [twin.shape.faces[k] for k in local]].reshape(len(twin) * len(local), -1), axis=1)
+            keys.append(np.pad(key, ((0, 0), (0, 4 - key.shape[1])), constant_values=-1))
+            blocks.append((part, kind, local))
+    entity = np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].reshape(-1)
+    owned = np.split(entity, np.cumsum([len(key) for key in keys])[:-1])
+    found = [_block(twins[which[0]], *which, own) for which, own in zip(blocks, owned, strict=True)]
+    return Faces(found, [twin.part.element_ids for twin in twins])
+
+
+def _corners(twin: Twin) -> Floats:
+    """(n, v, 3) places of the elements' corners."""
+    count = len(twin.shape.vertices)
+    rows, points = np.repeat(np.arange(len(twin)), count), np.tile(twin.shape.vertices, (len(twin), 1))
+    return twin.evaluated(rows, points)[0].reshape(len(twin), count, 3)
+
+
+def _vertices(corners: Sequence[Floats]) -> Ints:
+    """(m,) numbers of all corners, one part's after the other: those at one place have one number."""
+    tolerance = min(merging_tolerance(own, np.finfo(float).eps) for own in corners)
+    return clusters(np.concatenate([own.reshape(-1, 3) for own in corners]), tolerance)
+
+
+def _kinds(shape: Shape) -> Iterator[tuple[Shape, list[int]]]:
+    """Triangles, then quadrilaterals among a shape's faces, by their numbers."""
+    for kind in (Shape.TRIANGLE, Shape.QUADRILATERAL):
+        local = [k for k, face in enumerate(shape.faces) if face_shape(face) is kind]
+        if local:
+            yield kind, local
+
+
+def _block(twin: Twin, part: int, kind: Shape, faces: list[int], entity: Ints) -> FaceBlock:
+    """The faces of one kind of a part's elements; their maps are those of the least degree that is near enough."""
+    rows, local = (some.reshape(-1) for some in np.indices((len(twin), len(faces))))
+    places = frames(twin.shape)[faces]
+
+    def positions(elements: Ints, points: Floats) -> Floats:
+        every = np.tile(points[:, : twin.shape.dimension], (len(elements), 1))
+        return twin.evaluated(np.repeat(elements, len(points)), every)[0].reshape(len(elements), len(points), 3)
+
+    for degree in _DEGREES:
+        space = face_space(kind, degree)
+        nets = sampled(space, rows, local, places, polynomial(positions))
+        off = _off(space, nets(np.arange(len(rows)))[..., :3], rows, local, places, positions)
+        if off <= _OFF:
+            break
+    else:
+        wanted = f"faces near to polynomials of degree {degree}, or a plugin that gives its faces itself"
+        raise ElvisError(f"{twin.part.type}: expected {wanted}, found some off by {off:.2g} of their size")
+    moved = 0.5 * places + np.array([0.5, 0.0, 0.0])[:, None] if twin.part.unit else places
+    solid = "face" if twin.shape.dimension == 2 else twin.shape.label.lower()
+    return FaceBlock(part, solid, space, rows, local, entity, moved, nets)
+
+
+def _off(
+    space: FaceSpace, nets: Floats, rows: Ints, local: Ints, places: Floats, positions: Callable[[Ints, Floats], Floats]
+) -> float:
+    """How far stand-ins are from the maps at points that they weren't made of, in parts of the greatest face."""
+    points = face_space(space.shape, space.degree + 1).points
+    found, worst = bernstein_values(space.space, points) @ nets, 0.0
+    for side in np.unique(local):
+        here = np.flatnonzero(local == side)
+        truth = positions(rows[here], places[side, 0] + points @ places[side, 1:])
+        worst = max(worst, float(np.abs(truth - found[here]).max(initial=0.0)))
+    return worst / float(np.ptp(nets, axis=1).max(initial=1e-300))
