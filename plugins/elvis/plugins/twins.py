@@ -58,6 +58,6 @@ class Twin:
 
 
 def twins_of(volume: Volume) -> list[Twin] | None:
-    """The elements of each part; None where a part doesn't say its shape or has no `evaluate`."""
+    """The elements of each part; None where there is none, or one doesn't say its shape or has no `evaluate`."""
     found = [Twin(part, part.shape) for part in volume.parts if part.shape is not None and part.evaluate is not None]
-    return found if len(found) == len(volume.parts) else None
+    return found if found and len(found) == len(volume.parts) else None

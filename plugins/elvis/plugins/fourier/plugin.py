@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.shapes import Shape
-from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces, vertices_at
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, Shown, boxes_between
 
@@ -93,19 +92,9 @@ class FourierBox(VolumeSource):
                 "amplitudes": np.ascontiguousarray(amplitudes.T),
             },
             evaluate=evaluate,
+            shape=Shape.HEXAHEDRON,
         )
-        return Shown([part], Path(__file__).parent, faces=self.faces)
-
-    def faces(self) -> Faces:
-        """The six sides."""
-        corners = self.low + (1 + Shape.HEXAHEDRON.vertices) / 2 * (self.high - self.low)
-
-        def images(elements: Ints, points: Floats) -> Floats:
-            place = self.low + (1 + points) / 2 * (self.high - self.low)
-            return np.tile(np.column_stack([place, np.ones(len(place))]), (len(elements), 1, 1))
-
-        box = Hexahedra(vertices_at(corners[None]), 1, images)
-        return Faces(hexahedron_faces([box]), [np.zeros(1, np.int64)])
+        return Shown([part], Path(__file__).parent)
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:

@@ -13,10 +13,12 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.quadrature import gauss, gll
+from elvis.formats.shapes import Shape
 from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
 from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes
 from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, first_line, read_function, read_mesh
 from elvis.plugins.nurbs.numbering import numbered
+from elvis.plugins.nurbs.solving import Solver
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, Shown, basis_part, boxes_between
 
@@ -179,6 +181,7 @@ def _part(degrees: list[int], geometry: Floats, field: Floats, ids: Ints, is_rat
         return homogeneous[:, :3] / weights[:, None], values / weights if is_rational else values
 
     points = (geometry[..., :3] / geometry[..., 3:]).reshape(len(geometry), -1, 3)
+    solver = Solver(geometry, lambda elements, points: evaluate(elements, points)[1])
     return basis_part(
         "rational",
         f"Rational<{', '.join(map(str, degrees))}, {int(is_rational)}>",
@@ -186,4 +189,8 @@ def _part(degrees: list[int], geometry: Floats, field: Floats, ids: Ints, is_rat
         {"controls": flattened(geometry), "coefficients": flattened(field)},
         ids,
         evaluate,
+        solve=solver,
+        bends=solver.bends,
+        shape=Shape.HEXAHEDRON,
+        unit=True,
     )

@@ -1,0 +1,108 @@
+"""The last resort for points that kernels could not decide: w(r) (x(r) - p) = 0 is polynomial, and solved with proof.
+
+Weights are positive, so that the roots are those of the rational map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.expansion import values
+from elvis.formats.interpolation import modified
+from elvis.formats.inverse import Status, invert
+from elvis.formats.patch import Patch
+from elvis.formats.quadrature import gauss
+from elvis.formats.shapes import Shape
+from elvis.plugins.native.bending import bends
+from elvis.plugins.nurbs.bezier import bernstein
+from elvis.plugins.volume import Solution
+
+#: how many degrees more a polynomial has that stands for a rational map where its bend is measured
+_MORE = 2
+UNDECIDED = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Solver:
+    """Solves in rational elements.
+
+    nets   (n, n_x, n_y, n_z, 4) of w x, w y, w z, w
+    value  of the field: elements (n,) and reference points (n, 3) to (n,)
+    """
+
+    nets: Floats
+    value: Callable[[Ints, Floats], Floats]
+
+    def __call__(self, elements: Ints, points: Floats) -> Solution:
+        """Verdict, margin, reference point and field of pairs of an element (n,) and a world point (n, 3)."""
+        n = len(elements)
+        answer = Solution(np.zeros(n, np.int64), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
+        near = np.flatnonzero(self._may_hold(elements, points))
+        if not len(near):
+            return answer
+        nets = self.nets[elements[near]]
+        gaps = nets[..., :3] - points[near, None, None, None] * nets[..., 3:]
+        roots = invert(_through(_values(gaps, 0), gaps.shape[1:4], 0), np.arange(len(near)), np.zeros((len(near), 3)))
+        inside = roots.status == Status.INSIDE
+        there, reference = near[inside], (1 + roots.reference[inside]) / 2
+        answer.verdict[near] = np.select([inside, roots.status == Status.OUTSIDE], [1, 0], UNDECIDED)
+        answer.margin[there], answer.reference[there] = roots.margin[inside], reference
+        answer.field[there] = self.value(elements[there], reference)
+        return answer
+
+    def _may_hold(self, elements: Ints, points: Floats) -> Bools:
+        """(n,) whether points lie between the control points, along the element's own directions."""
+        turn, low, high = self._boxes
+        with np.errstate(invalid="ignore"):
+            along = np.einsum("nij,nj->ni", turn[elements], points)
+            return np.asarray(~((along < low[elements]) | (along > high[elements])).any(axis=1))
+
+    @cached_property
+    def _boxes(self) -> tuple[Floats, Floats, Floats]:
+        """Matrices (e, 3, 3) to the elements' own directions, and bounds (e, 3) of the control points there."""
+        controls = self.nets[..., :3] / self.nets[..., 3:]
+        sides = [np.take(controls, -1, axis) - np.take(controls, 0, axis) for axis in (1, 2, 3)]
+        turn = inverted(np.stack([side.mean(axis=(1, 2)) for side in sides], axis=2))
+        along = np.einsum("nij,nkj->nki", turn, controls.reshape(len(controls), -1, 3))
+        slack = 1e-9 * np.ptp(along, axis=1)
+        return turn, along.min(axis=1) - slack, along.max(axis=1) + slack
+
+    def bends(self, elements: Ints) -> Bools:
+        """(n,) whether elements bend so strongly that Newton's method may miss a root."""
+        nets = self.nets[elements]
+        weighted = _values(nets, _MORE)
+        return bends(_through(weighted[..., :3] / weighted[..., 3:], nets.shape[1:4], _MORE), np.arange(len(elements)))
+
+
+def inverted(matrices: Floats) -> Floats:
+    """(n, 3, 3) inverses; the unit matrix where there is none, or hardly one."""
+    good = np.linalg.cond(matrices) < 1e6
+    return np.asarray(np.linalg.inv(np.where(good[:, None, None], matrices, np.eye(3))))
+
+
+def _values(nets: Floats, more: int) -> Floats:
+    """(n, k, c) values of nets at the nodes of polynomials of so many degrees more."""
+    lines = [bernstein(size - 1, (1 + gauss(size + more)[0]) / 2) for size in nets.shape[1:4]]
+    found = np.einsum("ai,bj,ck,nijkd->nabcd", *lines, nets, optimize=True)
+    return np.asarray(found.reshape(len(nets), -1, nets.shape[4]))
+
+
+def _through(places: Floats, sizes: tuple[int, ...], more: int) -> Patch:
+    """The maps that have these values (n, k, 3) at the nodes."""
+    modes = tuple(max(size + more, 2) for size in sizes)
+    coefficients = np.einsum("mk,nkc->ncm", _fit(sizes, more), places)
+    return Patch(Shape.HEXAHEDRON, np.arange(len(places)), modified(Shape.HEXAHEDRON, modes), coefficients, (), ())
+
+
+@lru_cache(maxsize=64)
+def _fit(sizes: tuple[int, ...], more: int) -> Floats:
+    """(modes, k) matrix from values at the nodes to the modes of hexahedra."""
+    x, y, z = np.meshgrid(*(gauss(size + more)[0] for size in sizes), indexing="ij")
+    points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+    modes = tuple(max(size + more, 2) for size in sizes)
+    return np.asarray(np.linalg.pinv(values(modified(Shape.HEXAHEDRON, modes), points)))
