@@ -214,9 +214,9 @@ def test_flat_data_are_drawn_with_lines_too():
 def test_what_it_cannot_draw_is_said():
     flat = Dataset(mesh := grid(Shape.TRIANGLE, 2), (approximated(Dataset(mesh), "u", lambda x: x[:, 0], modes=2),))
     scene = Scene("u", size=SIZE, camera=NEAR)
-    with pytest.raises(ElvisError, match="isosurfaces of volume elements only, found elements of two dimensions"):
+    with pytest.raises(ElvisError, match="isosurfaces of volumes only, found elements of two dimensions"):
         render(flat, replace(scene, objects=(Isosurface((0.5,)),)))
-    with pytest.raises(ElvisError, match="expected all or a composite of the mesh"):
+    with pytest.raises(ElvisError, match="expected all, inner or a composite of the mesh"):
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Faces(("nowhere",)),)))
     with pytest.raises(ElvisError, match="nothing of any object is seen"):
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Isosurface((7.0,)),)))

@@ -8,7 +8,6 @@ import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
 from elvis.reference.surfaces import levels
-from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Clip, Implicit
 
 #: what is nearer to the surface of a clip than this part of the scene's size lies on it, and stays
@@ -20,14 +19,10 @@ def clipped(clips: Sequence[Clip], points: Floats, values: Callable[[str], Float
 
     values  of an expression at the points, by its text
     size    of the scene in world units
-    SceneError for a surface that has no signed distance here.
     """
     gone = np.zeros(len(points), bool)
     for clip in clips:
-        try:
-            own = clip.surface
-            outside = values(own.expression) if isinstance(own, Implicit) else levels(own, points)
-        except TypeError as error:
-            raise SceneError(f"neither the reference nor linear meshes are clipped by {error}") from error
+        own = clip.surface
+        outside = values(own.expression) if isinstance(own, Implicit) else levels(own, points)
         gone |= (-outside if clip.away == "inside" else outside) > _ON * size
     return gone

@@ -3,57 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.margins import facets, heights
 from elvis.formats.mesh import Composite, Mesh
 from elvis.formats.orientation import first_face_row
 from elvis.formats.patch import Patch
 from elvis.formats.shapes import Shape
+from elvis.reference.solids import faces_of, heights
 from elvis.renderer.errors import SceneError
 
 _FACES = {"T": Shape.TRIANGLE, "Q": Shape.QUADRILATERAL}
 
 
 def chosen_faces(mesh: Mesh, patch: Patch, select: Sequence[str]) -> Bools:
-    """(e, local faces) of the faces of a patch of volume elements that a selection names; see scene.Faces.
+    """(e, local faces) of the faces of a patch that a selection names; see scene.Faces.
 
     Raises SceneError for a name that the mesh doesn't know.
     """
-    chosen = np.zeros((len(patch), len(patch.shape.faces)), bool)
-    rows = _rows(mesh, patch)
+    numbers = _numbers(mesh, patch)
+    chosen = np.zeros(numbers.shape, bool)
     for name in select:
         kind, _, rest = name.partition(":")
-        if name == "all":
-            chosen |= _outer(mesh)[rows]
+        if name in ("all", "inner"):
+            chosen |= (_counts(mesh, patch)[numbers] > 1) == (name == "inner")
         elif kind == "element" and rest.isdecimal():
             chosen |= (patch.element_ids == int(rest))[:, None]
         elif kind == "shape" and rest:
-            chosen |= patch.shape.label.lower() == rest.lower()
+            label = patch.shape.label.lower()
+            chosen |= rest.lower() == (f"extruded {label}" if patch.periods else label)
         elif kind == "region" and rest:
             chosen |= np.isin(patch.element_ids, _members(_composite(mesh, rest), patch.shape.tag))[:, None]
         else:
-            chosen |= np.isin(rows, _face_rows(mesh, _composite(mesh, name)))
+            chosen |= np.isin(numbers, _named(mesh, patch, _composite(mesh, name)))
     return chosen
 
 
-def _rows(mesh: Mesh, patch: Patch) -> Ints:
-    """(e, local faces) rows of the mesh's faces."""
+def _numbers(mesh: Mesh, patch: Patch) -> Ints:
+    """(e, local faces) numbers of the faces.
+
+    Rows of the mesh's faces; of quasi-3D data edges, then two lids an element; of surfaces elements, triangles first.
+    """
     entities = mesh.of(patch.shape)
     order = np.argsort(entities.ids)
-    return np.asarray(entities.members[order[np.searchsorted(entities.ids, patch.element_ids, sorter=order)]])
+    rows = order[np.searchsorted(entities.ids, patch.element_ids, sorter=order)]
+    if patch.shape.dimension == 3:
+        return np.asarray(entities.members[rows])
+    own = rows[:, None] + first_face_row(mesh, patch.shape)
+    if not patch.periods:
+        return np.asarray(own)
+    return np.column_stack([entities.members[rows], len(mesh.of(Shape.SEGMENT)) + 2 * own + np.arange(2)])
 
 
-def _outer(mesh: Mesh) -> Bools:
-    """(faces,) those that only one element of the domain has."""
-    count = np.zeros(sum(len(mesh.of(shape)) for shape in _FACES.values()), np.int64)
-    ids = mesh.domain_ids()
+def _counts(mesh: Mesh, patch: Patch) -> Ints:
+    """(faces,) how many elements of the domain have each face."""
+    every = sum(len(mesh.of(shape)) for shape in _FACES.values())
+    if patch.shape.dimension == 2 and not patch.periods:
+        return np.ones(every, np.int64)
+    borders = every if patch.shape.dimension == 3 else len(mesh.of(Shape.SEGMENT))
+    count, ids = np.zeros(borders, np.int64), mesh.domain_ids()
     for entities in mesh.elements.values():
         np.add.at(count, entities.members[np.isin(entities.ids, ids)].reshape(-1), 1)
-    return np.asarray(count == 1)
+    return count if patch.shape.dimension == 3 else np.concatenate([count, np.ones(2 * every, np.int64)])
 
 
 def _composite(mesh: Mesh, name: str) -> Composite:
@@ -62,7 +74,7 @@ def _composite(mesh: Mesh, name: str) -> Composite:
         if name in (composite.name, str(composite.id)):
             return composite
     known = ", ".join(composite.name or str(composite.id) for composite in mesh.composites) or "none"
-    raise SceneError(f"select of faces: expected all or a composite of the mesh ({known}), found {name!r}")
+    raise SceneError(f"select of faces: expected all, inner or a composite of the mesh ({known}), found {name!r}")
 
 
 def _members(composite: Composite, *tags: str) -> Ints:
@@ -70,8 +82,10 @@ def _members(composite: Composite, *tags: str) -> Ints:
     return np.concatenate([np.empty(0, np.int64), *(ids for tag, ids in composite.parts if tag in tags)])
 
 
-def _face_rows(mesh: Mesh, composite: Composite) -> Ints:
-    """Rows of the faces of a composite, triangles first as in the mesh."""
+def _named(mesh: Mesh, patch: Patch, composite: Composite) -> Ints:
+    """Numbers of the faces of a composite."""
+    if patch.periods:
+        return np.flatnonzero(np.isin(mesh.of(Shape.SEGMENT).ids, _members(composite, "E", "S")))
     rows = []
     for tag, shape in _FACES.items():
         here = np.isin(mesh.of(shape).ids, _members(composite, tag, "F"))
@@ -79,14 +93,7 @@ def _face_rows(mesh: Mesh, composite: Composite) -> Ints:
     return np.concatenate(rows)
 
 
-@cache
-def face_heights(shape: Shape) -> Ints:
-    """(local faces,) which of `margins.facets` each local face is."""
-    normals, offsets = facets(shape)
-    corners: list[Floats] = [shape.vertices[list(face)] for face in shape.faces]
-    return np.array([int(np.abs(own @ normals.T + offsets).sum(axis=0).argmin()) for own in corners])
-
-
-def on_faces(shape: Shape, points: Floats) -> Bools:
-    """(k, local faces) whether reference points (k, d) lie on each face."""
-    return np.asarray(heights(shape, points)[:, face_heights(shape)] == 0)
+def on_faces(patch: Patch, points: Floats) -> Bools:
+    """(k, local faces) whether reference points (k, 3) lie on each face."""
+    planes = np.stack([face.height for face in faces_of(patch)])
+    return np.asarray(np.abs(heights(planes, points)) < 1e-14)

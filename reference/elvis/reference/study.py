@@ -25,7 +25,7 @@ from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
 from elvis.renderer.frame import Frame
-from elvis.renderer.scene import Isosurface, Scene
+from elvis.renderer.scene import CutSurface, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
 from elvis.renderer.view import View
 
 #: longest side of the picture that the reference checks, in pixels
@@ -197,8 +197,13 @@ class Rivals:
         counts = {"simplices": simplices, "points": points, "needed": needed}
         if not fits:
             return Rival(f"n{level}", name, level, counts=counts, skipped="more than the memory limit")
-        made = Baseline.of(self.dataset, self.quantities, level)
-        record = made.draw(self.scene, self.view, self.ends)
+        try:
+            made = Baseline.of(self.dataset, self.quantities, level)
+            record = made.draw(self.scene, self.view, self.ends)
+        except MissingExtraError:
+            raise
+        except ElvisError as error:
+            return Rival(f"n{level}", name, level, skipped=str(error))
         return Rival(
             f"n{level}",
             name,
@@ -213,9 +218,11 @@ class Rivals:
 
     def _meshes(self, made: Baseline) -> dict[str, LinearMesh]:
         """The volume, and the triangles of every object."""
-        objects = enumerate(self.scene.every_object)
-        found = {f"n{made.level}-object-{i}": made.triangles(shown, self.scene.field) for i, shown in objects}
-        return {f"n{made.level}": made.whole, **found}
+        found = {f"n{made.level}": made.whole}
+        for number, shown in enumerate(self.scene.every_object):
+            if not isinstance(shown, VolumeRendering) and not _from_file(shown):
+                found[f"n{made.level}-object-{number}"] = made.triangles(shown, self.scene.field)
+        return found
 
     def others(self) -> list[Rival]:
         """The picture as VTK draws it, where VTK is installed and has filters for the scene."""
@@ -251,6 +258,11 @@ def exact_surfaces(
             mesh = exact_isosurface(dataset, quantities, quantity, value, level)
             found[f"{quantity} = {value:g}"] = Isosurface((value,), quantity), mesh
     return found
+
+
+def _from_file(shown: SceneObject) -> bool:
+    """Whether an object is cut by triangles from a file."""
+    return isinstance(shown, CutSurface) and isinstance(shown.surface, TriangleMesh)
 
 
 def _renderer() -> Callable[..., Frame]:

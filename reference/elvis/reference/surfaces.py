@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from elvis.formats.arrays import Floats
-from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, Surface, Vector, unit
+from elvis.reference.baseline.mesh import LinearMesh
+from elvis.reference.extras import MissingExtraError, needed
+from elvis.renderer.errors import SceneError
+from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, Vector, unit
 
 
 def levels(surface: Surface, points: Floats) -> Floats:
-    """(n,) the function of a plane, sphere, cylinder or cone at world points (n, 3): a signed distance.
+    """(n,) the function of a surface at world points (n, 3): a signed distance.
 
-    Planes: positive on the side of the normal.  Raises TypeError for the surfaces that have no such function.
+    Planes: positive on the side of the normal.  Triangles: negative where closed ones wind around the point.
+    Raises TypeError for expressions, which need data.
     """
     match surface:
         case Plane():
@@ -24,7 +30,39 @@ def levels(surface: Surface, points: Floats) -> Floats:
             aside, along = _beside(points, surface.apex, surface.axis)
             half = np.deg2rad(surface.angle)
             return np.asarray(aside * np.cos(half) - along * np.sin(half))
+        case TriangleMesh():
+            return _away(surface, points)
     raise TypeError(type(surface).__name__)
+
+
+def _away(surface: TriangleMesh, points: Floats) -> Floats:
+    """(n,) distances from triangles, negative where the winding number is above a half; NaN of what is no point."""
+    igl, mesh = needed("igl"), triangles(surface.file)
+    corners, faces = mesh.points, mesh.simplices.astype(np.int64)
+    found, known = np.full(len(points), np.nan), np.flatnonzero(np.isfinite(points).all(axis=1))
+    if len(known):
+        asked = np.ascontiguousarray(points[known])
+        distance = np.sqrt(igl.point_mesh_squared_distance(asked, corners, faces)[0])
+        found[known] = np.where(igl.winding_number(corners, faces, asked) > 0.5, -distance, distance)
+    return found
+
+
+@lru_cache(maxsize=4)
+def triangles(file: str) -> LinearMesh:
+    """The triangles of an STL, PLY, OBJ or GLB file; SceneError where there are none."""
+    try:
+        mesh = needed("trimesh").load_mesh(file, process=False)
+        points, corners = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
+    except MissingExtraError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise SceneError(f"{file}: cannot be read as STL, PLY, OBJ or GLB: {reason}") from error
+    if not len(corners) or not np.isfinite(points).all():
+        raise SceneError(
+            f"{file}: expected triangles with finite corners, found {'others' if len(corners) else 'none'}"
+        )
+    return LinearMesh(points, {}, np.zeros_like(points), corners, np.zeros(len(corners), np.int64))
 
 
 def slopes(surface: Surface, points: Floats) -> Floats:

@@ -13,8 +13,8 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.patch import Patch
 from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_meshes
+from elvis.reference.baseline.probing import Probe
 from elvis.reference.baseline.sections import boundary, section
-from elvis.reference.baseline.templates import template
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.baseline.volumes import fogs
 from elvis.reference.clipping import clipped
@@ -24,8 +24,20 @@ from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import Record
 from elvis.reference.selection import chosen_faces, on_faces
-from elvis.reference.surfaces import levels
-from elvis.renderer.scene import CutSurface, Faces, Implicit, Isosurface, Scene, SceneObject, Style, VolumeRendering
+from elvis.reference.solids import cells_of
+from elvis.reference.surfaces import levels, triangles
+from elvis.renderer.scene import (
+    CutSurface,
+    Faces,
+    Implicit,
+    Isosurface,
+    Scene,
+    SceneObject,
+    Style,
+    Surface,
+    TriangleMesh,
+    VolumeRendering,
+)
 from elvis.renderer.view import View
 
 #: surfaces of one object that a ray is followed through
@@ -58,7 +70,7 @@ class Baseline:
     @property
     def flat(self) -> bool:
         """Whether the elements have two dimensions: they are their own picture."""
-        return all(patch.shape.dimension == 2 for patch in self.patches)
+        return all(patch.dimension == 2 for patch in self.patches)
 
     @property
     def whole(self) -> LinearMesh:
@@ -82,6 +94,8 @@ class Baseline:
         match shown:
             case CutSurface() if self.flat:
                 cuts = list(self.parts)
+            case CutSurface(surface=TriangleMesh()):
+                raise ElvisError("triangles from a file stay what they are: linear meshes are only looked up on them")
             case CutSurface(surface=Implicit(expression=expression)):
                 cuts = [section(part, part.values[expression]) for part in self._solid()]
             case CutSurface(surface=surface):
@@ -103,10 +117,10 @@ class Baseline:
     def _faces(self, number: int, select: Sequence[str]) -> LinearMesh:
         """The selected faces of a patch."""
         patch, part = self.patches[number], self.parts[number]
-        if patch.shape.dimension == 2:
-            return part
         chosen = chosen_faces(self.dataset.mesh, patch, select)
-        on = on_faces(patch.shape, template(patch.shape, self.level).points)
+        if patch.dimension == 2:
+            return part.part(np.isin(part.element, patch.element_ids[chosen[:, 0]]))
+        on = on_faces(patch, cells_of(patch, self.level).points)
         return boundary(part, (chosen[:, None, :] & on).reshape(-1, on.shape[1]))
 
     def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
@@ -114,12 +128,18 @@ class Baseline:
         start, layers = perf_counter(), []
         for shown in scene.every_object:
             if not isinstance(shown, VolumeRendering):
-                mesh = self.triangles(shown, scene.field)
+                tracer = self._tracer(shown, scene.field)
                 self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
-                layers += layers_of(mesh, shown, scene, view, ends)
+                layers += layers_of(tracer, shown, scene, view, ends)
         picture = record(layers, scene, view, ends, self._fogs(scene, view, [own.hits.depth for own in layers], ends))
         self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
         return picture
+
+    def _tracer(self, shown: SceneObject, field: str) -> Tracer | Probe:
+        """An object, ready for rays."""
+        if isinstance(shown, CutSurface) and isinstance(shown.surface, TriangleMesh) and not self.flat:
+            return Probe(self.whole, triangles(shown.surface.file))
+        return Tracer(self.triangles(shown, field))
 
     def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ends: tuple[float, float]) -> list[Fog]:
         """What the volumes add, in pieces between the depths (n,) of surfaces."""
@@ -139,19 +159,18 @@ def affordable(patches: Sequence[Patch], level: int, quantities: int, limit: int
     return bytes <= limit, bytes
 
 
-def _levels(surface: object, points: Floats) -> Floats:
+def _levels(surface: Surface, points: Floats) -> Floats:
     """The surface's function at the corners; values next to rounding are zero."""
-    try:
-        found = levels(surface, points)  # type: ignore[arg-type]
-    except TypeError as error:
-        raise ElvisError(f"the linear baseline is not cut by {error}") from error
+    found = levels(surface, points)
     return np.where(np.abs(found) < 1e-14 * np.abs(points).max(initial=0.0), 0.0, found)
 
 
-def layers_of(mesh: LinearMesh, shown: SceneObject, scene: Scene, view: View, ends: tuple[float, float]) -> list[Layer]:
+def layers_of(
+    tracer: Tracer | Probe, shown: SceneObject, scene: Scene, view: View, ends: tuple[float, float]
+) -> list[Layer]:
     """The surfaces of an object that rays meet: the first one, and what is behind where it is transparent."""
     style: Style = shown.style  # type: ignore[union-attr]
-    tracer, beyond, layers = Tracer(mesh), None, []
+    beyond, layers = None, []
     for _ in range(1 if style.opacity == 1.0 else _DEEPEST):
         hits = _kept(tracer, view, beyond, scene)
         if not hits.seen.any():
@@ -163,7 +182,7 @@ def layers_of(mesh: LinearMesh, shown: SceneObject, scene: Scene, view: View, en
     return layers
 
 
-def _kept(tracer: Tracer, view: View, beyond: Floats | None, scene: Scene) -> Hits:
+def _kept(tracer: Tracer | Probe, view: View, beyond: Floats | None, scene: Scene) -> Hits:
     """The nearest hits beyond some depths that no clip takes away."""
     kept = tracer.first(view, beyond)
     size = tracer.mesh.size

@@ -8,8 +8,8 @@ import numpy as np
 
 from elvis.formats.arrays import Ints
 from elvis.formats.dataset import Dataset
-from elvis.formats.evaluation import evaluate_at
 from elvis.formats.patch import Patch
+from elvis.formats.pointwise import positions
 from elvis.reference.baseline.drawing import Baseline
 from elvis.reference.baseline.mesh import LinearMesh, joined
 from elvis.reference.baseline.sections import section
@@ -38,7 +38,7 @@ def exact_isosurface(
 def _moved(quantities: Quantities, name: str, patch: Patch, mesh: LinearMesh, value: float) -> LinearMesh:
     """The triangles of one patch with their corners on the surface."""
     rows = _rows(patch, mesh)
-    start = mesh.reference[:, : patch.shape.dimension]
+    start = mesh.reference[:, : patch.dimension]
     reference = start.copy()
     for _ in range(_STEPS):
         found, slopes = quantities.values_and_slopes(name, patch, rows, reference)
@@ -47,7 +47,7 @@ def _moved(quantities: Quantities, name: str, patch: Patch, mesh: LinearMesh, va
         reference -= np.where(np.isfinite(step), np.clip(step, -0.25, 0.25), 0.0)
     far = np.linalg.norm(reference - start, axis=1) > 4.0 / (1 << FINE)
     reference[far] = start[far]
-    points = evaluate_at(patch.geometry, patch.geometry_coefficients, rows, reference)
+    points = positions(patch, rows, reference)
     return replace(mesh, points=points, reference=reference)
 
 

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError
-from elvis.formats.evaluation import evaluate
 from elvis.formats.patch import Patch
-from elvis.formats.shapes import Shape
-from elvis.reference.baseline.templates import Template, pulling, template
+from elvis.reference.baseline.templates import Template, pulling
 from elvis.reference.quantities import Corners
+from elvis.reference.solids import cells_of, spread
 
 #: the order of corners: along this direction, in which no two points of a mesh are likely to tie
 _GENERIC = np.array([0.5772156649, 0.6180339887, 0.5345224838])
@@ -84,8 +83,8 @@ def estimate(patches: Sequence[Patch], level: int, quantities: int = 1) -> tuple
     """Simplices, points and bytes of a linear mesh, without making it; bytes at the peak of making and drawing it."""
     simplices = points = 0
     for patch in patches:
-        own, more = template(patch.shape, min(level, 3)), max(0, level - 3)
-        growth = 2 ** (patch.shape.dimension * more)
+        own, more = cells_of(patch, min(level, 3)), max(0, level - 3)
+        growth = 2 ** (patch.dimension * more)
         simplices += len(patch) * own.simplices * growth
         points += len(patch) * len(own.points) * growth
 
@@ -95,14 +94,13 @@ def estimate(patches: Sequence[Patch], level: int, quantities: int = 1) -> tuple
 
 def _cut(patch: Patch, level: int, quantities: Mapping[str, Corners]) -> LinearMesh:
     """The elements of one patch."""
-    if patch.shape.dimension < 2 or patch.periods:
-        kind = "with Fourier directions" if patch.periods else "of one dimension"
-        raise ElvisError(f"linear meshes are made of elements of two and three dimensions, found elements {kind}")
-    cut, rows = template(patch.shape, level), np.arange(len(patch))
-    world = evaluate(patch.geometry, patch.geometry_coefficients, cut.points).transpose(0, 2, 1)
-    simplices, owner = _simplices(patch.shape, cut, world)
+    if patch.shape.dimension < 2:
+        raise ElvisError("linear meshes are made of elements of two and three dimensions, found elements of one")
+    cut, rows = cells_of(patch, level), np.arange(len(patch))
+    world = spread(patch, rows, cut.points)
+    simplices, owner = _simplices(cut, world)
     reference = np.zeros((len(patch), *cut.points.shape[:1], 3))
-    reference[..., : patch.shape.dimension] = cut.points
+    reference[..., : cut.points.shape[1]] = cut.points
     return LinearMesh(
         np.ascontiguousarray(world).reshape(-1, 3),
         {name: quantity(patch, rows, cut.points).reshape(-1) for name, quantity in quantities.items()},
@@ -112,7 +110,7 @@ def _cut(patch: Patch, level: int, quantities: Mapping[str, Corners]) -> LinearM
     )
 
 
-def _simplices(shape: Shape, cut: Template, world: Floats) -> tuple[NDArray[np.int32], Ints]:
+def _simplices(cut: Template, world: Floats) -> tuple[NDArray[np.int32], Ints]:
     """Corners (m, d + 1) of the simplices of elements with points ``world`` (e, k, 3), and their rows (m,)."""
     count, points = world.shape[:2]
     keys, found = (world @ _GENERIC).reshape(-1), []

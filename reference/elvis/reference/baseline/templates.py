@@ -90,6 +90,21 @@ def template(shape: Shape, level: int) -> Template:
     return Template(frozen_floats(points / 2.0**level), cells)
 
 
+def drawn_out(cut: Template, layers: int) -> Template:
+    """Cells of a plane shape along a third coordinate from -1 to 1, in so many layers: prisms and hexahedra."""
+    count, rise = len(cut.points), np.linspace(-1.0, 1.0, layers + 1)
+    points = np.column_stack([np.tile(cut.points, (layers + 1, 1)), np.repeat(rise, count)])
+    starts = (np.arange(layers) * count)[:, None, None]
+    cells: dict[Shape, Ints] = {}
+    for kind, own in cut.cells.items():
+        low, high = ((own + starts + step).reshape(-1, own.shape[1]) for step in (0, count))
+        if kind is Shape.TRIANGLE:
+            cells[Shape.PRISM] = np.column_stack([low[:, :2], high[:, 1::-1], low[:, 2], high[:, 2]])
+        else:
+            cells[Shape.HEXAHEDRON] = np.column_stack([low, high])
+    return Template(frozen_floats(points), {kind: frozen_ints(own) for kind, own in cells.items()})
+
+
 def _cut(corners: Mapping[Shape, Ints]) -> dict[Shape, Ints]:
     """Cells (c, v, d) by shape after one more cut."""
     found: dict[Shape, list[Ints]] = {}

@@ -19,6 +19,7 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.reference.baseline.drawing import layers_of
 from elvis.reference.baseline.mesh import LinearMesh
+from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.composing import record
 from elvis.reference.extras import needed
 from elvis.reference.record import Record
@@ -61,7 +62,7 @@ class VtkBaseline:
         """The picture of a scene; ElvisError for objects that aren't drawn this way."""
         start, layers = perf_counter(), []
         for shown in scene.every_object:
-            layers += layers_of(self.triangles(shown, scene.field), shown, scene, view, ends)
+            layers += layers_of(Tracer(self.triangles(shown, scene.field)), shown, scene, view, ends)
         picture = record(layers, scene, view, ends)
         self.seconds["draw"] = perf_counter() - start
         return picture

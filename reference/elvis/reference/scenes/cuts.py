@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.inverse import Status as Verdict
 from elvis.formats.locate import Location, Locator
 from elvis.formats.margins import TOLERANCE
-from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
-from elvis.reference.extras import needed
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings
-from elvis.reference.surfaces import slopes
+from elvis.reference.surfaces import slopes, triangles
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Status
 from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, unit
@@ -120,7 +116,7 @@ def _round(surface: Sphere | Cylinder | Cone) -> tuple[Floats, Floats, float]:
 
 def _triangle_hits(surface: TriangleMesh, view: View) -> tuple[Ints, Floats, Floats]:
     """Hits with the triangles of a file, one behind the other, proposed by Embree."""
-    tracer, found, beyond = Tracer(_triangles(surface.file)), [], None
+    tracer, found, beyond = Tracer(triangles(surface.file)), [], None
     for _ in range(_MOST):
         hits = tracer.first(view, beyond)
         here = np.flatnonzero(hits.seen)
@@ -131,12 +127,3 @@ def _triangle_hits(surface: TriangleMesh, view: View) -> tuple[Ints, Floats, Flo
     empty = (np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
     pixel, depth, normal = (np.concatenate(parts) for parts in zip(empty, *found, strict=True))
     return pixel, depth, normal
-
-
-@lru_cache(maxsize=4)
-def _triangles(file: str) -> LinearMesh:
-    """The triangles of a file."""
-    mesh = needed("trimesh").load_mesh(file, process=False)
-    points = np.asarray(mesh.vertices, np.float64)
-    element = np.zeros(len(mesh.faces), np.int64)
-    return LinearMesh(points, {}, np.zeros_like(points), np.asarray(mesh.faces, np.int32), element)

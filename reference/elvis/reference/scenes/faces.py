@@ -11,16 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.evaluation import evaluate
-from elvis.formats.margins import TOLERANCE, facets, heights
-from elvis.formats.orientation import face_shape
+from elvis.formats.margins import TOLERANCE
 from elvis.formats.patch import Patch
-from elvis.formats.shapes import Shape
 from elvis.reference.baseline.templates import pulling, template
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
 from elvis.reference.scenes.rasters import covered, on_screen
-from elvis.reference.selection import face_heights
+from elvis.reference.solids import Face, faces_of, heights, spread
 from elvis.renderer.frame import Status
 from elvis.renderer.view import View
 
@@ -35,33 +32,27 @@ _GRAZING = 1e-6
 
 
 def face_crossings(number: int, patch: Patch, chosen: Bools, view: View, size: float) -> Crossings:
-    """All hits of rays with the chosen faces (e, local faces) of a patch of volume elements."""
+    """All hits of rays with the chosen faces (e, local faces) of a patch; see `elvis.reference.solids`."""
     found = []
-    for local in range(len(patch.shape.faces)):
+    for local, face in enumerate(faces_of(patch)):
         rows = np.flatnonzero(chosen[:, local])
-        for own, corners, starts, slack in _triangles(patch, local, rows, view):
+        for own, corners, starts, slack in _triangles(patch, face, rows, view):
             for triangle, pixel in covered(view, corners, slack):
-                found += _decided(number, patch, local, own, corners, starts, triangle, pixel, view, size)
+                found += _decided(number, patch, face, own, corners, starts, triangle, pixel, view, size)
     return Crossings.joined(found).distinct(size)
 
 
-def frame(shape: Shape, local: int) -> Floats:
-    """(3, 3) rows f0, f1, f2: the point (s, t) of a face lies at f0 + s f1 + t f2 in reference coordinates."""
-    first, along, across = (shape.vertices[i] for i in (*shape.faces[local][:2], shape.faces[local][-1]))
-    return np.array([(along + across) / 2, (along - first) / 2, (across - first) / 2])
-
-
-def _triangles(patch: Patch, local: int, rows: Ints, view: View) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
+def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
     """Flat triangles of faces, those of like cuts together.
 
     Yields rows (m,) of their elements, world corners (m, 3, 3), reference corners (m, 3, 3), and pixels (m,) by which
     candidates may lie outside of them.
     """
-    base = frame(patch.shape, local)
+    base = face.frame
     for level in range(_DEEPEST + 1):
         if not len(rows):
             return
-        cut = template(face_shape(patch.shape.faces[local]), level)
+        cut = template(face.kind, level)
         cells = np.concatenate([pulling(kind, own, np.tile(np.arange(own.shape[1]) * 1.0, (len(own), 1)))
                                 for kind, own in cut.cells.items()])  # fmt: skip
         corners = base[0] + cut.points[cells] @ base[1:]
@@ -83,14 +74,13 @@ def _triangles(patch: Patch, local: int, rows: Ints, view: View) -> Iterator[tup
 
 def _placed(patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(e, c, k, 3) world coordinates of reference points (c, k, 3) in all elements."""
-    flat = evaluate(patch.geometry, patch.geometry_coefficients[rows], points.reshape(-1, points.shape[-1]))
-    return np.asarray(flat.transpose(0, 2, 1).reshape(len(rows), *points.shape[:2], 3))
+    return spread(patch, rows, points.reshape(-1, 3)).reshape(len(rows), *points.shape[:2], 3)
 
 
 def _decided(
     number: int,
     patch: Patch,
-    local: int,
+    face: Face,
     rows: Ints,
     corners: Floats,
     starts: Floats,
@@ -107,8 +97,8 @@ def _decided(
     found = []
     for start, which in _starts(starts[triangle], corners[triangle], origins, directions, steep):
         own = rows[triangle[which]]
-        roots = solve(patch, own, start, origins[which], directions[which], _on_face(patch.shape, local), size)
-        found.append(_hits(number, patch.shape, local, own, pixel[which], roots, directions[which]))
+        roots = solve(patch, own, start, origins[which], directions[which], _on_face(face), size)
+        found.append(_hits(number, face, own, pixel[which], roots, directions[which]))
     return found
 
 
@@ -144,22 +134,18 @@ def _is_steep(corners: Floats, directions: Floats) -> Bools:
     return np.asarray(np.abs(np.einsum("ni,ni->n", normal, directions)) < _STEEP * sizes)
 
 
-def _on_face(shape: Shape, local: int) -> Constraint:
+def _on_face(face: Face) -> Constraint:
     """The constraint of points on a face: its height is zero."""
-    normals, offsets = facets(shape)
-    normal, offset = normals[face_heights(shape)[local]], offsets[face_heights(shape)[local]]
 
     def constraint(rows: Ints, points: Floats) -> tuple[Floats, Floats]:
-        return points @ normal + offset, np.tile(normal, (len(points), 1))
+        return heights(face.height[None], points)[:, 0], np.tile(face.height[:3], (len(points), 1))
 
     return constraint
 
 
-def _hits(
-    number: int, shape: Shape, local: int, rows: Ints, pixel: Ints, roots: Roots, directions: Floats
-) -> Crossings:
+def _hits(number: int, face: Face, rows: Ints, pixel: Ints, roots: Roots, directions: Floats) -> Crossings:
     """The roots that lie on the face, before the eye; those at its border and at silhouettes are ambiguous."""
-    other = np.delete(heights(shape, roots.reference), face_heights(shape)[local], axis=1).min(axis=1)
+    other = heights(face.others, roots.reference).min(axis=1)
     here = np.flatnonzero(roots.found & (other >= -TOLERANCE) & (roots.depth > 0))
     normal = roots.normal[here]
     with np.errstate(invalid="ignore"):

@@ -15,14 +15,14 @@ from functools import partial
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.evaluation import evaluate
-from elvis.formats.margins import TOLERANCE, margins
+from elvis.formats.margins import TOLERANCE
 from elvis.formats.patch import Patch
-from elvis.reference.baseline.templates import pulling, template
+from elvis.reference.baseline.templates import pulling
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
+from elvis.reference.solids import cells_of, margins_of, spread
 from elvis.renderer.frame import Status
 from elvis.renderer.view import View
 
@@ -86,7 +86,7 @@ def level_of(quantities: Quantities, name: str, patch: Patch, value: float) -> C
 
 def _cells(patch: Patch, rows: Ints, quantities: Quantities, name: str, value: float, level: int) -> Cells:
     """The small tetrahedra of some elements that may hold the surface."""
-    cut = template(patch.shape, level)
+    cut = cells_of(patch, level, layers=2)
     order = np.arange(8.0)
     tables = [pulling(kind, own, np.tile(order[: own.shape[1]], (len(own), 1))) for kind, own in cut.cells.items()]
     corners = np.concatenate(tables)
@@ -101,19 +101,14 @@ def _cells(patch: Patch, rows: Ints, quantities: Quantities, name: str, value: f
     element, cell = np.nonzero(holds)
 
     # the same for places
-    world = _placed(patch, rows, cut.points)[element[:, None], corners[cell]]
-    bent = _placed(patch, rows, middles.reshape(-1, 3)).reshape(len(rows), -1, 6, 3)[element, cell]
+    world = spread(patch, rows, cut.points)[element[:, None], corners[cell]]
+    bent = spread(patch, rows, middles.reshape(-1, 3)).reshape(len(rows), -1, 6, 3)[element, cell]
     away = np.linalg.norm(bent - world[:, _EDGES].mean(axis=2), axis=2).max(axis=1, initial=0.0)
     slack = _WIDER + _SAFETY * away / np.maximum(_height(world), 1e-300)
     reference = cut.points[corners][cell]
     return Cells(
         rows[element], world, reference, at_corners[element, cell], bend[element, cell], np.minimum(slack, 2.0)
     )
-
-
-def _placed(patch: Patch, rows: Ints, points: Floats) -> Floats:
-    """(e, k, 3) world coordinates of the same reference points (k, 3) in some elements."""
-    return evaluate(patch.geometry, patch.geometry_coefficients[rows], points).transpose(0, 2, 1)
 
 
 def _height(corners: Floats) -> Floats:
@@ -146,7 +141,7 @@ def _decided(
     for which, weights in _starts(cells, cell, origins, directions, function):
         own, start = cells.rows[cell[which]], np.einsum("nk,nki->ni", weights, cells.reference[cell[which]])
         roots = search(patch, own, start, origins[which], directions[which])
-        margin = margins(patch.shape, roots.reference)
+        margin = margins_of(patch, roots.reference)
         here = np.flatnonzero(roots.found & (margin >= -TOLERANCE) & (roots.depth > 0))
         status = np.where(margin[here] <= TOLERANCE, Status.AMBIGUOUS, Status.CERTAIN).astype(np.uint8)
         place, normal, patches = roots.reference[here], roots.normal[here], np.full(len(here), number)
@@ -193,9 +188,9 @@ def _zeros(along: Callable[[float], Floats]) -> list[tuple[Floats, Ints]]:
         turn = -steep / (2 * bent)
         least = first + 0.5 * turn * steep
         early, late = 0.5 * first / (first - middle), 0.5 + 0.5 * middle / (middle - last)
+        root = np.sqrt(np.maximum(-least / np.where(bent == 0, np.inf, bent), 0.0)) + 1e-3
     scale = np.maximum(np.maximum(np.abs(first), np.abs(middle)), np.abs(last))
     tangent = (turn > -0.5) & (turn < 1.5) & (np.abs(least) <= _NEARLY * scale)
-    root = np.sqrt(np.maximum(-least / np.where(bent == 0, np.inf, bent), 0.0)) + 1e-3
     return [
         (early, np.flatnonzero((first < 0) != (middle < 0))),
         (late, np.flatnonzero((middle < 0) != (last < 0))),

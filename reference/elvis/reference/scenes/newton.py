@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.evaluation import evaluate_at_with_gradients
 from elvis.formats.patch import Patch
+from elvis.reference.solids import placed
 
 #: a function of elements ``rows`` (n,) and reference points (n, 3): values (n,) and derivatives (n, 3)
 Constraint = Callable[[Ints, Floats], tuple[Floats, Floats]]
@@ -64,7 +64,7 @@ def solve(
     active = np.arange(len(rows))
     for number in range(steps):
         own, ray = rows[active], directions[active]
-        world, slopes = evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, own, reference[active])
+        world, slopes = placed(patch, own, reference[active])
         held, gradient = constraint(own, reference[active])
         if number == 0:
             depth = np.einsum("ni,ni->n", world - origins, directions) / np.einsum("ni,ni->n", directions, directions)

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.evaluation import evaluate_at_with_gradients
-from elvis.formats.margins import margins
 from elvis.formats.patch import Patch
 from elvis.formats.quadrature import gauss
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.newton import inverses
+from elvis.reference.solids import faces_of, margins_of, placed
 from elvis.renderer.scene import Transfer
 from elvis.renderer.view import View
 
@@ -68,13 +67,13 @@ class Ways:
 
 def ways_through(number: int, patch: Patch, view: View, size: float) -> Ways:
     """The ways of all rays through the elements of a patch: between neighbouring hits of faces, where inside."""
-    hits = face_crossings(number, patch, np.ones((len(patch), len(patch.shape.faces)), bool), view, size)
+    hits = face_crossings(number, patch, np.ones((len(patch), len(faces_of(patch))), bool), view, size)
     hits = hits.part(np.lexsort([hits.depth, hits.row, hits.pixel]))
     pairs = np.flatnonzero((np.diff(hits.pixel) == 0) & (np.diff(hits.row) == 0))
     found = _paired(hits, pairs)
     middle = 0.5 * (found.near + found.far)
     reference = _followed(patch, found.row, 0.5 * (found.first + found.last), _points(view, found.pixel, middle))
-    inside = margins(patch.shape, reference) > -1e-9
+    inside = margins_of(patch, reference) > -1e-9
     return Ways(**{name: column[inside] for name, column in vars(found).items()})
 
 
@@ -159,9 +158,7 @@ def _followed(patch: Patch, rows: Ints, start: Floats, points: Floats) -> Floats
     """(n, 3) reference points of world points (n, 3) in elements (n,), from near ones, by Newton's method."""
     reference, active = start.copy(), np.arange(len(rows))
     for _ in range(_STEPS):
-        world, slopes = evaluate_at_with_gradients(
-            patch.geometry, patch.geometry_coefficients, rows[active], reference[active]
-        )
+        world, slopes = placed(patch, rows[active], reference[active])
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             step = np.einsum("nij,nj->ni", inverses(slopes), points[active] - world)
         length = np.linalg.norm(step, axis=1)
