@@ -5,6 +5,7 @@ Points are those of the shape in `elvis.formats.shapes`, whatever coordinates th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,23 +39,26 @@ class Twin:
         return np.asarray(positions, np.float64), np.asarray(values, np.float64)
 
     def slopes(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
-        """Derivatives of positions (n, 3, d) and values (n, d), of polynomials of degree 6 through points nearby.
+        """Derivatives of positions (n, 3, d) and values (n, d); see `slopes_of`."""
+        every = slopes_of(lambda rows, points: np.column_stack(self.evaluated(rows, points)), rows, points)
+        return every[:, :3], every[:, 3]
 
-        These stay within the bounds of the shape's coordinates.
-        """
-        dimension = self.shape.dimension
-        moved, risen = np.empty((len(points), 3, dimension)), np.empty((len(points), dimension))
-        for axis in range(dimension):
-            middle = np.clip(points[:, axis], -1 + 3 * _STEP, 1 - 3 * _STEP)
-            place = (points[:, axis] - middle) / _STEP
-            powers = place[:, None] ** np.arange(6) * np.arange(1, 7)
-            weights = powers @ _THROUGH[1:] / _STEP
-            near = np.repeat(points, 7, axis=0)
-            near[:, axis] = (middle[:, None] + _STEP * np.arange(-3, 4)).ravel()
-            positions, values = self.evaluated(np.repeat(rows, 7), near)
-            moved[:, :, axis] = np.einsum("nk,nkc->nc", weights, positions.reshape(-1, 7, 3))
-            risen[:, axis] = np.einsum("nk,nk->n", weights, values.reshape(-1, 7))
-        return moved, risen
+
+def slopes_of(function: Callable[[Ints, Floats], Floats], rows: Ints, points: Floats) -> Floats:
+    """(n, …, d) derivatives of a function of elements (n,) and points (n, d), which gives (n, …).
+
+    They are those of polynomials of degree 6 through points nearby, which stay within the bounds of the shape's coordinates.
+    """
+    found = []
+    for axis in range(points.shape[1]):
+        middle = np.clip(points[:, axis], -1 + 3 * _STEP, 1 - 3 * _STEP)
+        place = (points[:, axis] - middle) / _STEP
+        weights = place[:, None] ** np.arange(6) * np.arange(1, 7) @ _THROUGH[1:] / _STEP
+        near = np.repeat(points, 7, axis=0)
+        near[:, axis] = (middle[:, None] + _STEP * np.arange(-3, 4)).ravel()
+        values = function(np.repeat(rows, 7), near)
+        found.append(np.einsum("nk,nk...->n...", weights, values.reshape(-1, 7, *values.shape[1:])))
+    return np.stack(found, axis=-1)
 
 
 def twins_of(volume: Volume) -> list[Twin] | None:

@@ -14,6 +14,7 @@ from elvis.formats.margins import TOLERANCE
 from elvis.formats.patch import Patch
 from elvis.formats.pointwise import positions_and_jacobians
 from elvis.formats.tangents import duals
+from elvis.reference.twins import TwinPatch
 
 
 def owners(locator: Locator, points: Floats) -> Location:
@@ -32,9 +33,11 @@ def owners(locator: Locator, points: Floats) -> Location:
 
 
 def polish(patches: Sequence[Patch], found: Location, points: Floats) -> None:
-    """Take one more step of Newton's method at the points (n, 3) that were found, to the last digit there is."""
+    """Take one more step of Newton's method at the points (n, 3) that were found, to the last digit; twins have."""
     for number, patch in enumerate(patches):
         here = np.flatnonzero(found.patch == number)
+        if isinstance(patch, TwinPatch):
+            continue
         world, slopes = positions_and_jacobians(patch, found.row[here], found.reference[here])
         step = np.einsum("nci,nc->ni", duals(slopes), points[here] - world)
         found.reference[here] += np.where(np.abs(step) < 1e-6, step, 0.0)

@@ -7,11 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
+from elvis.formats.boxes import Boxes, element_boxes
 from elvis.formats.dataset import Dataset
 from elvis.formats.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.formats.patch import Patch
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.sampling import Evaluator
+from elvis.renderer.frame import Frame
 from elvis.renderer.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
 
 #: values of a quantity in elements ``rows`` (n,) of a patch, all at the same reference points (k, D): (n, k)
@@ -52,6 +54,15 @@ class Quantities:
         needed = [number for number in every if self._evaluator.names[number] in self._expressions[names[0]].fields]
         found = self._evaluator.patches
         self.patches = [patch for patch in found if all(patch.fields[number] is not None for number in needed)]
+
+    @property
+    def boxes(self) -> list[Boxes]:
+        """(n, 6) boxes of the elements of each patch."""
+        return [element_boxes(patch) for patch in self.patches]
+
+    def outward(self, frame: Frame) -> Frame:
+        """The frame with the reference coordinates that others use for these elements."""
+        return frame
 
     def corners(self) -> Mapping[str, Corners]:
         """Each quantity at the same points of many elements."""

@@ -1,0 +1,168 @@
+"""Points, quantities and faces of what a runtime plugin describes in NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.boxes import Boxes, BoxTree
+from elvis.formats.errors import ElvisError
+from elvis.formats.inverse import Status
+from elvis.formats.locate import Location, Locator
+from elvis.formats.margins import margins
+from elvis.formats.patch import Patch
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.functions import function
+from elvis.formats.quantities.tree import Node, folded
+from elvis.formats.tangents import duals
+from elvis.plugins.faces import Faces, faces_of
+from elvis.plugins.opening import Opened
+from elvis.plugins.serving import names_of
+from elvis.plugins.twins import slopes_of, twins_of
+from elvis.reference.quantities import Corners, Quantities
+from elvis.reference.selection import on_faces
+from elvis.reference.twins import TwinPatch
+from elvis.renderer.frame import Frame
+
+#: pairs of a point and an element that are looked at together
+_BATCH = 1 << 13
+
+
+class TwinLocator(Locator):
+    """The elements of some patches, ready to be found; as `elvis.formats.locate.Locator`."""
+
+    def __init__(self, patches: Sequence[TwinPatch]) -> None:
+        self.patches = tuple(patches)
+        self._twins = list(patches)
+        self._trees = [BoxTree.build(patch.twin.part.boxes) for patch in patches]
+
+    def locate(self, points: Floats, all: bool = False) -> Location:
+        """Where world points (n, 3) are: for each the element with the greatest margin, or every one that holds it."""
+        found = [self._in_patch(number, points) for number in range(len(self.patches))]
+        point, patch, row, ids, reference, margin, status = (np.concatenate(c) for c in zip(*found, strict=True))
+        hits = np.flatnonzero(status == Status.INSIDE)
+        hits = hits[np.lexsort((ids[hits], -margin[hits], point[hits]))]
+        if not all and len(hits):
+            hits = hits[np.diff(point[hits], prepend=-1) != 0]
+        missed = np.setdiff1d(np.arange(len(points)), point[hits])
+        doubtful = np.isin(missed, point[status == Status.FAILED])
+        nowhere, nan = np.full(len(missed), -1), np.full(len(missed), np.nan)
+        columns = [
+            np.concatenate([point[hits], missed]),
+            *(np.concatenate([own[hits], nowhere]) for own in (patch, row, ids)),
+            np.concatenate([reference[hits], np.tile(nan[:, None], reference.shape[1])]),
+            np.concatenate([margin[hits], nan]),
+            np.concatenate([status[hits], np.where(doubtful, Status.FAILED, Status.OUTSIDE).astype(np.uint8)]),
+        ]
+        order = np.argsort(columns[0], kind="stable")
+        return Location(*(column[order] for column in columns))
+
+    def _in_patch(self, number: int, points: Floats) -> tuple[NDArray[np.generic], ...]:
+        """Answers for all pairs of a point and an element of a patch whose box holds it."""
+        patch = self._twins[number]
+        point, row = self._trees[number].candidates(points)
+        parts = [slice(first, first + _BATCH) for first in range(0, len(point), _BATCH)]
+        answers = [patch.inverted(row[part], points[point[part]]) for part in parts]
+        none = (np.empty((0, patch.shape.dimension)), np.empty(0, np.uint8))
+        reference, status = (np.concatenate(columns) for columns in zip(none, *answers, strict=True))
+        margin, ids = margins(patch.shape, reference), patch.element_ids[row]
+        return point, np.full(len(point), number), row, ids, reference, margin, status
+
+
+class TwinQuantities(Quantities):
+    """Quantities of one field that a plugin has opened; as `elvis.reference.quantities.Quantities`.
+
+    boxes  of the elements of each patch
+    """
+
+    def __init__(self, opened: Opened, names: Sequence[str]) -> None:
+        """Raises ElvisError where the plugin describes its elements in no NumPy."""
+        self.names, known = tuple(names), names_of(opened)
+        self._expressions = {name: Expression.parse(name, known) for name in names}
+        fields = dict.fromkeys(name for each in self._expressions.values() for name in each.fields)
+        self.volume = opened.volume(next(iter(fields), opened.fields[0]))
+        twins = twins_of(self.volume)
+        if twins is None:
+            wanted = "parts with a shape and `evaluate`"
+            raise ElvisError(f"the plugin {opened.name} can't be drawn in NumPy: expected {wanted}, found others")
+        self.twins = [TwinPatch(twin) for twin in twins]
+        self.patches = list[Patch](self.twins)
+
+    @property
+    def boxes(self) -> list[Boxes]:
+        """(n, 6) boxes of the elements of each patch."""
+        return [np.asarray(patch.twin.part.boxes) for patch in self.twins]
+
+    def values(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
+        """(n,) values in elements ``rows`` (n,) at reference points (n, d)."""
+        assert isinstance(patch, TwinPatch)
+        positions, values = patch.twin.evaluated(rows, points)
+
+        def leaf(node: Node) -> Floats | float:
+            if node.op == "number":
+                return node.value
+            if node.op == "coordinate":
+                return np.asarray(positions[:, node.axes[0]])
+            if node.op == "attribute" and node.name == "element":
+                return patch.element_ids[rows].astype(np.float64)
+            if node.op == "field" and len(node.axes) < 2:
+                return values if not node.axes else gradients()[:, node.axes[0]]
+            what = f"second derivatives of {node.name}" if node.op == "field" else node.name
+            raise ElvisError(f"there is no {what} of elements that a runtime plugin describes in NumPy")
+
+        def gradients() -> Floats:
+            moved, risen = patch.twin.slopes(rows, points)
+            return np.asarray(np.einsum("nci,ni->nc", duals(moved), risen))
+
+        with np.errstate(all="ignore"):
+            root = self._expressions[name].root
+            found = folded(root, leaf, lambda node, parts: function(node).numpy(*parts))
+        return np.broadcast_to(np.asarray(found, np.float64), len(rows))
+
+    def values_and_slopes(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+        """Values (n,) and their derivatives (n, d) in the reference coordinates."""
+
+        def values(rows: Ints, points: Floats) -> Floats:
+            return self.values(name, patch, rows, points)
+
+        return values(rows, points), slopes_of(values, rows, points)
+
+    def outward(self, frame: Frame) -> Frame:
+        """The frame with reference coordinates from 0 to 1 where the plugin has these."""
+        for patch in self.twins:
+            here = np.isin(frame.element, patch.element_ids) & patch.twin.part.unit
+            if frame.reference is not None:
+                frame.reference[here] = (1 + frame.reference[here]) / 2
+        return frame
+
+    def corners(self) -> Mapping[str, Corners]:
+        """Each quantity at the same points of many elements."""
+        return {name: self._at_corners(name) for name in self.names}
+
+    def _at_corners(self, name: str) -> Corners:
+        def corners(patch: Patch, rows: Ints, points: Floats) -> Floats:
+            every = self.values(name, patch, np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))
+            return every.reshape(len(rows), len(points))
+
+        return corners
+
+    @cached_property
+    def _faces(self) -> Faces:
+        return faces_of(None, self.volume)
+
+    def chosen_faces(self, number: int, select: Sequence[str]) -> Bools:
+        """(e, local faces) of the faces of a patch that a selection names."""
+        patch = self.twins[number]
+        chosen = np.zeros((len(patch), len(patch.shape.faces)), bool)
+        for block, rows in zip(self._faces.blocks, self._faces.select(select), strict=True):
+            if block.part == number and len(rows):
+                # (-1/3, -1/3) lies within triangles and quadrilaterals
+                middles = block.frames[:, 0] - block.frames[:, 1:].sum(axis=1) / 3
+                own = 2 * middles - 1 if patch.twin.part.unit else middles
+                local = on_faces(patch, own).argmax(axis=1)
+                chosen[block.element[rows], local[block.local[rows]]] = True
+        return chosen

@@ -1,0 +1,102 @@
+"""Elements that a runtime plugin describes in NumPy (`elvis.plugins.twins`), met like those of datasets."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.interpolation import modified
+from elvis.formats.inverse import Status
+from elvis.formats.margins import TOLERANCE, drawn_in, margins
+from elvis.formats.patch import Patch
+from elvis.formats.tangents import duals
+from elvis.plugins.twins import Twin
+from elvis.reference.baseline.templates import template
+
+#: cuts of elements in the search for points, and how many radii of a small cell a point may be away from its middle
+_LEVEL, _REACH = 2, 1.5
+#: small cells that a search starts from, steps of Newton's method, how far it may go beyond an element
+_STARTS, _STEPS, _SLACK = 4, 20, 0.05
+#: residual of a root, in parts of the greatest coordinate
+_RESIDUAL = 4e-15
+#: modes that stand for functions of which no degree is known
+_MODES = 9
+
+
+class TwinPatch(Patch):
+    """The elements of a part; expansions and coefficients only say that these are not polynomials of a low degree."""
+
+    def __init__(self, twin: Twin) -> None:
+        shape = twin.shape
+        expansion = modified(shape, (_MODES,) * shape.dimension)
+        none = np.zeros((len(twin), 3, 0))
+        super().__init__(shape, twin.part.element_ids, expansion, none, (expansion,), (none[:, 0],))
+        object.__setattr__(self, "twin", twin)
+
+    twin: Twin
+
+    def placed(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+        """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d) of elements (n,)."""
+        return self.twin.evaluated(rows, points)[0], self.twin.slopes(rows, points)[0]
+
+    def spread(self, rows: Ints, points: Floats) -> Floats:
+        """(e, k, 3) world coordinates of the same reference points (k, d) in some elements."""
+        places = self.twin.evaluated(np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))[0]
+        return places.reshape(len(rows), len(points), 3)
+
+    @cached_property
+    def cells(self) -> Floats:
+        """(k, c, d) corners of small cells that make up the shape."""
+        cut = template(self.shape, _LEVEL)
+        found: list[Floats] = [cut.points[own] for own in cut.cells.values()]
+        most = max(own.shape[1] for own in found)
+        return np.concatenate([np.pad(own, ((0, 0), (0, most - own.shape[1]), (0, 0)), mode="edge") for own in found])
+
+    def inverted(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+        """Reference points (n, d) and `Status` (n,) of world points (n, 3) in elements (n,).
+
+        Newton's method starts in the small cells that are near; beside all of them a point is outside.
+        """
+        elements, place = np.unique(rows, return_inverse=True)
+        corners = self.spread(elements, self.cells.reshape(-1, self.shape.dimension))
+        corners = corners.reshape(len(elements), *self.cells.shape[:2], 3)
+        middles = corners.mean(axis=2)
+        radii = np.linalg.norm(corners - middles[:, :, None], axis=3).max(axis=2)
+        away = np.linalg.norm(points[:, None] - middles[place], axis=2) / radii[place]
+        order = np.argsort(away, axis=1)[:, :_STARTS]
+
+        reference = np.full((len(rows), self.shape.dimension), np.nan)
+        status = np.full(len(rows), Status.OUTSIDE, np.uint8)
+        for number in range(order.shape[1]):
+            cell = order[:, number]
+            due = (status != Status.INSIDE) & (away[np.arange(len(rows)), cell] <= _REACH)
+            here = np.flatnonzero(due)
+            found, root = self._newton(rows[here], self.cells[cell[here]].mean(axis=1), points[here])
+            margin = margins(self.shape, found)
+            inside = root & (margin >= -TOLERANCE)
+            reference[here[inside]], status[here[inside]] = found[inside], Status.INSIDE
+            if number == 0:
+                status[here[~root & (margin >= 0)]] = Status.FAILED
+        return reference, status
+
+    def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Where damped steps lead (n, d), a little beyond the shape at most, and whether that is a root (n,)."""
+        found, root, active = start.copy(), np.zeros(len(rows), bool), np.arange(len(rows))
+        precision = _RESIDUAL * float(np.abs(self.twin.part.boxes).max(initial=0.0))
+        for _ in range(_STEPS):
+            world, slopes = self.placed(rows[active], found[active])
+            gap = points[active] - world
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                step = np.einsum("nci,nc->ni", duals(slopes), gap)
+            length = np.abs(step).max(axis=1)
+            good = np.isfinite(length)
+            root[active] = good & ((length < 1e-13) | (np.linalg.norm(gap, axis=1) <= precision))
+            moved = found[active] + step / np.maximum(2.0 * length, 1.0)[:, None]
+            found[active[good]] = drawn_in(self.shape, moved[good], _SLACK)
+            active = active[good & ~root[active]]
+            if not len(active):
+                break
+        return found, root

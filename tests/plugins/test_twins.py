@@ -1,0 +1,186 @@
+"""Runtime plugins that describe their elements in NumPy: the reference judges them, and their faces are made."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.formats.errors import ElvisError
+from elvis.formats.margins import drawn_in
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import scattered
+from elvis.plugins.faces import faces_of
+from elvis.plugins.fourier import FourierBox, write_box
+from elvis.plugins.nurbs import Nurbs
+from elvis.plugins.opening import Opened
+from elvis.plugins.serving import volume_of
+from elvis.plugins.twins import Twin, slopes_of, twins_of
+from elvis.plugins.volume import Part, Shown
+from elvis.reference.picture import render as judge
+from elvis.reference.scenes.twins import TwinLocator
+from elvis.reference.twins import TwinPatch
+from elvis.renderer import (
+    CutSurface,
+    Faces,
+    Isosurface,
+    Plane,
+    Scene,
+    Sphere,
+    Status,
+)
+from elvis.renderer.stages import quantities
+
+MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
+FIELD, PLACE = 1e-11, 1e-10
+SOLIDS = Shape.of_dimension(3)
+
+
+def bent(shape, unit=False):
+    """A curved element with a field that is no polynomial; NumPy alone."""
+
+    def evaluate(elements, points):
+        r = 2 * points - 1 if unit else points
+        x, y, z = r.T
+        turned = np.column_stack([x + 0.1 * np.sin(y / 2), y + 0.1 * np.cos(z / 2), z * np.exp(0.1 * x)])
+        return turned, np.exp(x) * np.sin(y) + z
+
+    boxes = np.array([[-4, -4, -4, 4, 4, 4]], np.float32)
+    return Part("none", shape.name, np.arange(1), boxes, {}, shape=shape, unit=unit, evaluate=evaluate)
+
+
+def test_derivatives_are_those_of_smooth_functions():
+    points = np.concatenate([scattered(Shape.HEXAHEDRON, 50), Shape.HEXAHEDRON.vertices])
+    found = slopes_of(lambda rows, r: np.stack([np.sin(2 * r[:, 0]) * r[:, 1], np.exp(r[:, 2])], axis=1), None, points)
+    x, y, z = points.T
+    zero = 0 * x
+    wanted = np.stack(
+        [np.stack([2 * np.cos(2 * x) * y, np.sin(2 * x), zero], 1), np.stack([zero, zero, np.exp(z)], 1)], 1
+    )
+    assert np.abs(found - wanted).max() < 1e-9
+
+
+@pytest.mark.parametrize("unit", [False, True])
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_faces_of_every_shape_are_made(shape, unit):
+    """Each face's net is the map there; corners at one place make faces that two elements share one."""
+    part = bent(shape, unit)
+    (twin,) = twins_of(Shown([part], Path()))
+    faces = faces_of(None, Shown([part], Path()))
+    assert sum(map(len, faces.blocks)) == len(shape.faces)
+    assert all((own == -1).all() for own in faces.neighbours)
+    for block in faces.blocks:
+        points = block.space.points
+        for row in range(len(block)):
+            frame = block.frames[block.local[row]]
+            own = frame[0] + points @ frame[1:]
+            places = twin.part.evaluate(np.zeros(len(points), int), own)[0]
+            homogeneous = np.linalg.pinv(block.space.fit) @ block.nets(np.array([row]))[0]
+            assert np.abs(homogeneous[:, :3] - places).max() < 1e-9
+
+
+def test_elements_side_by_side_share_a_face():
+    def evaluate(elements, points):
+        return points + 2.0 * elements[:, None] * [1, 0, 0], points[:, 0]
+
+    boxes = np.array([[-1, -1, -1, 1, 1, 1], [1, -1, -1, 3, 1, 1]], np.float32)
+    part = Part("none", "Cube", np.array([5, 7]), boxes, {}, shape=Shape.HEXAHEDRON, evaluate=evaluate)
+    faces = faces_of(None, Shown([part], Path()))
+    assert [len(rows) for rows in faces.select(["all"])] == [10]
+    assert [len(rows) for rows in faces.select(["inner"])] == [2]
+    assert faces.blocks[0].space.degree == 1
+
+
+def test_faces_that_no_polynomial_comes_near_are_refused():
+    def evaluate(elements, points):
+        return points + 0.1 * np.abs(points), points[:, 0]
+
+    boxes = np.array([[-2, -2, -2, 2, 2, 2]], np.float32)
+    part = Part("none", "Kinked", np.array([0]), boxes, {}, shape=Shape.HEXAHEDRON, evaluate=evaluate)
+    with pytest.raises(ElvisError, match="Kinked: expected faces near to polynomials of degree 12, or a plugin"):
+        faces_of(None, Shown([part], Path()))
+
+
+# the reference
+
+
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_the_reference_finds_points_of_every_shape(shape):
+    twin = Twin(bent(shape), shape)
+    inner = drawn_in(shape, scattered(shape, 60), -0.02)
+    places = twin.evaluated(np.zeros(60, int), inner)[0]
+    far = places + np.array([0.0, 5.0, 0.0])
+    found = TwinLocator([TwinPatch(twin)]).locate(np.concatenate([places, far]))
+    assert np.array_equal(found.status, np.repeat([1, 0], 60))
+    assert np.abs(found.reference[:60] - inner).max() < 1e-12
+    every = TwinLocator([TwinPatch(twin), TwinPatch(twin)]).locate(places, all=True)
+    assert np.array_equal(every.point, np.repeat(np.arange(60), 2))
+
+
+@pytest.fixture(scope="module")
+def pipe():
+    if not MFEM.is_dir():
+        pytest.skip(f"there is no {MFEM}")
+    return Opened("nurbs", Nurbs([MFEM / "pipe_nurbs.mesh", MFEM / "pipe_nurbs.u.gf"]))
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    path = tmp_path_factory.mktemp("box") / "box.npz"
+    rng = np.random.default_rng(4)
+    corners = np.array([0.0, -1.0, 2.0]), np.array([1.0, 2.0, 5.0])
+    write_box(path, *corners, ("fourier", "legendre", "fourier"), {"u": rng.normal(size=(5, 3, 4))}, time=0.5)
+    return Opened("fourier", FourierBox([path]))
+
+
+@pytest.fixture
+def agree(renderer):
+    """Drawn by kernels and by the reference: covered alike, equal elements, fields and places."""
+    drawing = renderer("vulkan")
+
+    def agree(opened, sure=0.98, lost=0, **options):
+        scene = Scene(**{"field": "u", "size": (60, 44), **options})
+        drawing.show(volume_of(opened, quantities(scene)), opened)
+        drawn = drawing.render(scene)
+        judged = judge(opened, replace(scene, camera=drawn.view.camera))
+        assert drawn.counts()["failed"] == judged.counts()["failed"] == 0
+        certain = (drawn.status != Status.AMBIGUOUS) & (judged.status != Status.AMBIGUOUS)
+        assert certain.mean() >= sure
+        assert (drawn.element != judged.element)[certain].sum() <= lost
+        same = drawn.seen & (drawn.element == judged.element)
+        assert same.sum() > 200
+        values = drawn.field[same]
+        assert np.abs(values - judged.field[same]).max() <= FIELD * max(np.ptp(values), 1.0)
+        assert np.abs(drawn.reference - judged.reference)[same].max() <= 1e-9
+        return drawn, judged
+
+    return agree
+
+
+CUT = Plane((0, 0, 10), (1, 1, 0.2))
+
+
+def test_rational_volumes_are_what_the_reference_makes_of_them(agree, pipe):
+    agree(pipe, plane=CUT)
+    agree(pipe, objects=(Faces(),), camera="iso")
+    agree(pipe, objects=(Faces(("element:2",)),), camera="iso")
+
+
+def test_expressions_of_a_plugin_are_what_the_reference_makes_of_them(agree, box):
+    agree(box, field="sin(u)*x + d(u,y)", objects=(CutSurface(Sphere((0.5, 0.5, 3.5), 1.2)),), camera="iso")
+
+
+def test_isosurfaces_of_waves_are_what_the_reference_finds(agree, box):
+    """Polynomials stand in for waves: the kernels call their pixels ambiguous, and may lose one at a silhouette."""
+    drawn, judged = agree(box, objects=(Isosurface((0.5,)),), camera="iso", sure=0.0, lost=2)
+    same = drawn.seen & judged.seen
+    assert np.abs(drawn.drawing.depth[same] - judged.drawing.depth[same]).max() < PLACE
+
+
+def test_the_reference_says_what_it_needs(pipe, monkeypatch):
+    bare = Part("rational", "Bare", np.array([0]), np.array([[0, 0, 0, 1, 1, 1]], np.float32), {})
+    with pytest.raises(ElvisError, match="no second derivatives of u of elements that a runtime plugin"):
+        judge(pipe, Scene("d(d(u,x),x)", plane=CUT, size=(10, 10)))
+    monkeypatch.setattr(Opened, "volume", lambda self, field: Shown([bare], Path()))
+    with pytest.raises(ElvisError, match="plugin nurbs can't be drawn in NumPy: expected parts with a shape"):
+        judge(pipe, Scene("u", plane=CUT, size=(10, 10)))
