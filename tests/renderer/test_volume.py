@@ -11,13 +11,14 @@ from elvis.formats.mesh import Composite
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid
 from elvis.plugins.faces import faces_of
-from elvis.plugins.native import NativeVolume
-from elvis.renderer import Camera, SceneError
+from elvis.plugins.serving import volume_of
+from elvis.renderer import Camera, Plane, SceneError
+from elvis.renderer.compositing import Coat
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.scene import Transfer
+from elvis.renderer.scene import Clip, Transfer
 from elvis.renderer.view import View
-from elvis.renderer.volume_rendering import VolumeRenderer
+from elvis.renderer.volume_rendering import Medium, VolumeRenderer
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)
@@ -33,11 +34,13 @@ EVEN = Transfer((0.0,), (1.0,), (WHITE,))
 def gather(renderer):
     """What rays gather in a dataset's first field."""
 
-    def draw(dataset, view, transfer, **options):
-        volume = NativeVolume.of(dataset, dataset.fields[0].name)
+    def draw(dataset, view, *looks, **options):
+        media = [look if isinstance(look, Medium) else Medium(look) for look in looks]
+        names = {medium.quantity for medium in media} - {None}
+        volume = volume_of(dataset, [dataset.fields[0].name, *sorted(names)])
         loaded = Loaded(renderer("vulkan").device, volume)
         faces = FaceDrawer(loaded, faces_of(dataset, volume))
-        return VolumeRenderer(loaded, lambda: faces).draw(view, transfer, **options)
+        return VolumeRenderer(loaded, lambda: faces).draw(view, media, **options)
 
     return draw
 
@@ -169,18 +172,49 @@ def test_the_error_asked_for_is_kept_across_breakpoints(gather, shape):
         assert np.abs(light.alpha - fine.alpha).max() < error
 
 
+def coat(view, depth, color=(0.0, 0.0, 0.0), alpha=1.0):
+    """A surface at one depth, in all pixels."""
+    return Coat(
+        np.full(view.count, depth), np.tile(np.multiply(color, alpha), (view.count, 1)), np.full(view.count, alpha)
+    )
+
+
+def plane_at(view, depth, away):
+    """A clip that takes away what lies before ("inside") or behind a depth."""
+    forward = view.camera.basis()[2]
+    return Clip(Plane(tuple(np.asarray(view.camera.eye) + depth * forward), tuple(forward)), away)
+
+
 def test_surfaces_end_the_march(gather):
-    """What lies before a surface and what lies behind it make up the whole."""
+    """What lies before a surface, the surface and what lies behind it make up the whole, in one go."""
     view = View.through(VIEWS["perspective"], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 2], 2)
     look = Transfer((0.0, 0.5, 1.0), (3.0, 0.0, 4.0), ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
-    middle = np.full(view.count, 1.6)
-    whole, before = gather(data, view, look, error=1e-9), gather(data, view, look, error=1e-9, end=middle)
-    behind = gather(data, view, look, error=1e-9, start=middle)
+    whole = gather(data, view, look, error=1e-9)
+    before = gather(data, view, look, error=1e-9, coats=[coat(view, 1.6)])
+    behind = gather(data, view, look, error=1e-9, clips=[plane_at(view, 1.6, "inside")])
     assert 0.1 < before.length.max() < whole.length.max()
     assert np.abs(before.length + behind.length - whole.length).max() < 1e-12
-    mixed = before.color + (1 - before.alpha)[:, None] * behind.color
+    mixed = before.color + (1 - before.fog)[:, None] * behind.color
     assert np.abs(mixed - whole.color).max() < 1e-8
+    assert (before.alpha[before.segments > 0] == 1).all()
+
+    # two surfaces, given in the wrong order; colour and light of both
+    glass = [coat(view, 1.9, (0, 1, 0), 0.3), coat(view, 1.6, (1, 0, 0), 0.5)]
+    both = gather(data, view, look, error=1e-9, coats=glass)
+    between, last = (
+        gather(data, view, look, error=1e-9, clips=[plane_at(view, low, "inside"), plane_at(view, high, "outside")])
+        for low, high in ((1.6, 1.9), (1.9, 99.0))
+    )
+    color, through = np.array(before.color), 1 - before.fog
+    for (hue, alpha), light in (((glass[1].color[0], 0.5), between), ((glass[0].color[0], 0.3), last)):
+        color += through[:, None] * hue
+        through = through * (1 - alpha)
+        color += through[:, None] * light.color
+        through = through * (1 - light.fog)
+    here = both.segments > 0
+    assert np.abs(both.color - color)[here].max() < 1e-8
+    assert np.abs(1 - both.alpha - through)[here].max() < 1e-8
 
 
 def test_elements_without_numbers_are_left_out_and_counted(gather):

@@ -44,11 +44,11 @@ def hits(surface: Solid, view: View) -> Hits:
     if isinstance(surface, TriangleMesh):
         pixel, depth, normal = _triangle_hits(triangles(surface.file), view)
     else:
-        pixel = np.tile(np.arange(view.count), 2)
-        origins, directions = view.rays(pixel[: view.count] % view.width, pixel[: view.count] // view.width)
-        depth = np.concatenate(_roots(surface, origins, directions))
-        met = np.flatnonzero((depth > 0.0) & np.isfinite(depth))
-        pixel, depth = pixel[met], depth[met]
+        pixel = np.arange(view.count)
+        origins, directions = view.rays(pixel % view.width, pixel // view.width)
+        depths = ray_depths(surface, origins, directions)
+        which, pixel = np.nonzero((depths > 0.0) & np.isfinite(depths))
+        depth = depths[which, pixel]
         normal = _gradient(surface, origins[pixel] + depth[:, None] * directions[pixel])
     order = np.lexsort([depth, pixel])
     return Hits(pixel[order], depth[order], normal[order])
@@ -104,13 +104,12 @@ def _quadric(surface: Sphere | Cylinder | Cone) -> tuple[Floats, Floats, float]:
     return np.cos(np.deg2rad(surface.angle)) ** 2 * np.eye(3) - along, np.asarray(surface.apex, dtype=np.float64), 0.0
 
 
-def _roots(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-    """Depths (n,) of both hits of rays, NaN or infinite where there is none."""
+def ray_depths(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, directions: Floats) -> Floats:
+    """(1 or 2, n) depths of all hits of rays, NaN or infinite where there is none."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if isinstance(surface, Plane):
             normal = unit(surface.normal, "the normal of the plane")
-            once = ((np.asarray(surface.point) - origins) @ normal) / (directions @ normal)
-            return once, np.full_like(once, np.nan)
+            return np.asarray(((np.asarray(surface.point) - origins) @ normal) / (directions @ normal))[None]
         matrix, center, level = _quadric(surface)
 
         # from the point of the ray nearest to the center, so that a distant eye costs no digits
@@ -126,7 +125,7 @@ def _roots(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, direction
         axis = unit(surface.axis, "axis")
         for depth in depths:
             depth[~((start + depth[:, None] * directions) @ axis >= 0.0)] = np.nan
-    return depths[0] + shift, depths[1] + shift
+    return np.stack(depths) + shift
 
 
 def _gradient(surface: Plane | Sphere | Cylinder | Cone, points: Floats) -> Floats:

@@ -2,77 +2,135 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.renderer.device import STAND_IN
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.renderer.compositing import FAINT, Coat
+from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.frame import Status
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.scene import Transfer
+from elvis.renderer.scene import Clip, Transfer
 from elvis.renderer.tiles import TILE
 from elvis.renderer.traversal import Traversal, binned, seen, stretched
 from elvis.renderer.view import View
+from elvis.renderer.visibility import Visibility
 
 #: bytes of the lists that rays have at one time
 MOST_BYTES = 192 << 20
-#: rows of pixels whose hits of curved faces are looked for at one time
-STRIP = 64
+#: pixels whose hits of curved faces are looked for at one time
+STRIP = 1 << 16
 LANES = TILE * TILE
+
+
+@dataclass(frozen=True)
+class Medium:
+    """How a quantity is seen: a volume; or, with a gate, the region where nothing of any volume is seen.
+
+    transfer  with its colours
+    quantity  one of the parts' quantities; None is their own field
+    gate      the sign of the quantity where it hides all volumes; 0 for a volume
+    """
+
+    transfer: Transfer
+    quantity: str | None = None
+    gate: int = 0
+
+    @staticmethod
+    def clip(quantity: str | None, away: str) -> Medium:
+        """What takes away where a quantity is negative (the inside) or positive."""
+        return Medium(Transfer((0.0,), (0.0,), ((0.0, 0.0, 0.0),)), quantity, -1 if away == "inside" else 1)
+
+    def counts(self, low: Floats, high: Floats) -> Bools:
+        """(n,) whether something is seen, or hidden, of elements whose quantity is between bounds (n,), NaN or not."""
+        if self.gate:
+            return np.asarray(low < 0.0 if self.gate < 0 else high > 0.0)
+        values, densities = np.asarray(self.transfer.values), np.asarray(self.transfer.densities)
+        found = np.isnan(low) | (np.interp(low, values, densities) > 0.0) | (np.interp(high, values, densities) > 0.0)
+        for value in values[densities > 0.0]:
+            found |= (low <= value) & (value <= high)
+        return np.asarray(found)
+
+    def hides(self, low: Floats, high: Floats) -> Bools:
+        """(n,) whether nothing of any volume is seen in elements whose quantity is between bounds (n,)."""
+        return np.asarray((high < 0.0) & (self.gate < 0) | (low > 0.0) & (self.gate > 0))
 
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """What n rays gather in a volume.
+    """What n rays gather in volumes, and from the surfaces between.
 
     color      (n, 3) times alpha
     alpha      (n,)   part in [0, 1] of what lies behind that is hidden
-    length     (n,)   of the segments in elements, in units of length
+    fog        (n,)   the same of the volumes alone
+    length     (n,)   of the segments in elements, as far as light comes from them, in units of length
     error      (n,)   estimated error of the colour
-    segments   (n,)   their number
+    segments   (n,)   their number; where there are none there is nothing else either
     undefined  (n,)   segments left out because their field is not a number
     lost       (n,)   places in curved elements, and ends of segments, that were not found
     """
 
     color: Floats
     alpha: Floats
+    fog: Floats
     length: Floats
     error: Floats
     segments: Ints
     undefined: Ints
     lost: Ints
 
+    def status(self) -> NDArray[np.uint8]:
+        """(n,) what is known of the volumes (see frame.Status): failed where something was not found, ambiguous where
+        elements without numbers are left out."""
+        known = np.where(self.fog > 0.0, Status.CERTAIN, Status.MISS)
+        known[self.undefined > 0] = Status.AMBIGUOUS
+        known[self.lost > 0] = Status.FAILED
+        return known.astype(np.uint8)
+
+    def counts(self) -> Counter[str]:
+        """Segments, those whose field is not a number, and places that were not found, on all rays together."""
+        return Counter({name: int(getattr(self, name).sum()) for name in ("segments", "undefined", "lost")})
+
 
 @dataclass(eq=False)
 class _Seen:
     """What is seen of a part: tiles, and what the stage that lists their segments needs beside them.
 
-    rows  (tiles,) of 64 entries, one a pixel, that each needs at most
+    listed  number of the quantity
+    rows    (tiles,) of 64 entries, one a pixel, that each needs at most
     """
 
     number: int
-    stage: str
+    listed: int
+    kernel: Kernel
     tiles: NDArray[Any]
     rows: Ints
     data: dict[str, NDArray[Any]]
 
-    def within(self, places: Ints, tiles: NDArray[Any]) -> _Seen:
-        """What is seen in the given tiles at these places alone."""
-        own = _place(self.tiles)
+    def within(self, tiles: NDArray[Any]) -> _Seen:
+        """What is seen in the given tiles alone."""
+        places, own = _place(tiles), _place(self.tiles)
         at = np.minimum(np.searchsorted(places, own), len(places) - 1)
         held = places[at] == own
-        kept = self.tiles[held]
-        kept["base"], kept["number"] = tiles["base"][at[held]], tiles["number"][at[held]]
-        return _Seen(self.number, self.stage, kept, self.rows[held], self.data)
+        some, at = self.part(held), at[held]
+        some.tiles["number"] = tiles["number"][at] + self.listed * len(tiles)
+        some.tiles["base"] = tiles["base"][at] + self.listed * int(tiles["end"].sum())
+        return some
+
+    def part(self, chosen: Bools) -> _Seen:
+        """Some of the tiles (n,)."""
+        return _Seen(self.number, self.listed, self.kernel, self.tiles[chosen], self.rows[chosen], self.data)
 
 
 class VolumeRenderer:
-    """A loaded volume, ready for any transfer function from any view.
+    """A loaded volume, ready for any transfer functions from any view.
 
     faces  gives the faces of its elements, for those that are curved
     """
@@ -83,28 +141,26 @@ class VolumeRenderer:
     def draw(
         self,
         view: View,
-        transfer: Transfer,
-        quantity: str | None = None,
+        media: Sequence[Medium],
         error: float = 1e-3,
-        start: Floats | None = None,
-        end: Floats | None = None,
+        coats: Sequence[Coat] = (),
+        clips: Sequence[Clip] = (),
     ) -> Gathered:
-        """The light that reaches the eye from between the depths ``start`` and ``end`` (n,) of each pixel.
+        """The light that reaches the eye from all volumes and surfaces, as far as there are volumes.
 
-        transfer  with its colours
-        quantity  one of the parts' quantities; None is their own field
-        error     greatest estimated error of a pixel's colour
+        error  greatest estimated error of a pixel's colour
+        coats  surfaces, in any order
+        clips  what they take away of the volumes, by all but implicit surfaces, for which there are media
 
         Raises SceneError for 2D data, for curved elements without faces, and where densities times lengths overflow.
         """
-        self._check(transfer)
-        march = _March(self, view, transfer, quantity, error)
-        march.limit("start", np.zeros(view.count) if start is None else start)
-        march.limit("end", np.full(view.count, np.inf) if end is None else end)
-        step = STRIP if march.curved else view.height
+        for medium in media:
+            self._check(medium.transfer)
+        march = _March(self, view, media, error, coats, clips)
+        step = max(STRIP // view.width // TILE, 1) * TILE if any(march.curved) else view.height
         for row in range(0, view.height, step):
             march.strip((row, min(row + step, view.height)))
-        names = ("color", "alpha", "length", "error", "segments", "undefined")
+        names = ("color", "alpha", "fog", "length", "error", "segments", "undefined")
         return Gathered(**{name: np.array(march.lights[name]) for name in names}, lost=march.lost)
 
     def _check(self, transfer: Transfer) -> None:
@@ -118,130 +174,202 @@ class VolumeRenderer:
 
 
 class _March:
-    """One picture of a volume, in the making.
+    """One picture of volumes, in the making.
 
-    curved  numbers of the parts in which rays are not lines, or the quantity not a polynomial along them
+    quantities  of which segments are listed
+    curved      for each of them the parts in which rays are not lines, or the quantity not a polynomial along them
+    chosen      for each of them and each part the elements that count
+    bent        (elements,) those among them that are curved, for any quantity
     """
 
     def __init__(
-        self, renderer: VolumeRenderer, view: View, transfer: Transfer, quantity: str | None, error: float
+        self,
+        renderer: VolumeRenderer,
+        view: View,
+        media: Sequence[Medium],
+        error: float,
+        coats: Sequence[Coat],
+        clips: Sequence[Clip],
     ) -> None:
         self.loaded, self.traversal, self.faces = renderer.loaded, renderer.traversal, renderer.faces
-        self.device, self.view, self.quantity = self.loaded.device, view, quantity
+        self.device, self.view, self.media, self.error, self.coats = self.loaded.device, view, media, error, coats
+        self.visibility = Visibility(clips, view)
+        self.quantities = list(dict.fromkeys(medium.quantity for medium in media))
         parts = range(len(self.loaded.parts))
-        self.curved = [n for n in parts if not self.traversal.is_straight(n, quantity)]
-        self.degree = max(self.traversal.degree(n, quantity) or STAND_IN for n in parts)
-        self.march = self.device.kernel("volume_march", self.loaded.parts[0], quantity, line_degree=self.degree)
+        self.curved = [[n for n in parts if not self.traversal.is_straight(n, own)] for own in self.quantities]
+        self.degree = max(self.traversal.degree(n, own) or STAND_IN for n in parts for own in self.quantities)
+        self.chosen = [[self._counts(own, n) for n in parts] for own in self.quantities]
+        self.bent = np.concatenate(
+            [
+                np.any([own[n] for own, curved in zip(self.chosen, self.curved, strict=True) if n in curved], axis=0)
+                & np.ones(len(self.loaded.parts[n]), bool)
+                for n in parts
+            ]
+        )
+        self.march = self.device.kernel("volume_march", line_degree=self.degree, media=len(media))
         self.lights = np.zeros(view.count, self.march.dtype("lights"))
         self.lost = np.zeros(view.count, np.int64)
-        look = np.zeros(1, self.march.dtype("look"))
-        look["error"], look["breakpoints"] = error, len(transfer.values)
-        self.tolerance = _tolerance(transfer, error, 4 * self.loaded.reach)
-        self.fixed = {**self.traversal.lines(self.degree), "look": self.device.buffer(look)}
-        for name in ("values", "densities", "colors"):
-            self.limit(name, getattr(transfer, name))
+        end = np.full(view.count, np.inf)
+        for coat in coats:
+            np.minimum(end, coat.depth, out=end, where=coat.alpha > 1.0 - FAINT)
+        self.fixed = {**self.traversal.lines(self.degree), "end": self.device.buffer(end)}
+        self.shared = self._shared()
+        self.straight = [self._straight(k, n) for k, curved in enumerate(self.curved) for n in parts if n not in curved]
 
-    def limit(self, name: str, data: Any) -> None:
-        """Numbers that all stages share."""
-        self.fixed[name] = self.device.buffer(np.asarray(data, np.float64))
+    def _counts(self, quantity: str | None, number: int) -> Bools:
+        """(n,) elements of a part of which a quantity's media show or hide something."""
+        low, high = self.traversal.bounds(number, quantity)
+        found = np.zeros(len(low), bool)
+        for medium in self.media:
+            if medium.quantity == quantity:
+                found |= medium.counts(low, high)
+            found &= ~medium.hides(*self.traversal.bounds(number, medium.quantity))
+        return found & ~self.visibility.hides(self.loaded.parts[number].boxes)
+
+    def _shared(self) -> dict[str, Any]:
+        """Buffers that all marches share."""
+        medium = np.zeros(len(self.media), self.march.dtype("medium"))
+        counts = [len(own.transfer.values) for own in self.media]
+        medium["list"] = [self.quantities.index(own.quantity) for own in self.media]
+        medium["count"], medium["first"] = counts, np.cumsum(counts) - counts
+        medium["gate"] = [own.gate for own in self.media]
+        buffers = {"medium": self.device.buffer(medium)}
+        for name in ("values", "densities", "colors"):
+            numbers = [np.asarray(getattr(own.transfer, name), np.float64) for own in self.media]
+            buffers[name] = self.device.buffer(np.concatenate(numbers))
+        return buffers
+
+    def _tolerance(self, quantity: str | None) -> float:
+        """Error of a quantity that changes colours by less than a quarter of the error asked for, along any ray."""
+        length = 4 * self.loaded.reach
+        own = [medium for medium in self.media if medium.quantity == quantity]
+        densest = max(max(medium.transfer.densities) for medium in self.media)
+        gate = 0.25 * self.error / max(densest, 1.0 / length) if any(medium.gate for medium in own) else np.inf
+        return min(gate, *(_tolerance(medium.transfer, self.error, length) for medium in own))
 
     def strip(self, rows: tuple[int, int]) -> None:
         """The pixels of some rows, the first and the one after the last, both whole tiles."""
-        every = [self._straight(n, rows) for n in range(len(self.loaded.parts)) if n not in self.curved]
-        every += self._stretches(rows) if self.curved else []
+        every = [own for own in self.straight if len(own.tiles)]
+        if any(self.curved):
+            every = [own.part((own.tiles["y"] >= rows[0]) & (own.tiles["y"] < rows[1])) for own in every]
+            every += self._stretches(rows)
         if sum(len(some.tiles) for some in every):
             for tiles, parts in self._bands(every):
                 self._band(tiles, parts)
 
-    def _straight(self, number: int, rows: tuple[int, int]) -> _Seen:
+    def _kernel(self, stage: str, number: int, listed: int) -> Kernel:
+        return self.device.kernel(stage, self.loaded.parts[number], self.quantities[listed], line_degree=self.degree)
+
+    def _straight(self, listed: int, number: int) -> _Seen:
         """A part of straight tetrahedra."""
-        kernel = self.device.kernel("volume_list", self.loaded.parts[number], self.quantity, line_degree=self.degree)
-        corners = self.traversal.corners(number)
-        sections = seen(self.view, corners, np.ones(len(corners), bool))
+        kernel = self._kernel("volume_list", number, listed)
+        sections = seen(self.view, self.traversal.corners(number), self.chosen[listed][number])
         tiles, order = binned(sections, kernel.dtype("tiles"))
-        tiles = tiles[(tiles["y"] >= rows[0]) & (tiles["y"] < rows[1])]
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
-        return _Seen(number, "volume_list", tiles, counts, {"order": sections["element"][order]})
+        return _Seen(number, listed, kernel, tiles, counts, {"order": sections["element"][order]})
 
     def _stretches(self, rows: tuple[int, int]) -> list[_Seen]:
         """Parts of curved elements: where rays enter and leave them; segments are counted before they are kept."""
         if self.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
-        faces = self.faces()
-        solids = sorted({block.solid for block in faces.faces.blocks if block.part in self.curved})
-        hits = faces.hits(self.view, [f"shape:{solid}" for solid in solids], rows)
+        hits = self.faces().hits(self.view, self.bent, rows)
         found = []
-        for number in self.curved:
-            first, last = self.loaded.first[number : number + 2]
-            own = hits[(hits["element"] >= first) & (hits["element"] < last)]
-            kernel = self.device.kernel(
-                "volume_trace", self.loaded.parts[number], self.quantity, line_degree=self.degree
-            )
-            stretches, pixel, lost = stretched(own, kernel.dtype("stretches"), int(first))
-            np.add.at(self.lost, lost, 1)
-            tiles, starts, order = _lists(pixel, self.view, kernel.dtype("tiles"))
-            wanted = np.zeros(1, kernel.dtype("wanted"))
-            wanted["tolerance"] = self.tolerance
-            data = {"stretches": stretches[order], "starts": starts, "wanted": wanted}
-            some = _Seen(number, "volume_trace", tiles, np.ones(len(tiles), np.int64), data)
-            counts = self._list(some, tiles, len(tiles))["counts"]
-            some.rows = (
-                self.device.read(counts, np.uint32)[: LANES * len(tiles)].reshape(-1, LANES).max(axis=1).astype(int)
-            )
-            wanted["writes"] = 1
-            found.append(some)
+        for listed, curved in enumerate(self.curved):
+            for number in curved:
+                first, last = self.loaded.first[number : number + 2]
+                own = hits[(hits["element"] >= first) & (hits["element"] < last)]
+                own = own[self.chosen[listed][number][own["element"] - first]]
+                found.append(self._stretched(listed, number, own))
         return found
+
+    def _stretched(self, listed: int, number: int, hits: NDArray[Any]) -> _Seen:
+        """A part of curved elements whose faces rays hit."""
+        kernel = self._kernel("volume_trace", number, listed)
+        stretches, pixel, lost = stretched(hits, kernel.dtype("stretches"), int(self.loaded.first[number]))
+        np.add.at(self.lost, lost, 1)
+        tiles, starts, order = _lists(pixel, self.view, kernel.dtype("tiles"))
+        wanted = np.zeros(1, kernel.dtype("wanted"))
+        wanted["tolerance"] = self._tolerance(self.quantities[listed])
+        data = {"stretches": stretches[order], "starts": starts, "wanted": wanted}
+        some = _Seen(number, listed, kernel, tiles, np.ones(len(tiles), np.int64), data)
+        if len(tiles):
+            lists = self._empty(len(tiles), len(tiles))
+            self._list(some, lists)
+            counts = self.device.read(lists["counts"], np.uint32)
+            some.rows = counts[: LANES * len(tiles)].reshape(-1, LANES).max(axis=1).astype(int)
+        wanted["writes"] = 1
+        return some
 
     def _bands(self, every: list[_Seen]) -> Iterator[tuple[NDArray[Any], list[_Seen]]]:
         """Groups of tiles whose lists have room together, and what is seen there."""
         places = np.unique(np.concatenate([_place(some.tiles) for some in every]))
-        rows = np.zeros(len(places), np.int64)
+        rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in every:
-            rows[np.searchsorted(places, _place(some.tiles))] += some.rows
-        size = self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12
-        band = np.cumsum(rows) // max(MOST_BYTES // (size * LANES), 1)
+            rows[some.listed, np.searchsorted(places, _place(some.tiles))] += some.rows
+        most = rows.max(axis=0)
+        size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
+        fixed = self.march.dtype("stops").itemsize * (len(self.coats) + self.visibility.most)
+        band = np.cumsum(LANES * (most * size + fixed)) // MOST_BYTES
         for own in np.split(np.arange(len(places)), np.flatnonzero(np.diff(band)) + 1):
             tiles = np.zeros(len(own), self.march.dtype("tiles"))
             tiles["x"], tiles["y"], tiles["number"] = places[own] & 0xFFFFF, places[own] >> 20, np.arange(len(own))
-            tiles["base"], tiles["end"] = np.cumsum(rows[own]) - rows[own], rows[own]
-            yield tiles, [some.within(places[own], tiles) for some in every]
+            tiles["base"], tiles["end"] = np.cumsum(most[own]) - most[own], most[own]
+            yield tiles, [some.within(tiles) for some in every]
 
     def _band(self, tiles: NDArray[Any], parts: list[_Seen]) -> None:
         """List the segments of the rays of some tiles, then march along them."""
-        lists: dict[str, Any] = {}
+        lists, rows = self._empty(len(tiles), int(tiles["end"].sum())), int(tiles["end"].sum())
         for some in parts:
-            lists = self._list(some, tiles, int(tiles["end"].sum()), lists)
-        lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(tiles))
-        lists["tiles"] = self.device.buffer(tiles)
-        lists["lights"] = self.device.empty(self.march.dtype("lights"), LANES * len(tiles))
-        self.march(len(tiles), {**self.loaded.bound(0, self.quantity), **lists}, groups=True)
-
+            self._list(some, lists)
         # tiles reach beyond the picture's edge
         x, y = (tiles[name].astype(np.int64)[:, None] for name in ("x", "y"))
         x, y = x + np.arange(LANES) % TILE, y + np.arange(LANES) // TILE
         held = (x < self.view.width) & (y < self.view.height)
-        pixel = (y * self.view.width + x)[held]
-        found = self.device.read(lists["lights"], self.lights.dtype).reshape(len(tiles), LANES)
-        self.lights[pixel] = found[held]
-        self.lost[pixel] += self.device.read(lists["lost"], np.uint32).reshape(len(tiles), LANES)[held]
+        pixel = np.where(held, y * self.view.width + x, 0)
 
-    def _list(self, some: _Seen, tiles: NDArray[Any], rows: int, lists: dict[str, Any] | None = None) -> dict[str, Any]:
-        """The lists of some tiles, with the segments of a part added to them."""
-        lists, room = dict(lists or {}), LANES * rows
-        if not lists:
-            zeros = np.zeros(LANES * len(tiles), np.uint32)
-            lists = {"counts": self.device.buffer(zeros), "lost": self.device.buffer(zeros), **self.fixed}
-            lists["segments"] = self.device.empty(self.march.dtype("segments"), room)
-            lists["fields"] = self.device.empty(np.float64, room * (self.degree + 1))
-            lists["ranks"], lists["depths"] = self.device.empty(np.uint32, room), self.device.empty(np.float64, room)
-        if len(some.tiles):
-            part = self.loaded.parts[some.number]
-            kernel = self.device.kernel(some.stage, part, self.quantity, line_degree=self.degree)
-            data = {name: self.device.buffer(array) for name, array in {**some.data, "tiles": some.tiles}.items()}
-            rays = self.traversal.rays(kernel, self.view, some.number, len(some.tiles))
-            buffers = {**self.loaded.bound(some.number, self.quantity), **lists, **data, "rays": rays}
-            kernel(len(some.tiles), buffers, groups=True)
+        ask = np.zeros(1, self.march.dtype("march_of"))
+        ask["error"], ask["rows"] = self.error, rows
+        stops, hidden = self._stops(pixel.ravel())
+        ask["stops"] = stops.shape[1]
+        lists |= {"stops": self.device.buffer(stops), "hidden": self.device.buffer(hidden)}
+        lists |= {"march_of": self.device.buffer(ask), "tiles": self.device.buffer(tiles), **self.shared}
+        lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(tiles))
+        lists["lights"] = self.device.empty(self.march.dtype("lights"), LANES * len(tiles))
+        self.march(len(tiles), lists, groups=True)
+        found = self.device.read(lists["lights"], self.lights.dtype).reshape(len(tiles), LANES)
+        self.lights[pixel[held]] = found[held]
+        lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
+        self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
+
+    def _stops(self, pixel: Ints) -> tuple[NDArray[Any], NDArray[np.int32]]:
+        """Stop records (m, k) along the rays of pixels (m,), and how many clips hide what comes before."""
+        hidden, depths, changes = self.visibility.along(pixel)
+        every = np.concatenate([*(coat.depth[pixel][None] for coat in self.coats), depths])
+        order = np.argsort(every, axis=0, kind="stable").T
+        stops = np.zeros((len(pixel), len(every)), self.march.dtype("stops"))
+        for number, coat in enumerate(self.coats):
+            stops["alpha"][:, number], stops["color"][:, number] = coat.alpha[pixel], coat.color[pixel]
+        stops["hides"][:, len(self.coats) :] = changes.T
+        stops["depth"] = every.T
+        return np.take_along_axis(stops, order, axis=1), hidden.astype(np.int32)
+
+    def _empty(self, tiles: int, rows: int) -> dict[str, Any]:
+        """Lists without segments: those of all tiles, with so many rows together, for each quantity."""
+        many = len(self.quantities) * LANES
+        zeros, room = np.zeros(many * tiles, np.uint32), many * rows
+        lists = {"counts": self.device.buffer(zeros), "lost": self.device.buffer(zeros), **self.fixed}
+        lists["segments"] = self.device.empty(self.march.dtype("segments"), room)
+        lists["fields"] = self.device.empty(np.float64, room * (self.degree + 1))
+        lists["ranks"], lists["depths"] = self.device.empty(np.uint32, room), self.device.empty(np.float64, room)
         return lists
+
+    def _list(self, some: _Seen, lists: dict[str, Any]) -> None:
+        """Add the segments of a part to lists."""
+        if len(some.tiles):
+            data = {name: self.device.buffer(array) for name, array in {**some.data, "tiles": some.tiles}.items()}
+            data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(some.tiles))
+            bound = self.loaded.bound(some.number, self.quantities[some.listed])
+            some.kernel(len(some.tiles), {**bound, **lists, **data}, groups=True)
 
 
 def _place(tiles: NDArray[Any]) -> Ints:

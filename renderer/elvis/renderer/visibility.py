@@ -1,0 +1,80 @@
+"""Where along their rays clips leave volumes to be seen.  Needs no device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.renderer.hits import Hits, hits, outside, ray_depths
+from elvis.renderer.scene import Clip, Implicit, Plane, TriangleMesh
+from elvis.renderer.view import View
+
+
+class Visibility:
+    """The clips of a view whose surfaces rays meet without data: all but implicit ones.
+
+    most  stops of a ray: depths at which it leaves or enters what a clip takes away
+    """
+
+    def __init__(self, clips: Sequence[Clip], view: View) -> None:
+        self.view, self.clips = view, [clip for clip in clips if not isinstance(clip.surface, Implicit)]
+        meshes = {clip.surface for clip in self.clips if isinstance(clip.surface, TriangleMesh)}
+        self.meshes = {mesh: _by_pixel(hits(mesh, view), view.count) for mesh in meshes}
+        self.most = sum(
+            len(self.meshes[own]) if isinstance(own, TriangleMesh) else 1 if isinstance(own, Plane) else 2
+            for own in (clip.surface for clip in self.clips)
+        )
+
+    def along(self, pixel: Ints) -> tuple[Ints, Floats, Ints]:
+        """How clips hide what rays pass: by how many it is hidden at the eye; where that changes, and by how much.
+
+        pixel  (m,) row by row from the top
+        Returns (m,), (most, m) and (most, m); depths in no order, infinite where there is none.  Between two hits of a
+        surface one point tells on which side of it they all are.
+        """
+        origins, directions = self.view.rays(pixel % self.view.width, pixel // self.view.width)
+        count, depths, changes = (
+            np.zeros(len(pixel), np.int64),
+            [np.empty((0, len(pixel)))],
+            [np.empty((0, len(pixel)))],
+        )
+        for clip in self.clips:
+            own = clip.surface
+            met = self.meshes[own][:, pixel] if isinstance(own, TriangleMesh) else ray_depths(own, origins, directions)
+            met = np.sort(np.where(met > 0.0, met, np.inf), axis=0)
+            ends = np.vstack([np.zeros(len(pixel)), met])
+            after = np.vstack([met, np.full(len(pixel), np.inf)])
+            with np.errstate(invalid="ignore"):
+                middle = np.where(np.isfinite(after), 0.5 * (ends + after), ends + np.maximum(ends, 1.0))
+            middle = np.where(np.isfinite(ends), middle, 0.0)
+            gone = np.array([self._gone(clip, origins + depth[:, None] * directions) for depth in middle])
+            count += gone[0]
+            depths.append(met)
+            changes.append(np.where(np.isfinite(met), np.diff(gone.astype(np.int64), axis=0), 0))
+        return count, np.concatenate(depths), np.concatenate(changes).astype(np.int64)
+
+    @staticmethod
+    def _gone(clip: Clip, points: Floats) -> Bools:
+        assert not isinstance(clip.surface, Implicit)
+        distance = outside(clip.surface, points)
+        return np.asarray(distance < 0.0 if clip.away == "inside" else distance > 0.0)
+
+    def hides(self, boxes: Floats) -> Bools:
+        """(n,) boxes (n, 6) that a plane alone hides."""
+        gone, half = np.zeros(len(boxes), bool), 0.5 * (boxes[:, 3:] - boxes[:, :3]).astype(np.float64)
+        for clip in self.clips:
+            if isinstance(clip.surface, Plane):
+                distance = outside(clip.surface, boxes[:, :3] + half)
+                reach = half @ np.abs(np.asarray(clip.surface.normal)) / np.linalg.norm(clip.surface.normal)
+                gone |= (distance + reach < 0.0) if clip.away == "inside" else (distance - reach > 0.0)
+        return gone
+
+
+def _by_pixel(found: Hits, count: int) -> Floats:
+    """(k, count) depths of hits, one column a pixel, infinite where it has fewer than others."""
+    rank = np.arange(len(found.pixel)) - np.searchsorted(found.pixel, found.pixel)
+    depths = np.full((int(rank.max(initial=-1)) + 1, count), np.inf)
+    depths[rank, found.pixel] = found.depth
+    return depths
