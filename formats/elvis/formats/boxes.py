@@ -44,11 +44,11 @@ def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
         low, high = net.min(axis=2), net.max(axis=2)
         for axis, length in patch.periods:
             low[:, axis], high[:, axis] = 0.0, length
-        result[part] = _outward(low, high, margin)
+        result[part] = outward(low, high, margin)
     return result
 
 
-def _outward(low: Floats, high: Floats, margin: float) -> Boxes:
+def outward(low: Floats, high: Floats, margin: float) -> Boxes:
     """Boxes a little larger than the corners (n, 3), whatever the rounding; empty beyond the range of 32-bit floats."""
     with np.errstate(over="ignore", invalid="ignore"):
         extra = margin * np.sqrt(3) * (high - low).max(axis=1, keepdims=True)

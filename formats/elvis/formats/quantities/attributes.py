@@ -9,6 +9,7 @@ scaled_jacobian  the same in parts of the product of the lengths of the derivati
 quality          mean ratio of the map from the ideal element, with equal edges: 1 where the map keeps its form, 0 where
                  it is degenerate or inverted (Knupp 2001, Algebraic mesh quality metrics: shape)
 jump(f)          greatest jump of the field f across the element's faces (see `jumps`)
+distance(b)      distance to a boundary or to a file's triangles (see `elvis.formats.distances`)
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from elvis.formats import pointwise
 from elvis.formats.arrays import Floats, Ints, frozen_floats
 from elvis.formats.dataset import Block, Dataset
+from elvis.formats.distances import Surface, nearest, surface_of
 from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.patch import Patch
 from elvis.formats.quantities.jumps import jumps
@@ -44,6 +46,11 @@ _IDEAL: Mapping[Shape, list[list[float]]] = {
 }
 
 
+def target_of(name: str) -> str | None:
+    """What an attribute is the distance to; None where it is no distance."""
+    return name[9:-1] if name.startswith("distance(") else None
+
+
 def is_constant(name: str) -> bool:
     """Whether an attribute is one number throughout an element."""
     return name in CONSTANT or name.startswith("jump(")
@@ -61,12 +68,22 @@ class Attributes:
     def __init__(self, dataset: Dataset) -> None:
         self._dataset = dataset
         self._found: dict[str, tuple[Ints, Floats]] = {}
+        self._surfaces: dict[str, Surface] = {}
 
     def at(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
         """(n,) values on elements ``rows`` of a patch at reference points (n, D)."""
         if is_constant(name):
             return self.constant(name, patch.shape, patch.element_ids[rows])
+        target = target_of(name)
+        if target is not None:
+            return nearest(self.surface(target), pointwise.positions(patch, rows, points)).distance
         return _POINTWISE[name](patch, rows, points)
+
+    def surface(self, target: str) -> Surface:
+        """What distances are measured to."""
+        if target not in self._surfaces:
+            self._surfaces[target] = surface_of(self._dataset, target)
+        return self._surfaces[target]
 
     def constant(self, name: str, shape: Shape, element_ids: Ints) -> Floats:
         """(n,) an attribute that is one number throughout each element; NaN for elements beyond the domain."""

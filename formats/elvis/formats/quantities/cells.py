@@ -13,9 +13,10 @@ from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.formats.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.formats.boxnets import box_nets, halved
 from elvis.formats.dataset import Expansion
+from elvis.formats.distances import Surface, nearest
 from elvis.formats.patch import Patch
 from elvis.formats.quantities import intervals as i
-from elvis.formats.quantities.attributes import Attributes, is_constant
+from elvis.formats.quantities.attributes import Attributes, is_constant, target_of
 from elvis.formats.quantities.functions import function
 from elvis.formats.quantities.intervals import Interval
 from elvis.formats.quantities.tree import Node, folded
@@ -99,7 +100,17 @@ class Cells:
             return values, values
         if name == "jacobian" and self._is_solid:
             return self._determinant()
+        target = target_of(name)
+        if target is not None:
+            return self._distance(self.attributes.surface(target))
         return {"quality": (0.0, 1.0), "scaled_jacobian": (-1.0, 1.0)}.get(name, i.ENTIRE)
+
+    def _distance(self, surface: Surface) -> Interval:
+        """The distance of the middle, and half a box's diagonal: distances grow no faster than the way that one goes."""
+        low, high = (np.stack(corners, axis=1) for corners in zip(*(i.ends(self.nets["x", axis]) for axis in range(3)), strict=True))
+        reach = np.linalg.norm((high - low)[:, : 2 if surface.is_planar else 3], axis=1) / 2
+        middle = nearest(surface, (low + high) / 2).distance
+        return middle - reach, middle + reach
 
     @property
     def _is_solid(self) -> bool:

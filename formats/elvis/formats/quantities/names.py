@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from elvis.formats.dataset import Dataset
+from elvis.formats.distances.boundaries import ALL, boundaries
+from elvis.formats.distances.files import SUFFIXES, check_file
+from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import ready
 from elvis.formats.quantities.tree import AXES, Node, attribute, coordinate, field, number
 
@@ -27,19 +30,23 @@ class Names:
     dimension   number of coordinates that fields depend on
     time        of the data; the name ``t`` stands for it where it is known
     gamma       ratio of specific heats, for the ready-made quantities of gases
+    boundaries  names that distances may be measured to
     """
 
     fields: tuple[str, ...]
     dimension: int = 3
     time: float | None = None
     gamma: float = RATIO_OF_HEATS
+    boundaries: tuple[str, ...] = ()
 
     @staticmethod
     def of(dataset: Dataset) -> Names:
         """The names that a dataset gives."""
         waves = [b.expansion.homogeneous for one in dataset.fields for b in one.blocks if b.expansion.homogeneous]
         dimension = dataset.mesh.space + (len(waves[0].lengths) if waves else 0)
-        return Names(tuple(one.name for one in dataset.fields), dimension, dataset.time, _gamma(dataset.metadata))
+        sides = (ALL, *boundaries(dataset.mesh)) if dataset.mesh.dimension > 1 else ()
+        fields = tuple(one.name for one in dataset.fields)
+        return Names(fields, dimension, dataset.time, _gamma(dataset.metadata), sides)
 
     @cached_property
     def ready(self) -> Mapping[str, Callable[[], Node]]:
@@ -59,6 +66,15 @@ class Names:
         if name in self.ready:
             return self.ready[name]()
         return attribute(name) if name in ATTRIBUTES else None
+
+    def distance(self, target: str) -> Node:
+        """The distance to a boundary or to a file's triangles; ElvisError where there are none."""
+        if target not in self.boundaries:
+            if not target.lower().endswith(SUFFIXES):
+                known = f"; there are {', '.join(self.boundaries)}" if self.boundaries else ""
+                raise ElvisError(f"there is no boundary {target!r}{known}; files of triangles end in {', '.join(SUFFIXES)}")
+            check_file(target)
+        return attribute(f"distance({target})")
 
     def unknown(self, name: str) -> str:
         """A sentence about a name that says nothing."""

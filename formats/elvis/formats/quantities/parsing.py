@@ -7,7 +7,9 @@ power    = operand ("^" signed)?
 operand  = number | name | function "(" sum ("," sum)* ")" | "(" sum ")"
 
 A name that is no word stands in quotes.  Beside the functions of `functions` there are d(f, x), the partial derivative,
-grad(f), the length of the gradient, laplacian(f), and jump(u), the greatest jump of a field across an element's faces.
+grad(f), the length of the gradient, laplacian(f), jump(u), the greatest jump of a field across an element's faces, and
+distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name stands in
+quotes.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from elvis.formats.quantities.names import Names
 from elvis.formats.quantities.tree import AXES, Node, attribute, call, negative, number, world_derivative
 
 #: functions that look into what they are given, and their numbers of operands
-SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, "jump": 1}
+SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, "jump": 1, "distance": 1}
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)"
@@ -114,6 +116,8 @@ class Parser:
         first = self._next - 2
         if name == "d":
             return self._derivative()
+        if name == "distance":
+            return self._distance()
         if name in FUNCTIONS:
             return call("^" if name == "pow" else name, *self._arguments(FUNCTIONS[name].arity))
         (of,) = self._arguments(1)
@@ -136,6 +140,17 @@ class Parser:
         if not self._take(")"):
             raise self._unexpected(")")
         return self._guarded(lambda: world_derivative(of, AXES.index(axis)), first)
+
+    def _distance(self) -> Node:
+        """distance(b) from its operand on."""
+        kind, text, _ = self._token()
+        if kind not in ("name", "quoted", "number"):
+            raise self._unexpected("a boundary, or a file in quotes")
+        self._next += 1
+        node = self._guarded(lambda: self._names.distance(text[1:-1] if kind == "quoted" else text))
+        if not self._take(")"):
+            raise self._unexpected(") after a boundary, or quotes around a file")
+        return node
 
     def _guarded(self, work: Callable[[], T], first: int | None = None) -> T:
         """What ``work`` makes; its errors are said to be at a token."""

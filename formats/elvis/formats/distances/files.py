@@ -1,0 +1,45 @@
+"""Triangle meshes of files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+
+#: suffixes of files that are read
+SUFFIXES = (".stl", ".ply", ".obj", ".glb")
+
+
+def check_file(name: str) -> None:
+    """FormatError where there is no such file."""
+    if not Path(name).is_file():
+        raise FormatError("expected a file of triangles, found none", file=name)
+
+
+def triangles_of(name: str) -> tuple[Floats, Ints]:
+    """Vertices (n, 3), those at one place one, and triangles (m, 3) of them; FormatError where the file holds none."""
+    import trimesh
+
+    check_file(name)
+    try:
+        corners = np.asarray(trimesh.load_mesh(name, process=False).triangles, dtype=np.float64)
+    except Exception as error:
+        raise FormatError(f"expected a triangle mesh, found none that can be read: {_words(error)}", file=name) from error
+    if not len(corners):
+        raise FormatError("expected triangles, found none", file=name)
+    if not np.isfinite(corners).all():
+        raise FormatError("expected finite coordinates, found others", file=name)
+    points, triangles = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    if not distinct.any():
+        raise FormatError("expected triangles, found only some without an area", file=name)
+    return points, triangles[distinct]
+
+
+def _words(error: Exception) -> str:
+    """What a library says, as a part of a sentence."""
+    return " ".join(str(error).split())[:120] or type(error).__name__
