@@ -10,13 +10,18 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from elvis.formats.errors import ElvisError
 from elvis.plugins.registry import Plugin, PluginError, plugins
+
+if TYPE_CHECKING:
+    from elvis.plugins.answers import Answers
 
 INTERRUPTED = 130
 
@@ -26,6 +31,12 @@ class Settings:
     """What holds for the whole run; ``debug`` shows the traceback of a failure."""
 
     debug: bool
+
+    def ask(self, paths: Sequence[Path], plugin: str | None, report: Callable[[str], object]) -> Answers | None:
+        """What a runtime plugin answers about the files, for commands of floors below; None where none opens them."""
+        from elvis.plugins.answers import answers
+
+        return answers(paths, plugin, report)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

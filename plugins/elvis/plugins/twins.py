@@ -47,7 +47,7 @@ class Twin:
 def slopes_of(function: Callable[[Ints, Floats], Floats], rows: Ints, points: Floats) -> Floats:
     """(n, …, d) derivatives of a function of elements (n,) and points (n, d), which gives (n, …).
 
-    They are those of polynomials of degree 6 through points nearby, which stay within the bounds of the shape's coordinates.
+    They are those of polynomials of degree 6 through points nearby, in [-1, 1]^d.
     """
     found = []
     for axis in range(points.shape[1]):

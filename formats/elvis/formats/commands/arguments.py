@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
 if TYPE_CHECKING:
+    from elvis.formats.arrays import Floats
+    from elvis.formats.columns import Columns
     from elvis.formats.dataset import Dataset
+    from elvis.formats.norms import Norm
     from elvis.formats.quantities import Expression
 
 Triple = tuple[float, float, float]
@@ -23,6 +26,42 @@ field_option = click.option(
     help="A field, an expression such as sqrt(u^2+v^2) or d(v,x)-d(u,y), or a ready-made quantity; repeatable.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers with all their digits.")
+
+
+plugin_option = click.option(
+    "--plugin", metavar="NAME|FILE.py", help="The runtime plugin that opens DATA, where these aren't native."
+)
+
+
+class Answers(Protocol):
+    """What can be asked of data that aren't native, but opened by a runtime plugin."""
+
+    def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
+        """The quantities, or all fields."""
+        ...
+
+    def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
+        """The columns of ``elvis probe``."""
+        ...
+
+    def norms(self, texts: Sequence[str] | None) -> Mapping[str, Norm]:
+        """Norms of coordinates and fields, or of the quantities."""
+        ...
+
+    def facts(self, texts: Sequence[str]) -> dict[str, Any]:
+        """What is in the data, as plain data, with the ranges of quantities."""
+        ...
+
+
+def opened(paths: Sequence[Path], plugin: str | None) -> Answers | None:
+    """What a runtime plugin answers about the files, None where none opens them; ``elvis`` itself knows the plugins."""
+    ask = getattr(click.get_current_context().find_root().obj, "ask", None)
+    found: Answers | None = ask(paths, plugin, _warn) if ask else None
+    return found
+
+
+def _warn(sentence: str) -> None:
+    click.echo(f"elvis: warning: {sentence}", err=True)
 
 
 Parser = Callable[[click.Context, click.Parameter, Any], Any]
@@ -86,18 +125,19 @@ def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
     return names
 
 
-def expressions(dataset: Dataset, wanted: str | None, further: Sequence[str] = ()) -> tuple[Expression, ...]:
-    """The quantities in ``wanted`` (commas between them) and ``further``, or all fields where nothing is wanted.
-
-    ElvisError for what names no quantity of the dataset.
-    """
+def expressions(dataset: Dataset, texts: Sequence[str] | None) -> tuple[Expression, ...]:
+    """The quantities, or all fields for None; ElvisError for what names no quantity of the dataset."""
     from elvis.formats.quantities import Expression, Names
 
-    texts = [*(_split(wanted) if wanted is not None else ()), *further]
-    if wanted is None and not further:
-        texts = [field.name for field in dataset.fields]
     names = Names.of(dataset)
-    return tuple(Expression.parse(text, names) for text in texts)
+    return tuple(Expression.parse(text, names) for text in (names.fields if texts is None else texts))
+
+
+def asked(wanted: str | None, further: Sequence[str] = ()) -> list[str] | None:
+    """The texts in ``wanted`` (commas between them) and ``further``; None where nothing is wanted: all fields."""
+    if wanted is None and not further:
+        return None
+    return [*(_split(wanted) if wanted is not None else ()), *further]
 
 
 def _split(text: str) -> list[str]:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.formats.commands.arguments import data_argument, expressions, field_option, json_option, read_data
+from elvis.formats.commands.arguments import (
+    data_argument,
+    expressions,
+    field_option,
+    json_option,
+    opened,
+    plugin_option,
+    read_data,
+)
 
 if TYPE_CHECKING:
     from elvis.formats.dataset import Dataset
@@ -37,18 +45,24 @@ Examples:
 @click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
 @click.option("--strict", is_flag=True, help="Check every rule that other programs of the format go by; fail if any.")
 @click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive all over; fail if it isn't.")
+@plugin_option
 def info(
-    data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, everything: bool, strict: bool, jacobian: bool
+    data: tuple[Path, ...],
+    quantities: tuple[str, ...],
+    as_json: bool,
+    everything: bool,
+    strict: bool,
+    jacobian: bool,
+    plugin: str | None,
 ) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
     Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
     tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points;
     with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
-    --field adds the certified range of any quantity.
+    --field adds the certified range of any quantity. What runtime plugins open is sampled where they give no bounds.
     """
-    from elvis.formats.summary import summary
-    from elvis.formats.terminal import print_json, stage
+    from elvis.formats.terminal import stage
 
     many = None if everything else _MANY
     if strict and jacobian:
@@ -56,18 +70,51 @@ def info(
     if strict:
         _check(data, as_json)
         return
+    if answers := opened(data, plugin):
+        if jacobian:
+            raise click.UsageError("--jacobian proves what is native, but a runtime plugin opens these data")
+        with stage("measuring"):
+            facts = answers.facts(quantities)
+        _tell(facts, as_json, lambda: _print_opened(facts))
+        return
     dataset = read_data(data)
     if jacobian:
         _prove(dataset, as_json, many)
         return
+    from elvis.formats.summary import summary
+
     with stage("measuring"):
         facts = summary(dataset)
         if quantities:
-            facts["quantities"] = {each.text: _range(dataset, each) for each in expressions(dataset, None, quantities)}
+            facts["quantities"] = {each.text: _range(dataset, each) for each in expressions(dataset, quantities)}
+    _tell(facts, as_json, lambda: _print(facts, many))
+
+
+def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:
+    """Print facts as JSON or as tables."""
+    from elvis.formats.terminal import print_json
+
     if as_json:
         print_json(facts)
-        return
-    _print(facts, many)
+    else:
+        tables()
+
+
+def _print_opened(facts: Facts) -> None:
+    """Print what a runtime plugin says of its data."""
+    from elvis.formats.terminal import print_table
+
+    rows = [("plugin", f"{facts['plugin']}: {facts['format']}"), ("dimension", str(facts["dimension"]))]
+    rows += [("elements", f"{count} {kind}") for kind, count in facts["elements"].items()]
+    for axis, lower, upper in zip("xyz", facts["box"]["lower"], facts["box"]["upper"], strict=True):
+        rows.append((axis, f"within {lower:.10g} and {upper:.10g}"))
+    rows.append(("jacobian", f"{facts['jacobian']['least']:.4g} to {facts['jacobian']['greatest']:.4g}, sampled"))
+    rows.append(("time", f"{facts['time']:.10g}"))
+    print_table(("", ""), rows)
+    fields = [_range_row(*item) for item in {**facts["fields"], **facts["quantities"]}.items()]
+    if fields:
+        click.echo()
+        print_table(("field", "lower bound", "upper bound", "least found", "greatest found"), fields)
 
 
 def _range(dataset: Dataset, expression: Expression) -> Facts | None:
@@ -201,7 +248,11 @@ def _field_row(field: Facts) -> tuple[object, ...]:
 
 
 def _range_row(text: str, found: Facts | None) -> tuple[object, ...]:
-    return (text, *("-" if found is None else f"{found[k]:.10g}" for k in ("lower", "upper", "least", "greatest")))
+    return (text, *(_number(found, key) for key in ("lower", "upper", "least", "greatest")))
+
+
+def _number(found: Facts | None, key: str) -> str:
+    return "-" if found is None or found[key] is None else f"{found[key]:.10g}"
 
 
 def _state(field: Facts) -> str:

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from elvis.formats.commands.arguments import Triple, data_argument, expressions, field_option, read_data, triples
+from elvis.formats.commands.arguments import (
+    Triple,
+    asked,
+    data_argument,
+    expressions,
+    field_option,
+    opened,
+    plugin_option,
+    read_data,
+    triples,
+)
 from elvis.formats.errors import ElvisError
 
 if TYPE_CHECKING:
     from elvis.formats.arrays import Floats
     from elvis.formats.columns import Columns
+    from elvis.formats.quantities import Expression
 
 _COLUMNS = ("point", "x", "y", "z", "element", "status")
 
@@ -55,6 +67,7 @@ Examples:
 )
 @click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
 @field_option
+@plugin_option
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
 @click.option(
     "-o",
@@ -70,6 +83,7 @@ def probe(
     counts: tuple[int, ...] | None,
     fields: str | None,
     quantities: tuple[str, ...],
+    plugin: str | None,
     every: bool,
     output: Path | None,
 ) -> None:
@@ -86,7 +100,7 @@ def probe(
         check_suffix(output)
         check_place(output)
     places = _places(points, line, plane, counts)
-    columns = _columns(data, places, fields, quantities, every)
+    columns = _columns(data, plugin, places, asked(fields, quantities), every)
     if output is not None:
         write_columns(output, columns)
     else:
@@ -118,23 +132,32 @@ def _places(
 
 
 def _columns(
-    data: tuple[Path, ...], places: Floats, fields: str | None, quantities: tuple[str, ...], every: bool
+    data: tuple[Path, ...], plugin: str | None, places: Floats, texts: list[str] | None, every: bool
 ) -> Columns:
     """The table: what was asked, what was found, and one column a quantity."""
     from elvis.formats.quantities.sampling import Sampler
     from elvis.formats.terminal import stage
 
+    if foreign := opened(data, plugin):
+        quantities = _checked(foreign.expressions(texts))
+        with stage(f"probing {len(places)} points"):
+            return foreign.probe(places, quantities, every)
     dataset = read_data(data)
-    wanted = expressions(dataset, fields, quantities)
+    wanted = _checked(expressions(dataset, texts))
     names = [expression.text for expression in wanted]
-    for name in names:
-        if name in _COLUMNS:
-            raise ElvisError(f"the field {name!r} has the name of a column; choose the others with --fields")
     with stage(f"probing {len(places)} points"):
         found = Sampler(dataset, wanted).sample(places, all=every)
     x, y, z = found.points.T
     answers = (found.location.point, x, y, z, found.location.element_id, found.location.status.astype(int))
     return dict(zip((*_COLUMNS, *names), (*answers, *found.values.T), strict=True))
+
+
+def _checked(wanted: Sequence[Expression]) -> Sequence[Expression]:
+    """The quantities; ElvisError where one would have the name of another column."""
+    for each in wanted:
+        if each.text in _COLUMNS:
+            raise ElvisError(f"the field {each.text!r} has the name of a column; choose the others with --fields")
+    return wanted
 
 
 def _tell(columns: Columns) -> None:

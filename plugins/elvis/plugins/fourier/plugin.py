@@ -93,8 +93,15 @@ class FourierBox(VolumeSource):
             },
             evaluate=evaluate,
             shape=Shape.HEXAHEDRON,
+            bounds=lambda: _bounds(amplitudes),
         )
         return Shown([part], Path(__file__).parent)
+
+
+def _bounds(amplitudes: Floats) -> tuple[Floats, Floats]:
+    """(1,) a value that the series is never below, and one that it is never above: functions are at most 1."""
+    mean, reach = amplitudes[0, 0, 0], (1 + 1e-12) * np.abs(amplitudes).sum()
+    return np.array([mean - (reach - abs(mean))]), np.array([mean + (reach - abs(mean))])
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:

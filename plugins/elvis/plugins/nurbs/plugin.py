@@ -193,4 +193,12 @@ def _part(degrees: list[int], geometry: Floats, field: Floats, ids: Ints, is_rat
         bends=solver.bends,
         shape=Shape.HEXAHEDRON,
         unit=True,
+        bounds=lambda: _bounds(field / geometry[..., 3] if is_rational else field),
     )
+
+
+def _bounds(nets: Floats) -> tuple[Floats, Floats]:
+    """(n,) least and greatest control value of each element, a little apart for rounding: weights are positive."""
+    low, high = nets.min(axis=(1, 2, 3)), nets.max(axis=(1, 2, 3))
+    rounding = 1e-13 * np.maximum(np.abs(low), np.abs(high))
+    return low - rounding, high + rounding

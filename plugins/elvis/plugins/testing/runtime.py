@@ -7,13 +7,11 @@ with Renderer() as renderer:
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
-from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.plugins import volume_checks
+from elvis.plugins.examining import Examiner
 from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
 
@@ -21,32 +19,6 @@ from elvis.plugins.volume_checks import Samples, probes
 _STEP, _DIFFERENCE = 1e-4, 1e-5
 #: what rounding does to values and places
 _ROUNDING = 1e-11
-
-
-class Found(Protocol):
-    """Where points are: global id of the element (n,), -1 where there is none, and reference point (n, 3)."""
-
-    @property
-    def element(self) -> Ints: ...  # noqa: D102
-    @property
-    def reference(self) -> Floats: ...  # noqa: D102
-    @property
-    def status(self) -> NDArray[np.uint8]: ...  # noqa: D102
-
-
-class Examiner(Protocol):
-    """What the kit asks of a device: an elvis.renderer.Renderer."""
-
-    def show(self, volume: Volume) -> None:
-        """Bring the volume to the device."""
-
-    def examine(self, part: int, elements: Ints, offsets: Floats) -> Samples:
-        """Samples in elements of a part, at offsets from the centre of their type."""
-        ...
-
-    def probe(self, points: Floats) -> Found:
-        """Where world points (n, 3) are."""
-        ...
 
 
 def check_volume(volume: Volume, examiner: Examiner, name: str = "under test") -> None:

@@ -1,0 +1,292 @@
+"""What commands ask of data that a runtime plugin opens: points, norms and facts, from the plugin's own kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.boxes import BoxTree
+from elvis.formats.columns import Columns
+from elvis.formats.cubature import Cubature, field_cubature
+from elvis.formats.errors import ElvisError
+from elvis.formats.interpolation import modified
+from elvis.formats.margins import TOLERANCE
+from elvis.formats.norms import AXES, Norm
+from elvis.formats.quantities import Expression
+from elvis.formats.tangents import duals
+from elvis.plugins.examining import Examiner
+from elvis.plugins.opening import Opened, open_files
+from elvis.plugins.registry import load
+from elvis.plugins.serving import names_of, volume_of
+from elvis.plugins.volume import Part, Volume
+from elvis.plugins.volume_checks import Samples, check_samples, probes
+
+#: modes of rules that are tried in turn, the change of a norm below which it is settled, and the most points of a rule
+_MODES, _SETTLED, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1e-11, 1 << 22
+#: points that are examined together
+_BATCH = 1 << 17
+#: points that ranges are sampled at, as a rule
+_MANY = 1 << 18
+_AMBIGUOUS, _INSIDE = 2, 1
+#: steps of Newton's method, and how short the last one must be
+_STEPS, _SHORT = 40, 1e-9
+
+
+def answers(paths: Sequence[Path], plugin: str | None, report: Callable[[str], object]) -> Answers | None:
+    """What can be asked of the files; None where no runtime plugin opens them (see `open_files`)."""
+    opened = open_files(paths, plugin, report)
+    return None if opened is None else Answers(opened, report)
+
+
+@dataclass
+class Answers:
+    """Data that a plugin has opened; ``report`` is told of what isn't as well known as it should be."""
+
+    opened: Opened
+    report: Callable[[str], object]
+
+    def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
+        """The quantities, or all fields; ElvisError for what names none, and for data without fields."""
+        names = names_of(self.opened)
+        if not names.fields:
+            raise ElvisError(f"the plugin {self.opened.name} has opened a mesh but no field: give the field file too")
+        return [Expression.parse(text, names) for text in (self.opened.fields if texts is None else texts)]
+
+    @contextmanager
+    def _shown(self, expressions: Sequence[Expression]) -> Iterator[Iterator[tuple[list[str], Volume, Examiner]]]:
+        """Quantities of one field after the other, each with the volume that serves them, brought to a device."""
+        groups: dict[str, list[str]] = {}
+        for each in expressions:
+            groups.setdefault(next(iter(each.fields), self.opened.fields[0]), []).append(each.text)
+
+        def volumes(device: Any) -> Iterator[tuple[list[str], Volume, Examiner]]:
+            for texts in groups.values():
+                volume = volume_of(self.opened, texts)
+                device.show(volume, self.opened)
+                self._check(volume, device)
+                yield texts, volume, device
+
+        with cast(Any, load("elvis.examiners", "kernels"))() as device:
+            yield volumes(device)
+
+    def _check(self, volume: Volume, device: Examiner) -> None:
+        for number, part in enumerate(volume.parts):
+            elements, offsets = probes(part, volume.dimension)
+            check_samples(self.opened.name, part, elements, device.examine(number, elements, offsets))
+
+    def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
+        """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""
+        columns: dict[str, Any] = {}
+        with self._shown(expressions) as volumes:
+            for texts, volume, device in volumes:
+                row, part, local, reference, status = _places(points, volume, device, every)
+                if not columns:
+                    ids = np.array([-1, *chain.from_iterable(own.element_ids for own in volume.parts)])
+                    first = np.cumsum([0, *map(len, volume.parts)])
+                    element = ids[np.where(part < 0, 0, 1 + first[part] + local)]
+                    places = zip("xyz", points[row].T, strict=True)
+                    columns = {"point": row, **dict(places), "element": element, "status": status}
+                for text in texts:
+                    columns[text] = _values(text, part, local, reference, volume, device)
+        order = ["point", "x", "y", "z", "element", "status", *(each.text for each in expressions)]
+        return {name: columns[name] for name in order}
+
+    def norms(self, texts: Sequence[str] | None) -> dict[str, Norm]:
+        """Norms of coordinates and fields, or of quantities: by rules that are refined until they agree."""
+        expressions, found = self.expressions(texts), dict[str, Norm]()
+        with self._shown(expressions) as volumes:
+            for own, volume, device in volumes:
+                axes = [] if texts or found else list(AXES[: volume.dimension])
+                found.update(self._norms([*axes, *own], volume, device))
+        order = [*AXES, *(each.text for each in expressions)] if texts is None else [e.text for e in expressions]
+        return {name: found[name] for name in order if name in found}
+
+    def _norms(self, names: Sequence[str], volume: Volume, device: Examiner) -> dict[str, Norm]:
+        before = np.full(len(names), np.nan)
+        for modes in _MODES:
+            rules = [_rule(part, modes) for part in volume.parts]
+            total = sum(len(part) * len(rule.weights) for part, rule in zip(volume.parts, rules, strict=True))
+            if total > _MOST and modes > _MODES[1]:
+                break
+            sums = [_sums(number, names, rule, volume, device) for number, rule in enumerate(rules)]
+            now = np.sqrt(np.sum([own[0] for own in sums], axis=0))
+            least, greatest = np.min([own[1] for own in sums], axis=0), np.max([own[2] for own in sums], axis=0)
+            off = np.nanmax(np.abs(now - before) / np.maximum(now, 1e-300), initial=0.0)
+            if np.isfinite(before).any() and off <= _SETTLED:
+                break
+            before = now
+        if off > _SETTLED:
+            self.report(f"plugin {self.opened.name}: norms are known to {off:.2g} of their size only")
+        ends = np.maximum(np.abs(least), np.abs(greatest))
+        rows = zip(names, now, ends, greatest, strict=True)
+        return {name: Norm(float(l2), float(linf), float(most)) for name, l2, linf, most in rows}
+
+    def facts(self, texts: Sequence[str]) -> dict[str, Any]:
+        """All facts, by topic, as plain data."""
+        fields: dict[str, Any] = {}
+        with self._shown(self.expressions([*self.opened.fields, *texts])) as volumes:
+            for own, volume, device in volumes:
+                sampled = [_sampled(number, own, volume, device) for number in range(len(volume.parts))]
+                fields.update(_ranges(own, volume, sampled))
+                jacobian, last = _jacobian(volume, sampled), volume
+        return {
+            "plugin": self.opened.name,
+            "format": self.opened.source.format,
+            "dimension": last.dimension,
+            "time": float(self.opened.source.time),
+            "elements": {part.type: len(part) for part in last.parts},
+            "box": _box(last),
+            "jacobian": jacobian,
+            "fields": {name: fields[name] for name in self.opened.fields},
+            "quantities": {name: fields[name] for name in texts},
+        }
+
+
+def _places(points: Floats, volume: Volume, device: Examiner, every: bool) -> tuple[Ints, Ints, Ints, Floats, Ints]:
+    """Where points are: number of the point, part (-1 nowhere), element of the part, reference point and status."""
+    found = device.probe(points)
+    first = np.cumsum([0, *map(len, volume.parts)])
+    held = found.element >= 0
+    owner = np.where(held, found.owner.astype(np.int64), 0)
+    part = np.where(held, np.searchsorted(first, owner, side="right") - 1, -1)
+    status = np.where(found.status == _AMBIGUOUS, _INSIDE, found.status).astype(np.int64)
+    answer = np.arange(len(points)), part, np.where(held, owner - first[part], -1), found.reference, status
+    border = np.flatnonzero(found.status == _AMBIGUOUS)
+    if not every or not len(border):
+        return answer
+
+    # borders are shared: each element that may hold such a point is asked
+    rows = [np.delete(column, border, axis=0) for column in answer]
+    parts = [tuple(rows)]
+    for number, some in enumerate(volume.parts):
+        near, local = BoxTree.build(np.asarray(some.boxes)).candidates(points[border])
+        if len(near):
+            reference, inside = _inverted(number, local, points[border[near]], device)
+            count = np.full(int(inside.sum()), 1)
+            parts.append((border[near[inside]], number * count, local[inside], reference[inside], _INSIDE * count))
+    joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+    order = np.argsort(joined[0], kind="stable")
+    point, part, local, reference, status = (column[order] for column in joined)
+    return point, part, local, reference, status
+
+
+def _inverted(number: int, elements: Ints, points: Floats, device: Examiner) -> tuple[Floats, Bools]:
+    """Reference points (n, 3) of world points (n, 3) in elements (n,) of a part, and whether they lie inside.
+
+    By Newton's method from the centre, whose steps are those of the kernels' maps.
+    """
+    reference = _examined(number, elements, np.zeros_like(points), device, None).center
+    step = np.ones_like(points)
+    for _ in range(_STEPS):
+        found = _examined(number, elements, reference, device, None)
+        step = np.einsum("nci,nc->ni", duals(found.jacobian), points - found.position)
+        step = np.where(np.isfinite(step), step, 0.0)
+        reference = reference + step / np.maximum(2 * np.abs(step).max(axis=1, keepdims=True), 1.0)
+        if np.abs(step).max(initial=0.0) < _SHORT:
+            break
+    margin = _examined(number, elements, reference, device, None).margin
+    return reference, (np.abs(step).max(axis=1) < _SHORT) & (margin >= -TOLERANCE)
+
+
+def _values(text: str, part: Ints, local: Ints, reference: Floats, volume: Volume, device: Examiner) -> Floats:
+    """(n,) a quantity where points were found, NaN elsewhere."""
+    values = np.full(len(part), np.nan)
+    for number in range(len(volume.parts)):
+        here = np.flatnonzero(part == number)
+        if len(here):
+            values[here] = _examined(number, local[here], reference[here], device, _named(volume, text)).value
+    return values
+
+
+def _named(volume: Volume, text: str) -> str | None:
+    """The name of a quantity of the parts; None for their own field."""
+    return text if text in volume.parts[0].quantities else None
+
+
+def _examined(number: int, elements: Ints, reference: Floats, device: Examiner, quantity: str | None) -> Samples:
+    """Samples at reference points (n, 3) of elements (n,), the plugin's own coordinates."""
+    center = device.examine(number, elements[:1], np.zeros((1, 3))).center[0]
+    parts = [slice(first, first + _BATCH) for first in range(0, len(elements), _BATCH)]
+    found = [device.examine(number, elements[part], reference[part] - center, quantity) for part in parts]
+    columns = {name: np.concatenate([getattr(one, name) for one in found]) for name in vars(found[0])}
+    return Samples(**columns)
+
+
+def _rule(part: Part, modes: int) -> Cubature:
+    """A rule for functions of so many modes: points (n, 3) in the plugin's own coordinates, and weights."""
+    if part.shape is None:
+        raise ElvisError(f"{part.type}: expected a part that says its shape, to integrate over, found none")
+    rule = field_cubature(modified(part.shape, (modes,) * part.shape.dimension))
+    points = np.zeros((len(rule.points), 3))
+    points[:, : part.shape.dimension] = (1 + rule.points) / 2 if part.unit else rule.points
+    return Cubature(points, rule.weights / 2**part.shape.dimension if part.unit else rule.weights)
+
+
+def _sums(
+    number: int, names: Sequence[str], rule: Cubature, volume: Volume, device: Examiner
+) -> tuple[Floats, Floats, Floats]:
+    """Integrals of squares, least and greatest values of coordinates and quantities over a part, (k,) each."""
+    part = volume.parts[number]
+    elements = np.repeat(np.arange(len(part)), len(rule.weights))
+    points = np.tile(rule.points, (len(part), 1))
+    place = _examined(number, elements, points, device, None)
+    measure = np.tile(rule.weights, len(part)) * np.abs(np.linalg.det(place.jacobian))
+    columns = []
+    for name in names:
+        if name in AXES and _named(volume, name) is None:
+            columns.append(place.position[:, AXES.index(name)])
+        else:
+            columns.append(_examined(number, elements, points, device, _named(volume, name)).value)
+    table = np.stack(columns)
+    return (table**2) @ measure, table.min(axis=1), table.max(axis=1)
+
+
+def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Examiner) -> list[Samples]:
+    """Samples of each quantity at many points of a part's elements."""
+    part = volume.parts[number]
+    if part.shape is None:
+        elements, offsets = probes(part, volume.dimension)
+        points = offsets + device.examine(number, elements[:1], offsets[:1]).center
+    else:
+        modes = min(16, max(4, int(np.cbrt(_MANY / len(part)))))
+        lattice = _rule(part, modes).points
+        elements, points = np.repeat(np.arange(len(part)), len(lattice)), np.tile(lattice, (len(part), 1))
+    found = [_examined(number, elements, points, device, _named(volume, text)) for text in texts]
+    inside = found[0].margin >= -1e-9
+    return [Samples(**{name: column[inside] for name, column in vars(one).items()}) for one in found]
+
+
+def _ranges(texts: Sequence[str], volume: Volume, sampled: Sequence[Sequence[Samples]]) -> dict[str, Any]:
+    """Certified bounds of each quantity, where all parts give them, and the least and greatest value of samples."""
+    found: dict[str, Any] = {}
+    for k, text in enumerate(texts):
+        every = [part.quantities.get(text, part).bounds for part in volume.parts]
+        bounds = [give() for give in every if give is not None]
+        values = np.concatenate([own[k].value for own in sampled])
+        values = values[np.isfinite(values)]
+        found[text] = dict.fromkeys(("lower", "upper", "least", "greatest"))
+        if len(values):
+            found[text].update(least=float(values.min()), greatest=float(values.max()))
+        if len(bounds) == len(every):
+            low, high = np.nanmin([own[0].min() for own in bounds]), np.nanmax([own[1].max() for own in bounds])
+            found[text].update(lower=float(low), upper=float(high))
+    return found
+
+
+def _jacobian(volume: Volume, sampled: Sequence[Sequence[Samples]]) -> dict[str, float]:
+    """Extremes of the determinant at the samples."""
+    found = np.concatenate([np.linalg.det(own[0].jacobian) for own in sampled])
+    return {"least": float(found.min()), "greatest": float(found.max())}
+
+
+def _box(volume: Volume) -> dict[str, list[float]]:
+    """The ends of the elements' boxes."""
+    boxes = np.concatenate([np.asarray(part.boxes, np.float64) for part in volume.parts])
+    return {"lower": boxes[:, :3].min(axis=0).tolist(), "upper": boxes[:, 3:].max(axis=0).tolist()}

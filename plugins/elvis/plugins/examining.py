@@ -1,0 +1,46 @@
+"""What this area asks of a device: where points are in a volume, and what its elements answer."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.plugins.volume import Volume
+from elvis.plugins.volume_checks import Samples
+
+
+class Found(Protocol):
+    """Where n points are.
+
+    owner      (n,)    running number of the element through all parts
+    element    (n,)    its global id, -1 where no element holds the point
+    reference  (n, 3)  reference coordinates
+    status     (n,)    0 outside, 1 inside, 2 on a border, 3 not known
+    """
+
+    @property
+    def owner(self) -> NDArray[np.uint32]: ...  # noqa: D102
+    @property
+    def element(self) -> Ints: ...  # noqa: D102
+    @property
+    def reference(self) -> Floats: ...  # noqa: D102
+    @property
+    def status(self) -> NDArray[np.uint8]: ...  # noqa: D102
+
+
+class Examiner(Protocol):
+    """A device: an elvis.renderer.Renderer."""
+
+    def show(self, volume: Volume) -> None:
+        """Bring the volume to the device."""
+
+    def examine(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
+        """Samples in elements of a part, at offsets from the centre of their type, of a quantity or its own field."""
+        ...
+
+    def probe(self, points: Floats) -> Found:
+        """Where world points (n, 3) are."""
+        ...
