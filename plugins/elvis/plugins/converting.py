@@ -20,6 +20,7 @@ from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
 from elvis.plugins.projection.fitting import Fitted, fit_positions, mapped, padded
+from elvis.plugins.projection.placing import in_space, worse
 from elvis.plugins.projection.projecting import Projected, at_order, at_tolerance
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
@@ -91,6 +92,9 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     if has_map:
         findings = check(sampler, dataset, blocks, (), source.precision)
         findings.fields = straight.fields
+    if not _of_map(source, plan, findings).is_exact:
+        placed = in_space(sampler, dataset, blocks, fitted)
+        findings.fields = [worse(*pair) for pair in zip(findings.fields, placed, strict=True)]
     report = _report(source, plan, findings, straight, fitted, has_map, [Path(file).name for file in files])
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
     return Conversion(dataset, report, tuple(blocks))
@@ -222,11 +226,6 @@ def _report(
     files: Sequence[str],
 ) -> Report:
     """The report of findings on the finished data; ``straight`` those on the mesh file alone."""
-    geometry = findings.coordinates
-    diagonal = float(np.sqrt((np.ptp(findings.box, axis=0) ** 2).sum()))
-    magnitude = float(np.abs(findings.box).max(initial=0))
-    order = max(block.source.order for block in plan.blocks)
-    measured = _measure("coordinates", order, geometry, diagonal, magnitude, source.precision, None)
     counts = {shape.label.lower(): len(entities) for shape, entities in plan.mesh.elements.items()}
     listed = {
         "inverted": _ids(findings.inverted),
@@ -238,13 +237,21 @@ def _report(
         type(source).format or type(source).__name__,
         tuple(files),
         counts,
-        measured,
+        _of_map(source, plan, findings),
         straight.deviation,
         has_map,
         tuple(_of_fields(fitted, findings.fields, source.precision)),
         listed,
         (*source.notes, *plan.notes, *_notes(source, plan, fitted)),
     )
+
+
+def _of_map(source: Converter, plan: Topology, findings: Findings) -> Measure:
+    """How far off the coordinates are."""
+    diagonal = float(np.sqrt((np.ptp(findings.box, axis=0) ** 2).sum()))
+    magnitude = float(np.abs(findings.box).max(initial=0))
+    order = max(block.source.order for block in plan.blocks)
+    return _measure("coordinates", order, findings.coordinates, diagonal, magnitude, source.precision, None)
 
 
 def _of_fields(fitted: Sequence[Fitted], tallies: Sequence[Tally], precision: float) -> Iterator[Measure]:

@@ -20,7 +20,8 @@ class Measure:
     """The error of the coordinates or of a field.
 
     order       polynomial degree, of the coordinates or of the field as converted (the highest, where it varies)
-    max, l2     largest difference, and root of the integrated squared difference, to the source's own values
+    max, l2     largest difference, and root of the integrated squared difference, to the source's own values: at the
+                same reference coordinates, and where the map is projected at the same places in space too
     range       greatest minus least value of the field, or the diagonal of the box around the mesh
     relative    ``max`` as a share of ``range``
     element     global id of the element where the difference is largest, -1 where there is none
@@ -137,6 +138,8 @@ class Report:
                 f"the map travels as fields: the curves of the mesh file alone are off by up to {share:.2g} of an "
                 f"element's size, in element {element}"
             )
+        if self.fields and not self.geometry.is_exact:
+            said.append("the map is projected: errors of fields are those at places in space, to which its error adds")
         said += [
             f"{len(ids)} {name} elements, kept as they are: {_some(ids)}" for name, ids in self.listed.items() if ids
         ]

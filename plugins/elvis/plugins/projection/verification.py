@@ -20,7 +20,7 @@ from elvis.plugins.projection.fitting import Fitted
 from elvis.plugins.projection.sampling import Sampler
 
 #: of the reference shapes
-_VOLUMES = {
+VOLUMES = {
     Shape.SEGMENT: 2.0,
     Shape.TRIANGLE: 2.0,
     Shape.QUADRILATERAL: 4.0,
@@ -118,7 +118,7 @@ def check(
     precision  relative rounding of the source's coordinates
     bounds     for each field, the error beyond which elements are listed
     """
-    maps = _Maps(dataset)
+    maps = Maps(dataset)
     limits = [*bounds, *[np.inf] * (len(fitted) - len(bounds))]
     findings = Findings(Tally(), [Tally(bound=limit) for limit in limits])
     inside = inside_count(sum(map(len, blocks)))
@@ -141,7 +141,7 @@ def check(
 
 def _check_map(
     sampler: Sampler,
-    maps: _Maps,
+    maps: Maps,
     findings: Findings,
     block: NativeBlock,
     rows: slice | Ints,
@@ -155,7 +155,7 @@ def _check_map(
     ours, jacobians = maps.at(ids, own, inside)
     distances = np.sqrt(((ours - places) ** 2).sum(axis=2))
     sizes = np.ptp(places, axis=1).max(axis=1)
-    weights = np.abs(jacobians) * (_VOLUMES[block.shape] / inside)
+    weights = np.abs(jacobians) * (VOLUMES[block.shape] / inside)
     findings.coordinates.add(ids, distances, weights, places.reshape(len(ids), -1))
     findings.volume += float(weights.sum())
     findings.box = np.stack(
@@ -176,7 +176,7 @@ def _check_map(
     return weights
 
 
-class _Maps:
+class Maps:
     """The geometry of a dataset, by element."""
 
     def __init__(self, dataset: Dataset) -> None:
@@ -199,6 +199,15 @@ class _Maps:
             slopes = evaluate_with_gradients(block.expansion, own, points[:inside])[1]
             jacobians[here] = self._determinants(slopes.transpose(0, 2, 1, 3))
         return places, jacobians
+
+    def tangents(self, ids: Ints, points: Floats) -> tuple[Floats, Floats]:
+        """Positions (k, n, 3) and Jacobian matrices (k, n, 3, d) of elements ``ids`` at reference points (n, d)."""
+        places, matrices = np.empty((len(ids), len(points), 3)), np.empty((len(ids), len(points), 3, points.shape[1]))
+        for number, here, rows in self._parts(ids):
+            block = self.blocks[number]
+            found, slopes = evaluate_with_gradients(block.expansion, block.taken(rows), points)
+            places[here], matrices[here] = found.transpose(0, 2, 1), slopes.transpose(0, 2, 1, 3)
+        return places, matrices
 
     def _parts(self, ids: Ints) -> Iterator[tuple[int, Ints, Ints]]:
         place = self._order[np.searchsorted(self._ids, ids)]
