@@ -12,11 +12,16 @@ from elvis.formats.geometry import geometry
 from elvis.formats.margins import margins
 from elvis.formats.ranges import field_range
 from elvis.formats.reading import read
+from elvis.plugins.faces import faces_of
+from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as judge
 from elvis.renderer import Renderer, Scene, Status
 from elvis.renderer.device import ADVICE, adapters
+from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.loaded import Loaded
 from elvis.renderer.rendering import completed
 from elvis.renderer.stages import quantities
+from elvis.renderer.volume_rendering import Medium, VolumeRenderer
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 #: nearer to the border of an element than this, neighbours may claim a point
@@ -106,6 +111,21 @@ def same_on(draw):
         return drawn, truth
 
     return compare
+
+
+@pytest.fixture(scope="session")
+def gather(renderer):
+    """What rays gather in a dataset's first field."""
+
+    def draw(dataset, view, *looks, **options):
+        media = [look if isinstance(look, Medium) else Medium(look) for look in looks]
+        names = {medium.quantity for medium in media} - {None}
+        volume = volume_of(dataset, [dataset.fields[0].name, *sorted(names)])
+        loaded = Loaded(renderer("vulkan").device, volume)
+        faces = FaceDrawer(loaded, faces_of(dataset, volume))
+        return VolumeRenderer(loaded, lambda: faces).draw(view, media, **options)
+
+    return draw
 
 
 def tolerance_of(field):

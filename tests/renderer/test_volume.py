@@ -10,15 +10,10 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.mesh import Composite
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid
-from elvis.plugins.faces import faces_of
-from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane, SceneError
 from elvis.renderer.compositing import Coat
-from elvis.renderer.faces import FaceDrawer
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.scene import Clip, Transfer
 from elvis.renderer.view import View
-from elvis.renderer.volume_rendering import Medium, VolumeRenderer
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)
@@ -28,21 +23,6 @@ VIEWS = {
 }
 WHITE = (1.0, 1.0, 1.0)
 EVEN = Transfer((0.0,), (1.0,), (WHITE,))
-
-
-@pytest.fixture(scope="module")
-def gather(renderer):
-    """What rays gather in a dataset's first field."""
-
-    def draw(dataset, view, *looks, **options):
-        media = [look if isinstance(look, Medium) else Medium(look) for look in looks]
-        names = {medium.quantity for medium in media} - {None}
-        volume = volume_of(dataset, [dataset.fields[0].name, *sorted(names)])
-        loaded = Loaded(renderer("vulkan").device, volume)
-        faces = FaceDrawer(loaded, faces_of(dataset, volume))
-        return VolumeRenderer(loaded, lambda: faces).draw(view, media, **options)
-
-    return draw
 
 
 def with_field(mesh, function, modes):

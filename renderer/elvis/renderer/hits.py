@@ -125,7 +125,7 @@ def ray_depths(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, direc
         axis = unit(surface.axis, "axis")
         for depth in depths:
             depth[~((start + depth[:, None] * directions) @ axis >= 0.0)] = np.nan
-    return np.stack(depths) + shift
+    return np.asarray(np.stack(depths) + shift)
 
 
 def _gradient(surface: Plane | Sphere | Cylinder | Cone, points: Floats) -> Floats:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.renderer.hits import Hits, hits, outside, ray_depths
-from elvis.renderer.scene import Clip, Implicit, Plane, TriangleMesh
+from elvis.renderer.scene import Clip, Implicit, Plane, TriangleMesh, unit
+from elvis.renderer.scene.surfaces import Solid
 from elvis.renderer.view import View
 
 
@@ -19,12 +21,13 @@ class Visibility:
     """
 
     def __init__(self, clips: Sequence[Clip], view: View) -> None:
-        self.view, self.clips = view, [clip for clip in clips if not isinstance(clip.surface, Implicit)]
-        meshes = {clip.surface for clip in self.clips if isinstance(clip.surface, TriangleMesh)}
+        every = [(clip.surface, clip.away == "inside") for clip in clips]
+        self.view, self.clips = view, [(own, inside) for own, inside in every if not isinstance(own, Implicit)]
+        meshes = {own for own, _ in self.clips if isinstance(own, TriangleMesh)}
         self.meshes = {mesh: _by_pixel(hits(mesh, view), view.count) for mesh in meshes}
         self.most = sum(
             len(self.meshes[own]) if isinstance(own, TriangleMesh) else 1 if isinstance(own, Plane) else 2
-            for own in (clip.surface for clip in self.clips)
+            for own, _ in self.clips
         )
 
     def along(self, pixel: Ints) -> tuple[Ints, Floats, Ints]:
@@ -40,8 +43,7 @@ class Visibility:
             [np.empty((0, len(pixel)))],
             [np.empty((0, len(pixel)))],
         )
-        for clip in self.clips:
-            own = clip.surface
+        for own, inside in self.clips:
             met = self.meshes[own][:, pixel] if isinstance(own, TriangleMesh) else ray_depths(own, origins, directions)
             met = np.sort(np.where(met > 0.0, met, np.inf), axis=0)
             ends = np.vstack([np.zeros(len(pixel)), met])
@@ -49,27 +51,27 @@ class Visibility:
             with np.errstate(invalid="ignore"):
                 middle = np.where(np.isfinite(after), 0.5 * (ends + after), ends + np.maximum(ends, 1.0))
             middle = np.where(np.isfinite(ends), middle, 0.0)
-            gone = np.array([self._gone(clip, origins + depth[:, None] * directions) for depth in middle])
+            gone = np.array([_gone(own, inside, origins + depth[:, None] * directions) for depth in middle])
             count += gone[0]
             depths.append(met)
             changes.append(np.where(np.isfinite(met), np.diff(gone.astype(np.int64), axis=0), 0))
         return count, np.concatenate(depths), np.concatenate(changes).astype(np.int64)
 
-    @staticmethod
-    def _gone(clip: Clip, points: Floats) -> Bools:
-        assert not isinstance(clip.surface, Implicit)
-        distance = outside(clip.surface, points)
-        return np.asarray(distance < 0.0 if clip.away == "inside" else distance > 0.0)
-
-    def hides(self, boxes: Floats) -> Bools:
+    def hides(self, boxes: NDArray[np.float32]) -> Bools:
         """(n,) boxes (n, 6) that a plane alone hides."""
         gone, half = np.zeros(len(boxes), bool), 0.5 * (boxes[:, 3:] - boxes[:, :3]).astype(np.float64)
-        for clip in self.clips:
-            if isinstance(clip.surface, Plane):
-                distance = outside(clip.surface, boxes[:, :3] + half)
-                reach = half @ np.abs(np.asarray(clip.surface.normal)) / np.linalg.norm(clip.surface.normal)
-                gone |= (distance + reach < 0.0) if clip.away == "inside" else (distance - reach > 0.0)
+        for own, inside in self.clips:
+            if isinstance(own, Plane):
+                distance = outside(own, boxes[:, :3] + half)
+                reach = half @ np.abs(unit(own.normal, "the normal of the plane"))
+                gone |= (distance + reach < 0.0) if inside else (distance - reach > 0.0)
         return gone
+
+
+def _gone(surface: Solid, inside: bool, points: Floats) -> Bools:
+    """(n,) points (n, 3) on the side of a surface that is taken away."""
+    distance = outside(surface, points)
+    return np.asarray(distance < 0.0 if inside else distance > 0.0)
 
 
 def _by_pixel(found: Hits, count: int) -> Floats:

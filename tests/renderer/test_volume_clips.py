@@ -1,0 +1,223 @@
+"""Volumes cut by clips, and several in one scene: chords and light in closed form."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid
+from elvis.renderer import Camera
+from elvis.renderer.scene import (
+    Clip,
+    Cone,
+    Cylinder,
+    Implicit,
+    Plane,
+    Sphere,
+    Transfer,
+    TriangleMesh,
+    VolumeRendering,
+)
+from elvis.renderer.view import View
+from elvis.renderer.volume_rendering import Medium
+
+SIZE = (36, 30)
+VIEWS = {
+    "parallel": Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9),
+    "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=60.0),
+}
+WHITE = (1.0, 1.0, 1.0)
+EVEN = Transfer((0.0,), (1.0,), (WHITE,))
+CENTRE = (0.45, 0.55, 0.5)
+NORMAL = np.array([1.0, -0.5, 0.3])
+
+
+def with_field(mesh, function, modes):
+    return Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes),))
+
+
+def all_rays(view):
+    rows, columns = np.divmod(np.arange(view.count), view.width)
+    return view.rays(columns, rows)
+
+
+def box_spans(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
+    """(n, 2) depths of rays in a box; empty ones end where they begin."""
+    origins, ways = all_rays(view)
+    with np.errstate(divide="ignore"):
+        first, second = (np.array(low) - origins) / ways, (np.array(high) - origins) / ways
+    enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
+    return np.where((leave > np.maximum(enter, 0))[:, None], np.stack([np.maximum(enter, 0), leave], axis=1), 0.0)
+
+
+def chord(view, **box):
+    """(n,) length of rays in a box."""
+    return box_spans(view, **box) @ [-1, 1] * np.linalg.norm(all_rays(view)[1], axis=1)
+
+
+def overlap(one, other):
+    return np.maximum(np.minimum(one[:, 1], other[:, 1]) - np.maximum(one[:, 0], other[:, 0]), 0.0)
+
+
+def spans(view, kind):
+    """(n, 2) depths between which rays are inside of a surface."""
+    origins, ways = all_rays(view)
+    if kind == "plane":
+        speed = ways @ NORMAL
+        meets = ((np.array(CENTRE) - origins) @ NORMAL) / speed
+        return np.where((speed > 0)[:, None], np.stack([0 * meets, meets], 1), np.stack([meets, 0 * meets + 99], 1))
+    start = origins - CENTRE
+    weights = {"sphere": np.ones(3), "cylinder": np.array([1, 0, 1.0])}[kind]
+    a, b, c = (np.sum(weights * u * v, axis=1) for u, v in ((ways, ways), (ways, start), (start, start)))
+    with np.errstate(invalid="ignore"):
+        root = np.sqrt(b * b - a * (c - 0.3**2))
+    met = np.isfinite(root)[:, None]
+    return np.where(met, np.stack([(-b - root) / a, (-b + root) / a], axis=1), 0.0)
+
+
+SURFACES = {
+    "plane": Plane(CENTRE, tuple(NORMAL)),
+    "sphere": Sphere(CENTRE, 0.3),
+    "cylinder": Cylinder(CENTRE, (0, -2, 0), 0.3),
+}
+
+
+@pytest.mark.parametrize("camera", VIEWS)
+@pytest.mark.parametrize("kind", SURFACES)
+def test_chords_inside_and_outside_of_clips(gather, kind, camera):
+    view = View.through(VIEWS[camera], SIZE)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    scale = np.linalg.norm(all_rays(view)[1], axis=1)
+    inside = scale * overlap(spans(view, kind), box_spans(view))
+    assert inside.max() > 0.2
+    for away, expected in (("outside", inside), ("inside", chord(view) - inside)):
+        light = gather(data, view, EVEN, clips=[Clip(SURFACES[kind], away)])
+        assert np.abs(light.length - expected).max() < 1e-9
+        assert np.abs(light.alpha - (1 - np.exp(-expected))).max() < 1e-9
+
+
+@pytest.mark.parametrize("camera", VIEWS)
+def test_what_one_clip_leaves_another_takes(gather, camera):
+    """Out of the sphere, behind the plane, within the cylinder: lengths by counting points along rays."""
+    view = View.through(VIEWS[camera], (20, 16))
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    kept = {"sphere": "inside", "plane": "outside", "cylinder": "outside"}
+    clips = [Clip(SURFACES[kind], away) for kind, away in kept.items()]
+    depths = (np.arange(40000) + 0.5) * 8.0 / 40000
+    seen = np.ones((view.count, len(depths)), bool)
+    for (first, last), inside in [(box_spans(view).T, True)] + [
+        (spans(view, kind).T, away == "outside") for kind, away in kept.items()
+    ]:
+        seen &= ((depths > first[:, None]) & (depths < last[:, None])) == inside
+    expected = seen.sum(axis=1) * 8.0 / 40000 * np.linalg.norm(all_rays(view)[1], axis=1)
+    assert expected.max() > 0.1
+    assert np.abs(gather(data, view, EVEN, clips=clips).length - expected).max() < 2e-3
+
+
+def test_cones_in_closed_form(gather):
+    """Along the axis of a cone of 45 degrees, from its side: the part beyond the apex that lies within."""
+    view = View.through(VIEWS["parallel"], SIZE)
+    data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 2)
+    forward = np.asarray(view.camera.basis()[2])
+    apex = np.array([0.5, 0.55, 0.55])
+    cone = Cone(tuple(apex), tuple(forward), 30.0)
+    origins, _ = all_rays(view)
+    aside = (origins - apex) - np.outer((origins - apex) @ forward, forward)
+    enters = (apex - origins) @ forward + np.linalg.norm(aside, axis=1) / np.tan(np.deg2rad(30.0))
+    expected = overlap(np.stack([enters, 0 * enters + 99], axis=1), box_spans(view))
+    assert expected.max() > 0.2
+    light = gather(data, view, EVEN, clips=[Clip(cone, "outside")])
+    assert np.abs(light.length - expected).max() < 1e-9
+
+
+def test_meshes_of_triangles(gather, tmp_path):
+    """A closed box, off the lattice of the elements, is a clip like any other."""
+    trimesh = pytest.importorskip("trimesh")
+    low, high = np.array([0.21, 0.13, 0.32]), np.array([0.81, 0.93, 0.72])
+    box = trimesh.creation.box(high - low)
+    box.apply_translation((low + high) / 2)
+    box.export(tmp_path / "box.stl")
+    view = View.through(VIEWS["perspective"], SIZE)
+    data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 2)
+    inside = chord(view, low=low, high=high)
+    for away, expected in (("outside", inside), ("inside", chord(view) - inside)):
+        light = gather(data, view, EVEN, clips=[Clip(TriangleMesh(str(tmp_path / "box.stl")), away)])
+        assert np.abs(light.length - expected).max() < 2e-6  # corners are in single precision in the file
+
+
+@pytest.mark.parametrize("away", ["inside", "outside"])
+def test_clips_by_a_quantity(gather, away):
+    """The sphere as an expression: it is cut where the quantity along the ray is zero."""
+    view = View.through(VIEWS["perspective"], SIZE)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    name = "(x-0.45)^2 + (y-0.55)^2 + (z-0.5)^2 - 0.09"
+    light = gather(data, view, EVEN, Medium.clip(name, away))
+    inside = np.linalg.norm(all_rays(view)[1], axis=1) * overlap(spans(view, "sphere"), box_spans(view))
+    expected = inside if away == "outside" else chord(view) - inside
+    assert np.abs(light.length - expected).max() < 1e-9
+
+
+def test_two_volumes_of_half_the_density_are_one(gather):
+    view = View.through(VIEWS["perspective"], SIZE)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: ((p - 0.5) ** 2).sum(axis=1), 3)
+    hues = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    whole, half = (Transfer((0.1, 0.2, 0.5), tuple(f * d for d in (0.0, 6.0, 2.0)), hues) for f in (1.0, 0.5))
+    one, two = gather(data, view, whole, error=1e-7), gather(data, view, half, half, error=1e-7)
+    assert one.alpha.max() > 0.5
+    assert np.abs(one.color - two.color).max() < 1e-7
+    assert np.abs(one.alpha - two.alpha).max() < 1e-12
+    assert np.abs(one.length - two.length).max() < 1e-12
+
+
+def test_volumes_of_two_quantities_are_mixed(gather):
+    """Red of density 2 everywhere, green of density 3 where y > 1/2: C and alpha of each stretch follow from both."""
+    view = View.through(VIEWS["parallel"], SIZE)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    red = Medium(Transfer((0.0,), (2.0,), ((1.0, 0.0, 0.0),)))
+    green = Medium(Transfer((0.5 - 1e-12, 0.5), (0.0, 3.0), ((0.0, 1.0, 0.0),) * 2), "y")
+    light = gather(data, view, red, green, error=1e-6)
+    upper = chord(view, low=(0, 0.5, 0))
+    lower = chord(view) - upper
+    assert lower.max() > 0.1
+    assert np.abs(light.alpha - (1 - np.exp(-2 * chord(view) - 3 * upper))).max() < 1e-9
+
+    # this view looks along +y: the lower part lies before the other
+    before, behind = 1 - np.exp(-2 * lower), 1 - np.exp(-5 * upper)
+    assert np.abs(light.color[:, 0] - (before + (1 - before) * 0.4 * behind)).max() < 1e-6
+    assert np.abs(light.color[:, 1] - (1 - before) * 0.6 * behind).max() < 1e-6
+
+
+def sheared(points):
+    """A bend of second degree that keeps the cube's chords along z, and its volume."""
+    x, y, _ = points.T
+    return points + np.outer(0.3 * x * y - 0.2 * y**2, [0, 0, 1])
+
+
+def test_curved_elements_are_cut_and_mixed_too(gather):
+    """A sphere well within bent elements."""
+    view = View.through(VIEWS["parallel"], SIZE)
+    data = with_field(curved(grid(Shape.TETRAHEDRON, 2), sheared, 3), lambda p: p[:, 0], 3)
+    free = gather(data, view, EVEN)
+    halves = [gather(data, view, EVEN, clips=[Clip(SURFACES["sphere"], away)]) for away in ("inside", "outside")]
+    assert min(light.length.max() for light in halves) > 0.2
+    assert np.abs(sum(light.length for light in halves) - free.length).max() < 1e-9
+    within = overlap(spans(view, "sphere"), box_spans(view))
+    assert np.abs(halves[1].length - within).max() < 1e-9
+    name = "(x-0.45)^2 + (y-0.55)^2 + (z-0.5)^2 - 0.09"
+    gated = gather(data, view, EVEN, Medium.clip(name, "outside"), error=1e-6)
+    assert np.abs(gated.length - within).max() < 1e-6
+    both = gather(data, view, Transfer((0.0,), (0.5,), (WHITE,)), Medium(Transfer((0.0,), (0.5,), (WHITE,)), "y"))
+    assert np.abs(both.alpha - free.alpha).max() < 1e-9
+
+
+def test_a_scene_cuts_its_volumes(draw, linear):
+    """From the scene to the picture: clips of all kinds at once."""
+    data = linear(grid(Shape.TETRAHEDRON, 2))
+    fog = VolumeRendering(Transfer((0.0,), (1.0,), (WHITE,)), error=1e-6)
+    clips = (Clip(SURFACES["plane"], "outside"), Clip(Implicit("x - 0.4"), "inside"))
+    frame = draw(data, camera=VIEWS["parallel"], size=SIZE, objects=(fog,), clip=clips, background=(0, 0, 0))
+    view = View.through(VIEWS["parallel"], SIZE)
+    expected = 1 - np.exp(-overlap(box_spans(view, low=(0.4, 0, 0)), spans(view, "plane")))
+    assert expected.max() > 0.2
+    assert np.abs(frame.color.reshape(-1, 3)[:, 0] - expected).max() < 1e-6
+    assert (frame.status.ravel() == (expected > 0)).all()
