@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats
 from elvis.formats.errors import ElvisError
-from elvis.formats.quantities.attributes import is_constant
+from elvis.formats.quantities.attributes import is_constant, target_of
 from elvis.formats.quantities.expression import Expression
 from elvis.formats.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
 
@@ -73,13 +73,19 @@ class Formula:
         return tuple(name for name in self.expression.attributes if is_constant(name))
 
     @property
+    def targets(self) -> tuple[str, ...]:
+        """What distances in it are measured to, in the order of the surfaces on a device."""
+        return tuple(target for name in self.expression.attributes if (target := target_of(name)) is not None)
+
+    @property
     def source(self) -> str:
         """Slang text that declares ``Given``, an IFormula; ElvisError where that would take minutes to compile."""
         parts = len(ordered(self.expression.root))
         if parts > _MOST:
             raise ElvisError(f"expected an expression of at most {_MOST} parts in pictures, found {parts}")
         value, slope = self._value(), self._slope()
-        return _SOURCE.format(value="\n        ".join(value), slope="\n        ".join(slope))
+        text = _SOURCE.format(value="\n        ".join(value), slope="\n        ".join(slope))
+        return f"import distances; {text}" if self.targets else text
 
     def _value(self) -> Iterator[str]:
         root = self.expression.root
@@ -91,7 +97,7 @@ class Formula:
         """The chain rule over the leaves; by differences where their own slopes aren't at hand."""
         root = self.expression.root
         moving = [leaf for leaf in leaves(root) if not (leaf.op == "attribute" and is_constant(leaf.name))]
-        if any(leaf.op == "attribute" or len(leaf.axes) > (leaf.op == "coordinate") for leaf in moving):
+        if any((leaf.op == "attribute" and not target_of(leaf.name)) or len(leaf.axes) > (leaf.op == "coordinate") for leaf in moving):
             yield "return differences<V, Given>(element, r);"
             return
         parts = {leaf: partial(root, leaf) for leaf in moving}
@@ -104,9 +110,13 @@ class Formula:
 
     def _ingredients(self, used: Sequence[Node], moved: Sequence[Node]) -> Iterator[str]:
         """What the leaves are made of: the frame, values, slopes and gradients of fields."""
-        framed = any(leaf.op == "coordinate" for leaf in (*used, *moved)) or any(leaf.axes for leaf in used)
+        placed = any(leaf.op == "coordinate" or target_of(leaf.name) is not None for leaf in (*used, *moved))
+        framed = placed or any(leaf.axes for leaf in used)
         if framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used):
             yield "Frame frame = V(element).frame(r);"
+        for target in sorted({target for leaf in (*used, *moved) if (target := target_of(leaf.name)) is not None}):
+            k = self.targets.index(target)
+            yield f"Near near{k} = nearest({k}u, frame.position);"
         valued = [leaf.name for leaf in used if leaf.op == "field" and not leaf.axes]
         sloped = [leaf.name for leaf in used if leaf.op == "field" and len(leaf.axes) == 1]
         risen = [leaf.name for leaf in moved if leaf.op == "field"]
@@ -138,6 +148,8 @@ class Formula:
         if leaf.op == "coordinate":
             axis = "xyz"[leaf.axes[0]]
             return f"double3(frame.dx.{axis}, frame.dy.{axis}, frame.dz.{axis})"
+        if leaf.op == "attribute":
+            return f"in_reference(frame, near{self.targets.index(str(target_of(leaf.name)))}.gradient)"
         return f"slope{self.fields.index(leaf.name)}"
 
     def _statements(self, *roots: Node) -> Iterator[str]:
@@ -167,6 +179,9 @@ class Formula:
         return f"{('value', 'gradient', 'hessian')[len(node.axes)]}{m}{along}"
 
     def _attribute(self, name: str) -> str:
+        target = target_of(name)
+        if target is not None:
+            return f"near{self.targets.index(target)}.distance"
         if is_constant(name):
             names = self.constants
             return f"element_constants[element * {len(names)}u + {names.index(name)}u]"

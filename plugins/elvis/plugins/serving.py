@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from elvis.formats.dataset import Dataset
+from elvis.formats.distances import surface_of
 from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import Expression, Names
+from elvis.formats.quantities.attributes import target_of
+from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.opening import Opened, guarded
@@ -78,11 +81,12 @@ def _expressed(part: Part, expressions: Sequence[Expression], dimension: int) ->
 
 def _quantity(part: Part, expression: Expression, dimension: int) -> Quantity:
     if expression.is_field:
-        return Quantity(part.type, part.source, {}, part.degree)
-    unknown = [name for name in expression.attributes if name != "element"]
+        return Quantity(part.type, part.source, {}, part.degree, part.bounds)
+    unknown = [name for name in expression.attributes if name != "element" and target_of(name) is None]
     if unknown:
         raise ElvisError(f"there is no {unknown[0]} of elements that a runtime plugin draws")
     formula = Formula(expression, expression.fields, np.eye(3), dimension)
     constants = part.element_ids.astype(np.float64) if formula.constants else np.zeros(1)
     source = f"{part.source} {formula.source}"
-    return Quantity(f"Expressed<{part.type}, Given>", source, {"element_constants": constants})
+    surfaces = buffers_of([surface_of(None, target) for target in formula.targets]) if formula.targets else {}
+    return Quantity(f"Expressed<{part.type}, Given>", source, {"element_constants": constants, **surfaces})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -19,6 +19,7 @@ from elvis.formats.quantities import Expression, pointwise
 from elvis.formats.quantities.attributes import Attributes, from_ideal, is_constant
 from elvis.formats.quantities.tree import Node
 from elvis.formats.shapes import Shape
+from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
@@ -47,6 +48,7 @@ class Elements:
         self.patches, self.geometry, self.names = patches, geometry, tuple(names)
         self.expressions, self.attributes = expressions, attributes
         self._nets: dict[tuple[str, ...], tuple[BernsteinSpace, Floats]] = {}
+        self._shared: dict[tuple[str, ...], Mapping[str, NDArray[Any]]] = {}
 
     def part(self) -> Part:
         """The part: fields are evaluated as they are, what several fields make by one stack of them all."""
@@ -90,12 +92,12 @@ class Elements:
         type, source = f"{shape.label}<{arguments}>", ""
         if self.series:
             type, source = f"Planes<{type}, {len(self.series.z_ids)}>", "import native_planes;"
-        buffers: dict[str, NDArray[np.float64]] = {"coefficients": net} if names else {}
+        buffers: dict[str, NDArray[Any]] = {"coefficients": net} if names else {}
         if expression.is_field:
             degree = 0 if self.series else max(*self.geometry.degrees, *space.degrees)
             return Quantity(type, source, buffers, degree, None if self.series else partial(_bounds, net, space))
         formula = Formula(expression, names, *_ideal(shape, 3 if self.series else shape.dimension))
-        buffers["element_constants"] = self._constants(formula.constants)
+        buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         known = 0 if found is None or found > HIGHEST or self.series else max(*self.geometry.degrees, found)
         return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known)
@@ -144,6 +146,12 @@ class Elements:
         """(n, attributes) what is one number throughout each element."""
         columns = [[self.attributes.constant(name, p.shape, p.element_ids) for p in self.patches] for name in names]
         return np.stack([np.concatenate(column) for column in columns], axis=1) if columns else np.zeros((1, 1))
+
+    def _surfaces(self, targets: tuple[str, ...]) -> Mapping[str, NDArray[Any]]:
+        """The buffers of surfaces that distances are measured to."""
+        if targets and targets not in self._shared:
+            self._shared[targets] = buffers_of([self.attributes.surface(target) for target in targets])
+        return self._shared.get(targets, {})
 
     def _value(self, patch: Patch, rows: Ints, reference: Floats) -> Floats:
         """(n,) the part's own field at reference points, on the host."""
