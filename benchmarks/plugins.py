@@ -41,7 +41,7 @@ def hard_wired(renderer: Renderer, part: Part, folder: Path) -> None:
     device = renderer.device
     sessions: dict[bool, Any] = {}
 
-    def link(stage: str, _: Part) -> devices.Kernel:
+    def link(stage: str, *_: str) -> devices.Kernel:
         together = stage in devices.TOGETHER
         if together not in sessions:
             path = folder / str(together)

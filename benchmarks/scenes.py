@@ -63,13 +63,14 @@ def curve_bytes(dataset: Dataset) -> int:
 
 def _view(renderer: Renderer, dataset: Dataset, scene: Scene, rounds: int, levels: int) -> dict[str, Any]:
     """One scene: ours and VTK's, in turn."""
-    frame, first = once(lambda: exact(renderer, scene))
+    _, first = once(lambda: exact(renderer, scene))
+    frame = renderer.render(scene)
     rivals = [] if linear.why_not() or not _is_linear(scene) else _rivals(dataset, scene, frame, levels)
     works: dict[str, Callable[[], Any]] = {"exact": partial(exact, renderer, scene)}
     works |= {str(level): rival.picture for level, rival in enumerate(rivals)}
     timings = in_turn(works, rounds)
-    frame = exact(renderer, scene)
-    ours = timings["exact"].record() | {"first": first.best, "stages": frame.stats["seconds"]}
+    stages = exact(renderer, scene).stats["seconds"]
+    ours = timings["exact"].record() | {"first": first.best, "stages": stages}
     ours |= {"seen": int(frame.seen.sum()), "status": frame.counts(), "operations": operations(dataset, scene, frame)}
     return {"exact": ours, "linear": [r.record(timings[str(n)], frame) for n, r in enumerate(rivals)]}
 

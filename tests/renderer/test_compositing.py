@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from elvis.renderer import Camera
-from elvis.renderer.compositing import Coat, composite, lit
+from elvis.renderer.compositing import Coat, composite
 from elvis.renderer.layer import Layer
+from elvis.renderer.lines import UNITS, Marks
+from elvis.renderer.painting import Brush, Look
 from elvis.renderer.palette import NOT_A_NUMBER, Palette
 from elvis.renderer.scene import Light
 from elvis.renderer.view import View
@@ -22,13 +24,15 @@ def layer_at(depths, normal=(0.0, 0.0, 1.0)):
     return layer
 
 
-def colored(layer, color):
-    return np.tile(color, (len(layer.depth), 1))
+def coat(depths, color, opacity=1.0):
+    """A coat of one colour."""
+    alpha = np.where(np.isfinite(depths), opacity, 0.0)
+    return Coat(np.asarray(depths, float), alpha[:, None] * color, alpha)
 
 
-def coat(depths, color, opacity=1.0, lines=()):
-    layer = layer_at(depths)
-    return Coat.of(layer, colored(layer, color), opacity, lines)
+@pytest.fixture(params=["vulkan", "cpu"], scope="module")
+def brush(request, renderer):
+    return Brush(renderer(request.param).device)
 
 
 def test_the_nearest_hides_what_lies_behind_pixel_by_pixel():
@@ -53,40 +57,61 @@ def test_background_of_each_pixel_shines_through():
     assert np.array_equal(result, [0.5 * BLUE + 0.5 * RED, GREEN])
 
 
-def test_lines_are_opaque_over_the_surface_and_later_ones_on_top():
-    coverage = np.array([0.0, 0.5, 1.0, 1.0])
-    depths = [1.0, 1.0, 1.0, np.inf]
-    result = composite([coat(depths, GREEN, 0.5, [(coverage, RED), (np.array([0, 0, 0.25, 1]), BLUE)])], WHITE)
+def sight(count, **camera):
+    """A row of pixels, seen from above."""
+    return View.through(Camera((0, 0, 2), (0, 0, 0), (0, 1, 0), **(camera or {"height": 1.0})), (count, 1))
+
+
+def marks(brush, distances, width):
+    """Lines as far from pixels as that."""
+    held = brush._device.buffer((np.asarray(distances) * UNITS).astype(np.uint32))
+    return Marks(brush._device, held, width, np.zeros(len(distances), np.uint32))
+
+
+def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(brush):
+    """Lines of a pixel's width cover 1 - their distance of it."""
+    layer = layer_at([1.0, 1.0, 1.0, np.inf])
+    mesh, contours = marks(brush, [1.0, 0.5, 0.0, 0.0], 1.0), marks(brush, [1.0, 1.0, 0.75, 0.0], 1.0)
+    assert np.array_equal(mesh.coverage, [0.0, 0.5, 1.0, 1.0])
+    look = Look(tuple(GREEN), 0.5, mesh=(mesh, tuple(RED)), contours=(contours, tuple(BLUE)))
     surface = 0.5 * GREEN + 0.5 * WHITE
-    assert np.allclose(result, [surface, 0.5 * RED + 0.5 * surface, 0.25 * BLUE + 0.75 * RED, WHITE])
+    expected = [surface, 0.5 * RED + 0.5 * surface, 0.25 * BLUE + 0.75 * RED, WHITE]
+    assert np.allclose(brush.over(sight(4), layer, look, WHITE, whole=False), expected)
+    assert np.allclose(composite([brush.coat(sight(4), layer, look)], WHITE), expected)
+    assert np.array_equal(
+        brush.over(sight(4), layer, look, WHITE, whole=True), np.floor(255 * np.array(expected) + 0.5)
+    )
 
 
-def test_what_is_not_a_number_has_its_own_colour():
-    colors = Palette.named("viridis", 0.0, 1.0).colors(np.array([np.nan, 0.0]))
-    result = composite([Coat.of(layer_at([1.0, 1.0]), colors)], WHITE)
-    assert np.array_equal(result[0], NOT_A_NUMBER)
-    assert np.array_equal(result[1], colors[1])
+def test_colours_are_those_of_the_colour_map(brush):
+    """To the last bit; what is not a finite number has its own."""
+    palette = Palette.named("viridis", -1.0, 2.0)
+    values = np.concatenate([np.linspace(-1.5, 2.5, 40), [np.nan, np.inf, -np.inf]])
+    layer = layer_at(np.ones(len(values))).showing(values)
+    painted = brush.over(sight(len(values)), layer, Look(palette), WHITE, whole=False)
+    assert np.array_equal(painted, palette.colors(values))
+    assert np.array_equal(painted[-3:], np.tile(NOT_A_NUMBER, (3, 1)))
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 75.0])
-def test_lambert_s_law(degrees):
+def test_lambert_s_law(brush, degrees):
     angle = np.deg2rad(degrees)
-    view = View.through(Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), height=1.0), (1, 1))
     layer = layer_at([5.0], (np.sin(angle), 0.0, np.cos(angle)))
 
     def shade(*lights, ambient=0.2):
-        return lit(view, layer, colored(layer, WHITE), lights, ambient)[0, 0]
+        return brush.coat(sight(1), layer, Look(tuple(WHITE), 1.0, lights, ambient)).color[0, 0]
 
     assert shade(Light(None, 0.5)) == pytest.approx(0.2 + 0.5 * np.cos(angle))
     assert shade(Light((3.0, 0.0, 0.0), 0.5)) == pytest.approx(0.2 + 0.5 * np.sin(angle))
     assert shade(Light((0.0, 0.0, -1.0), 0.5)) == pytest.approx(0.2)
     assert shade(Light(None, 0.1), Light((0.0, 0.0, 1.0), 0.2)) == pytest.approx(0.2 + 0.3 * np.cos(angle))
     assert shade(Light(None, 9.0), ambient=0.9) == 1.0
+    assert shade(ambient=1.0) == 1.0
 
 
-def test_headlight_shines_along_each_ray():
-    view = View.through(Camera((0, 0, 2), (0, 0, 0), (0, 1, 0), fov=90.0), (3, 1))
-    layer = layer_at([2.0, 2.0, 2.0])
+def test_headlight_shines_along_each_ray(brush):
+    view, layer = sight(3, fov=90.0), layer_at([2.0, 2.0, 2.0])
     towards = view.rays(np.arange(3), np.zeros(3))[1]
     expected = 0.5 * 2.0 / np.linalg.norm(2.0 * towards, axis=1)
-    assert np.allclose(lit(view, layer, colored(layer, WHITE), [Light(None, 0.5)], 0.0)[:, 0], expected)
+    look = Look(tuple(WHITE), 1.0, [Light(None, 0.5)], 0.0)
+    assert np.allclose(brush.coat(view, layer, look).color[:, 0], expected)

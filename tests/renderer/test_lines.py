@@ -158,7 +158,7 @@ def test_both_devices_draw_the_same(cut):
     drawn = [lines.contours(view, layer, np.array([0.02, 0.09]), 1.5) for lines, view, layer in found]
     assert np.abs(drawn[0].coverage - drawn[1].coverage).max() < 1e-4
     assert np.array_equal(drawn[0].number, drawn[1].number)
-    assert np.abs(np.subtract(*(lines.mesh(view, layer, 1.5) for lines, view, layer in found))).max() < 1e-9
+    assert np.abs(np.subtract(*(lines.mesh(view, layer, 1.5).coverage for lines, view, layer in found))).max() < 1e-9
 
 
 def test_contours_of_an_expression(renderer):
@@ -291,7 +291,7 @@ def test_mesh_lines_of_straight_elements(cut, camera):
     rows = [np.column_stack([part, np.full_like(part, k / 4), np.full_like(part, 0.52)]) for k in range(5)]
     points = np.concatenate([*rows, *(row[:, [1, 0, 2]] for row in rows)])
     for width in (1.0, 3.5):
-        check(layer, lines.mesh(view, layer, width), distances(view, points), width, 1e-3)
+        check(layer, lines.mesh(view, layer, width).coverage, distances(view, points), width, 1e-3)
 
 
 def test_mesh_lines_of_slivers_that_are_thinner_than_lines(cut):
@@ -301,7 +301,7 @@ def test_mesh_lines_of_slivers_that_are_thinner_than_lines(cut):
     moved[:, 0] = np.interp(mesh.vertices[:, 0], np.arange(7) / 6, [0, 0.3, 0.302, 0.304, 0.306, 0.308, 1])
     dataset = with_field(type(mesh)(**{**vars(mesh), "vertices": moved}), lambda p: p[..., 0], 2)
     lines, view, layer = cut(dataset, size=(260, 220))
-    coverage = lines.mesh(view, layer, 1.5).reshape(view.height, view.width)
+    coverage = lines.mesh(view, layer, 1.5).coverage.reshape(view.height, view.width)
     x = view.points()[110, :, 0]
     assert (coverage[110][(x > 0.2995) & (x < 0.3085)] == 1.0).all()
 
@@ -315,7 +315,7 @@ def test_mesh_lines_of_curved_elements(cut, size):
     sides = [([x, 0, 0], [x, 1, 0]) for x in range(4)] + [([1, 0, 0], [2, 1, 0])]
     sides += [([x, y, 0], [x + 1, y, 0]) for x in range(3) for y in (0, 1)]
     points = np.concatenate([bent_plane((1 - part) * a + part * b) for a, b in np.array(sides, float)])
-    check(layer, lines.mesh(view, layer, 1.5), distances(view, points), 1.5)
+    check(layer, lines.mesh(view, layer, 1.5).coverage, distances(view, points), 1.5)
 
 
 def test_mesh_lines_of_bent_volumes(cut):
@@ -331,7 +331,7 @@ def test_mesh_lines_of_bent_volumes(cut):
     apart = np.min([nearest(axis, level) for axis, level in crossed], axis=0)
     near = np.isfinite(layer.depth).reshape(view.height, view.width)
     inner = near & ~grown(~near, 2)
-    difference = np.abs(lines.mesh(view, layer, 1.5) - covered(apart, 1.5)).reshape(inner.shape)
+    difference = np.abs(lines.mesh(view, layer, 1.5).coverage - covered(apart, 1.5)).reshape(inner.shape)
     assert difference[inner].max() < CLOSE
 
 
@@ -344,7 +344,7 @@ def test_lines_don_t_depend_on_the_elements_turns_and_orders(cut, shape):
     )
     values = np.array([0.01, 0.05, 0.12])
     pairs = [
-        (lines.contours(view, layer, values, 1.5).coverage, lines.mesh(view, layer, 1.0))
+        (lines.contours(view, layer, values, 1.5).coverage, lines.mesh(view, layer, 1.0).coverage)
         for lines, view, layer in (first, second)
     ]
     same = (first[2].owner == NOBODY) == (second[2].owner == NOBODY)
@@ -375,7 +375,7 @@ def test_contours_on_faces_run_over_the_edges_of_a_cube(renderer):
     # the lines of the mesh on them
     sides = [np.insert(np.column_stack([part, np.full_like(part, k / 2)])[:, ::turn], fixed, 1.0, axis=1)
              for fixed in range(3) for k in range(3) for turn in (1, -1)]  # fmt: skip
-    check(layer, Lines(loaded).mesh(view, layer, 1.5), distances(view, np.concatenate(sides)), 1.5)
+    check(layer, Lines(loaded).mesh(view, layer, 1.5).coverage, distances(view, np.concatenate(sides)), 1.5)
 
 
 def test_nothing_is_drawn_of_what_is_not_a_number(cut):

@@ -10,10 +10,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Drawing, Frame, Status, whole
+from elvis.renderer.frame import Drawing, Frame, whole
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.scene import Scene
 from elvis.renderer.shading import Drawn, Painter, record_of
@@ -82,6 +83,7 @@ class Canvas:
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         stats |= {"remarks": self.painter.remarks(self.sheets), "not_a_number": self.undefined}
         record, element, reference = (arrays[name] for name in ("field", "element", "reference"))
+        reference = reference if self.records else None
         return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)
 
     def _bands(self) -> Iterator[Band]:
@@ -99,15 +101,14 @@ class Canvas:
         self.painter.note(drawn)
         shape, rows = (band.view.height, band.view.width), band.rows
         record = record_of(drawn, band.view)
-        self.undefined += int(np.count_nonzero(~np.isfinite(record.field) & (record.depth < np.inf)))
+        self.undefined += int(np.count_nonzero(~np.isfinite(record.field) & (record.owner != NOBODY)))
 
         def inner(values: Any) -> Any:
             return values.reshape(*shape, *values.shape[1:])[band.inner]
 
         color = inner(self._colors(drawn, band.view))
         self._keep("color", rows, color if self.records else whole(color))
-        record.status[(record.owner == NOBODY) & self.glow & (record.status == Status.MISS)] = Status.CERTAIN
-        self._keep("status", rows, inner(record.status))
+        self._keep("status", rows, inner(np.maximum(record.status, self.glow)))
         if self.records:
             self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
             for name in ("field", "depth", "reference", "normal"):
@@ -132,19 +133,18 @@ class Canvas:
         self.progress(self.done, self.total)
         return drawn
 
-    def _colors(self, drawn: Drawn, view: View) -> Floats:
+    def _colors(self, drawn: Drawn, view: View) -> Floats | NDArray[np.uint8]:
         """(n, 3) means over the samples of each pixel; ``drawn`` are the layers at its centre."""
-        count, self.glow = self.scene.samples, np.zeros(view.count, bool)
+        count, self.glow = self.scene.samples, np.zeros(view.count, np.uint8)
         steps = (np.arange(count) - 0.5 * (count - 1)) / count
-        total: Floats | float = 0.0
+        total: Any = 0.0
         for x, y in product(steps, steps):
             here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
             layers = drawn if here is view else self._drawn(here)
             start = perf_counter()
-            total = (
-                total + self.painter.paint(layers, here) / count**2 if count > 1 else self.painter.paint(layers, here)
-            )
-            self.glow |= self.painter.glow
+            colors = self.painter.paint(layers, here, whole=count == 1 and not self.records)
+            total = colors if count == 1 else total + colors / count**2
+            self.glow = np.maximum(self.glow, self.painter.glow)
             self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start
             self._check_time()
         return np.asarray(total)

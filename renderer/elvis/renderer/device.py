@@ -105,7 +105,7 @@ class Device:
         self.close()
 
     def include(self, folder: Path) -> None:
-        """Look for the modules of plugins in this folder, and in no other plugin's."""
+        """Medium for the modules of plugins in this folder, and in no other plugin's."""
         if folder != self._folders[-1]:
             self._folders = [SHADERS, interface_folder(), folder]
             self._session = None
@@ -142,41 +142,45 @@ class Device:
             content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
         return content
 
-    def kernel(self, stage: str, part: Part, quantity: str | None = None, *, line_degree: int = 0) -> Kernel:
+    def kernel(
+        self,
+        stage: str,
+        part: Part | None = None,
+        quantity: str | None = None,
+        *,
+        line_degree: int = 0,
+        media: int = 1,
+    ) -> Kernel:
         """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a part's Slang type.
 
+        part         None for stages that know nothing of elements
         quantity     one of the part's, to be evaluated in place of its own field
         line_degree  of polynomials along rays; 0 takes that of the field
+        media        number of transfer functions that are mixed along rays
 
         DeviceError with the compiler's own words where the part's module does not compile.
         """
-        chosen = part if quantity is None else part.quantities[quantity]
-        key = (str(self._folders[-1]), stage, part.module, chosen.type, chosen.source, f"{chosen.degree} {line_degree}")
+        source = f"export static const int rows = {ROWS[self.adapter.software]};"
+        source += f"export static const int media = {media};"
+        name = stage
+        if part is not None:
+            chosen = part if quantity is None else part.quantities[quantity]
+            name = f"{stage}_{part.module}_{chosen.type}"
+            source += _of_type(part, chosen, line_degree or chosen.degree or STAND_IN, together=stage in TOGETHER)
+        else:
+            source += f"export static const int line_degree = {line_degree or STAND_IN};"
+        key = (str(self._folders[-1]), stage, name, source)
         if key not in self._kernels:
             with compiling():
-                self._kernels[key] = self._link(stage, part, chosen, line_degree)
+                self._kernels[key] = self._link(stage, _unique(name, source), source)
         return self._kernels[key]
 
-    def _link(self, stage: str, part: Part, chosen: Part | Quantity, line_degree: int) -> Kernel:
+    def _link(self, stage: str, name: str, source: str) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
         if self._session is None:
             self._session = _session(self._device, self._folders)
-        together = str(stage in TOGETHER).lower()
-        source = (
-            f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
-            f"export static const bool lanes_together = {together};"
-            f"export static const int rows = {ROWS[self.adapter.software]};"
-            f"export static const int cube_degree = {chosen.degree or STAND_IN};"
-            f"export static const int line_degree = {line_degree or chosen.degree or STAND_IN};"
-            f"export static const bool cube_collapsed = {str(part.collapsed).lower()};"
-        )
-        program = self._session.link_program(
-            [
-                entry := self._session.load_module(stage),
-                self._session.load_module_from_source(_unique(f"{stage}_{part.module}_{chosen.type}", source), source),
-            ],
-            [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])],
-        )
+        entry, own = self._session.load_module(stage), self._session.load_module_from_source(name, source)
+        program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
         return Kernel(self._device.create_compute_kernel(program), program)
 
     def listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, slangpy.Buffer]], None]) -> NDArray[Any]:
@@ -184,14 +188,14 @@ class Device:
 
         It runs again with a longer list where the first was too short, so running twice must be harmless.
         """
-        capacity, dtype = FIRST_CAPACITY, kernel.dtype(name)
+        dtype = kernel.dtype(name)
         while True:
-            lists = {name: self.empty(dtype, capacity), "count": self.buffer(np.zeros(1, np.uint32))}
+            lists = {name: self.empty(dtype, kernel.capacity), "count": self.buffer(np.zeros(1, np.uint32))}
             run(lists)
             count = int(self.read(lists["count"], np.uint32)[0])
-            if count <= capacity:
+            if count <= kernel.capacity:
                 return self.read(lists[name], dtype)[:count].copy() if count else np.empty(0, dtype)
-            capacity = count
+            kernel.capacity = count + count // 4
 
     def wait(self) -> None:
         """Return when all submitted work is done."""
@@ -199,10 +203,13 @@ class Device:
 
 
 class Kernel:
-    """A linked compute kernel; buffers are given by the names of its module's globals."""
+    """A linked compute kernel; buffers are given by the names of its module's globals.
+
+    capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
+    """
 
     def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram) -> None:
-        self._kernel = kernel
+        self._kernel, self.capacity = kernel, FIRST_CAPACITY
         self._group = int(program.layout.entry_points[0].compute_thread_group_size.x)
         # the cpu target wraps all globals in a constant buffer
         layout = program.layout.globals_type_layout
@@ -237,6 +244,17 @@ def working() -> Iterator[None]:
         yield
     except RuntimeError as error:
         raise DeviceLostError(f"the device failed: {' '.join(str(error).split()) or 'it was lost'}") from error
+
+
+def _of_type(part: Part, chosen: Part | Quantity, line_degree: int, *, together: bool) -> str:
+    """Slang text that makes a type a stage's ``TheVolume``."""
+    return (
+        f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
+        f"export static const bool lanes_together = {str(together).lower()};"
+        f"export static const int cube_degree = {chosen.degree or STAND_IN};"
+        f"export static const int line_degree = {line_degree};"
+        f"export static const bool cube_collapsed = {str(part.collapsed).lower()};"
+    )
 
 
 def _dtype(layout: Any) -> np.dtype[Any]:

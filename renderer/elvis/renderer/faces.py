@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.plugins.faces import Faces
 from elvis.renderer.device import Kernel
 from elvis.renderer.frame import Status
@@ -28,6 +28,7 @@ _TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int3
 #: what is known of a pixel: kind of number, and how many
 _IMAGE = {
     "owner": (np.uint32, 1),
+    "side": (np.uint32, 1),
     "field": (np.float64, 1),
     "reference": (np.float64, 3),
     "depth": (np.float64, 1),
@@ -41,7 +42,7 @@ class FaceDrawer:
 
     def __init__(self, loaded: Loaded, faces: Faces) -> None:
         self.loaded, self.faces = loaded, faces
-        self._chosen: tuple[tuple[str, ...], list[tuple[Ints, Floats]]] = (), []
+        self._chosen: tuple[tuple[str, ...] | Bools, list[tuple[Ints, Floats]]] = (), []
         self._seen: tuple[object, list[tuple[Pieces, Edges]]] = None, []
 
     def draw(
@@ -61,20 +62,28 @@ class FaceDrawer:
                 image = {name: device.empty(dtype, size * view.count) for name, (dtype, size) in _IMAGE.items()}
                 image["after"] = device.buffer(after)
             kernel(tiles, {**self.loaded.bound(number, quantity), **buffers, **image}, groups=True)
-        layer = Layer.empty(view.count) if not image else self._read(image)
+        layer = self._layer(image) if image else Layer.empty(view.count)
         for _, edges in self._pieces(view, select):
             _mark(view, layer, edges, np.broadcast_to(after, view.count))
         return layer
 
-    def _read(self, image: dict[str, slangpy.Buffer]) -> Layer:
-        found = {name: self.loaded.device.read(image[name], dtype) for name, (dtype, _) in _IMAGE.items()}
-        found = {name: data.reshape(-1, 3) if _IMAGE[name][1] == 3 else data for name, data in found.items()}
-        return Layer(**{**found, "status": found["status"].astype(np.uint8)})
+    def _layer(self, image: dict[str, slangpy.Buffer]) -> Layer:
+        """The layer that the device holds; what of it is asked for is read."""
 
-    def hits(self, view: View, select: Sequence[str] = ("all",), rows: tuple[int, int] | None = None) -> NDArray[Any]:
+        def read(name: str) -> NDArray[Any]:
+            dtype, size = _IMAGE[name]
+            values = self.loaded.device.read(image[name], dtype)
+            return values.astype(np.uint8) if name == "status" else values.reshape(-1, size) if size > 1 else values
+
+        return Layer.made({name: partial(read, name) for name in _IMAGE}, held=image)
+
+    def hits(
+        self, view: View, select: Sequence[str] | Bools = ("all",), rows: tuple[int, int] | None = None
+    ) -> NDArray[Any]:
         """All hits on the faces that ``select`` names, for the pixels of some rows of a picture: by pixel and depth.
 
-        rows  the first row and the one after the last, all by default
+        select  as words; or (elements,) whether all faces of an element count, by its running number
+        rows    the first row and the one after the last, all by default
         The records are those of shaders/face_list.slang.  A face appears as often as a ray meets it.  A ray within the
         tolerance of an edge may meet the faces on both sides of it, at one depth.
         """
@@ -101,7 +110,7 @@ class FaceDrawer:
         self,
         stage: str,
         view: View,
-        select: Sequence[str],
+        select: Sequence[str] | Bools,
         quantity: str | None,
         layered: bool | None = None,
         rows: tuple[int, int] | None = None,
@@ -127,14 +136,19 @@ class FaceDrawer:
             yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, len(tiles)
             fresh = False
 
-    def _pieces(self, view: View, select: Sequence[str]) -> list[tuple[Pieces, Edges]]:
+    def _pieces(self, view: View, select: Sequence[str] | Bools) -> list[tuple[Pieces, Edges]]:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
-        words = tuple(select)
-        if self._chosen[0] != words:
-            rows = self.faces.select(words)
+        words = select if isinstance(select, np.ndarray) else tuple(select)
+        if not _same(self._chosen[0], words):
+            first, blocks = self.loaded.first, self.faces.blocks
+            rows = (
+                self.faces.select(words)
+                if isinstance(words, tuple)
+                else [np.flatnonzero(words[first[block.part] + block.element]) for block in blocks]
+            )
             nets = [block.nets(own) for block, own in zip(self.faces.blocks, rows, strict=True)]
             self._chosen = words, list(zip(rows, nets, strict=True))
-        if self._seen[0] != (key := (view, words)):
+        if self._seen[0] != (key := (view, words if isinstance(words, tuple) else id(words))):
             chosen = zip(self.faces.blocks, self._chosen[1], strict=True)
             self._seen = key, [pieces_of(block.space, nets, view) for block, (_, nets) in chosen]
         return self._seen[1]
@@ -162,6 +176,11 @@ class FaceDrawer:
         record["width"], record["height"] = view.width, view.height
         record["tie"] = self._tie(view)
         return record
+
+
+def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
+    """Whether two ways to choose faces are one: the same words, or the very same array."""
+    return one is other or (isinstance(one, tuple) and isinstance(other, tuple) and one == other)
 
 
 def _run(kernel: Kernel, tiles: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
@@ -205,6 +224,8 @@ def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:
         (np.abs(y - np.rint(y)) <= 4 * THIN) & (column >= 0) & (column < view.width) & (row >= 0) & (row < view.height)
     )
     pixel, edge = (row * view.width + column)[held], edge[held]
+    if not len(pixel):
+        return
     near, far = edges.depth[:, edge]
     before = (near <= layer.depth[pixel]) & (far >= after[pixel]) & (layer.status[pixel] != Status.FAILED)
     layer.status[pixel[before]] = Status.AMBIGUOUS

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
+from dataclasses import field as default
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +14,11 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Bools, Floats
 from elvis.renderer.pixels import NOBODY, Pixels
 from elvis.renderer.view import PlaneView
+
+if TYPE_CHECKING:
+    import slangpy
+
+    from elvis.renderer.device import Device
 
 
 @dataclass
@@ -22,6 +31,9 @@ class Layer:
     depth      (n,)    distance from the eye's plane along the view (see View.rays), infinite where nothing is hit
     normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN where nothing is hit
     status     (n,)    see frame.Status
+    side       (n,)    numbers that tell elements apart, and the faces of each; None: the owners do
+    flat       (3,)    the normal where all of it lies in one plane, else None
+    held       buffers of a device that hold some of these arrays, by name
     """
 
     owner: NDArray[np.uint32]
@@ -30,6 +42,23 @@ class Layer:
     depth: Floats
     normal: Floats
     status: NDArray[np.uint8]
+    side: NDArray[np.uint32] | None = default(default_factory=lambda: None)
+    flat: Floats | None = None
+    held: Mapping[str, slangpy.Buffer] = default(default_factory=dict)
+
+    @staticmethod
+    def made(made: Mapping[str, Callable[[], Any]], **known: Any) -> Layer:
+        """A layer of which some arrays are made (or read from a device) when they are first asked for."""
+        layer = object.__new__(Layer)
+        known = {"held": {}, "flat": None, **({} if "side" in made else {"side": None}), **known}
+        vars(layer).update(known, _made=made)
+        return layer
+
+    def __getattr__(self, name: str) -> Any:
+        """Make what isn't there yet."""
+        if name not in (made := vars(self).get("_made", {})):
+            raise AttributeError(name)
+        return vars(self).setdefault(name, made[name]())
 
     @staticmethod
     def empty(count: int) -> Layer:
@@ -48,14 +77,33 @@ class Layer:
             np.where(gone, np.inf, self.depth),
             np.where(wide, np.nan, self.normal),
             np.where(gone, np.uint8(0), self.status),
+            None if self.side is None else np.where(gone, np.uint32(NOBODY), self.side),
+            self.flat,
         )
+
+    def on(self, device: Device, name: str) -> slangpy.Buffer:
+        """One of the arrays on a device."""
+        return self.held.get(name) or device.buffer(getattr(self, name))
+
+    def normals(self, device: Device, *, needed: bool = True) -> tuple[slangpy.Buffer, bool]:
+        """The normals on a device, or one for all pixels; and whether it is that."""
+        if self.flat is None and needed:
+            return self.on(device, "normal"), False
+        return device.buffer(np.zeros(3) if self.flat is None else self.flat), True
+
+    def showing(self, values: Floats) -> Layer:
+        """The layer with other values (n,) as its field."""
+        layer = copy(self)
+        layer.field, layer.held = values, {name: own for name, own in self.held.items() if name != "field"}
+        return layer
 
     @staticmethod
     def of_cut(view: PlaneView, pixels: Pixels) -> Layer:
         """The pixels of a plane cut, drawn with reference coordinates."""
-        assert pixels.reference is not None
-        hit = np.isfinite(pixels.reference[:, 0])
-        normal = np.where(hit[:, None], view.normal(), np.nan)
-        return Layer(
-            pixels.owner, pixels.field, pixels.reference, np.where(hit, view.depths(), np.inf), normal, pixels.status
-        )
+        normal, hit = view.normal(), pixels.owner != NOBODY
+        made = {
+            "depth": lambda: np.where(hit, view.depths(), np.inf),
+            "normal": lambda: np.where(hit[:, None], normal, np.nan),
+        }
+        own = {name: getattr(pixels, name) for name in ("owner", "field", "reference", "status")}
+        return Layer.made(made, flat=normal, **own)

@@ -8,13 +8,14 @@ element's own border; mesh lines are where the facets of an element's reference 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.renderer.device import ROWS, Kernel
+from elvis.renderer.device import ROWS, Device, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.gaps import beside
 from elvis.renderer.layer import Layer
@@ -25,15 +26,11 @@ from elvis.renderer.view import View
 if TYPE_CHECKING:
     import slangpy
 
-#: most contour values, and greatest width in pixels, that a mark of line_draw.slang holds
+#: most contour values, and greatest width in pixels, that a mark holds
 MOST, WIDEST = 1024, 100.0
-#: units of its distances
-UNITS = 1 << 16
+#: a mark is a distance in these parts of a pixel; that of a contour has its number in place of the lowest bits
+UNITS = 1 << 26
 NOTHING = 0xFFFFFFFF
-#: distance from a facet, in reference units, within which a hit lies on it
-ON_FACE = 1e-9
-#: hits that tell whether a layer consists of faces
-_SAMPLES = 512
 #: an element to be searched around a pixel, as in shaders/line.slang
 PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32)])
 #: lines from the centre of a reference shape that look for its facets
@@ -41,15 +38,34 @@ _DIRECTIONS = 512
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
-    """Contour lines by pixel.
+class Marks:
+    """Lines by pixel, on the device: how far the nearest one is from the pixel's centre.
 
-    coverage  (n,) part of the pixel that the nearest line covers
-    number    (n,) of that line's value, among the values in ascending order; -1 where none is near
+    width  of the lines in pixels
+    owner  (n,) of the layer that they are on
+    mask   the bits of a mark that are distance
     """
 
-    coverage: Floats
-    number: Ints
+    device: Device
+    held: slangpy.Buffer
+    width: float
+    owner: NDArray[np.uint32]
+    mask: int = NOTHING
+
+    @cached_property
+    def _read(self) -> NDArray[np.uint32]:
+        """(n,) marks, NOTHING where no line is near or nothing is hit."""
+        return np.where(self.owner == NOBODY, np.uint32(NOTHING), self.device.read(self.held, np.uint32))
+
+    @cached_property
+    def coverage(self) -> Floats:
+        """(n,) part of each pixel that its nearest line covers."""
+        return np.where(self._read == NOTHING, 0.0, covered((self._read & np.uint32(self.mask)) / UNITS, self.width))
+
+    @cached_property
+    def number(self) -> Ints:
+        """(n,) number of that line's value, among the values in ascending order; -1 where none is near."""
+        return np.where(self._read == NOTHING, -1, (self._read & (MOST - 1)).astype(np.int64))
 
 
 class Lines:
@@ -59,53 +75,54 @@ class Lines:
         self._loaded, self._device = loaded, loaded.device
         self._facets: dict[int, Floats] = {}
 
-    def contours(self, view: View, layer: Layer, values: Floats, width: float, quantity: str | None = None) -> Drawn:
+    def contours(self, view: View, layer: Layer, values: Floats, width: float, quantity: str | None = None) -> Marks:
         """Lines where a layer's field has one of the values (k,), which ascend.
 
         width     in pixels
         quantity  of the parts, whose values are the layer's field; None is the parts' own field
         """
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
-        _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
-        buffers = {
-            "levels": self._device.buffer(levels),
-            "owner": self._device.buffer(layer.owner),
-            "depth": self._device.buffer(layer.depth),
-            "nearest": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
-        }
-        pieces = self._found(view, layer, buffers, len(levels))
-        size = {"reach": 0.5 * width + 0.5, "levels": len(levels)}
-        self._run("line_draw", view, layer, pieces, buffers, quantity, **size)
-        marks = self._device.read(buffers["nearest"], np.uint32)
-        near = np.flatnonzero(marks != NOTHING)
-        coverage, lines = np.zeros(view.count), np.full(view.count, -1)
-        coverage[near] = covered((marks[near] >> 10) / UNITS, width)
-        lines[near] = marks[near] & (MOST - 1)
-        return Drawn(coverage, lines)
+        buffers = self._buffers(view, layer, width) | {"levels": self._device.buffer(levels)}
+        buffers["depth"] = (
+            self._device.buffer(np.zeros(1)) if layer.flat is not None else layer.on(self._device, "depth")
+        )
+        pieces = self._found(view, layer, buffers, len(levels), quantity)
+        self._run("line_draw", view, layer, pieces, buffers, quantity, reach=0.5 * width + 0.5, levels=len(levels))
+        return Marks(self._device, buffers["marks"], width, layer.owner, NOTHING - MOST + 1)
 
-    def mesh(self, view: View, layer: Layer, width: float) -> Floats:
-        """(n,) part of each pixel that lines along the borders of elements cover; width in pixels."""
-        _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
-        reach = 0.5 * width + 0.5
-        near = np.flatnonzero(_near_others(self._sides(layer).reshape(view.height, view.width), int(np.ceil(reach))))
+    def mesh(self, view: View, layer: Layer, width: float) -> Marks:
+        """Lines along the borders of elements; width in pixels."""
+        buffers, reach = self._buffers(view, layer, width), 0.5 * width + 0.5
+        side = layer.owner if layer.side is None else layer.side
+        near = np.flatnonzero(_near_others(side.reshape(view.height, view.width), int(np.ceil(reach))))
         near = near[layer.owner[near] != NOBODY]
         pieces = np.zeros(len(near), PIECE)
         pieces["pixel"] = pieces["base"] = near
-        buffers = {"owner": self._device.buffer(layer.owner), "distances": self._device.empty(np.float64, len(near))}
         self._run("line_border", view, layer, pieces, buffers, reach=reach)
-        coverage = np.zeros(view.count)
-        coverage[near] = covered(self._device.read(buffers["distances"], np.float64)[: len(near)], width)
-        return coverage
+        return Marks(self._device, buffers["marks"], width, layer.owner)
 
-    def _found(self, view: View, layer: Layer, buffers: dict[str, slangpy.Buffer], levels: int) -> NDArray[Any]:
+    def _buffers(self, view: View, layer: Layer, width: float) -> dict[str, slangpy.Buffer]:
+        """What both kinds of lines need of a layer, and empty marks."""
+        _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
+        return {
+            "owner": layer.on(self._device, "owner"),
+            "normals": layer.normals(self._device)[0],
+            "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
+        }
+
+    def _found(
+        self, view: View, layer: Layer, buffers: dict[str, slangpy.Buffer], levels: int, quantity: str | None
+    ) -> NDArray[Any]:
         """The pieces that line_find.slang lists."""
-        kernel = self._device.kernel("line_find", self._loaded.parts[0])
+        kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
-        sight = self._sight(kernel, view, count=strips, levels=levels)
-        sides, field = self._sides(layer), self._device.buffer(layer.field)
-        side = buffers["owner"] if sides is layer.owner else self._device.buffer(sides)
-        every = {**self._loaded.buffers[0], **buffers, "field": field, "side": side, "view": sight}
+        every = buffers | {
+            "field": layer.on(self._device, "field"),
+            "side": buffers["owner"] if layer.side is None else layer.on(self._device, "side"),
+            "bounds": self._loaded.bounds(quantity),
+            "view": self._device.buffer(sight(kernel, view, count=strips, levels=levels)),
+        }
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
 
     def _run(
@@ -121,46 +138,18 @@ class Lines:
         """A stage over pieces, once for each part."""
         if not len(pieces):
             return
-        base = pieces["base"]
-        hits = {"pieces": pieces, "references": layer.reference[base], "normals": layer.normal[base]}
-        shared = {**buffers, **{name: self._device.buffer(data) for name, data in hits.items()}}
+        gathered = "reference" not in layer.held
+        references = self._device.buffer(layer.reference[pieces["base"]]) if gathered else layer.held["reference"]
+        shared = {**buffers, "pieces": self._device.buffer(pieces), "references": references}
+        size |= {"count": len(pieces), "gathered": gathered, "flat": layer.flat is not None}
         for number, part in enumerate(self._loaded.parts):
             kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
             place = {"first": self._loaded.first[number], "elements": len(part), "facets": len(facets)}
             own = {
                 "facets": self._device.buffer(facets),
-                "view": self._sight(kernel, view, count=len(pieces), **place, **size),
+                "view": self._device.buffer(sight(kernel, view, **place, **size)),
             }
             kernel(len(pieces), {**self._loaded.bound(number, quantity), **shared, **own})
-
-    def _sight(self, kernel: Kernel, view: View, **rest: float) -> slangpy.Buffer:
-        """The Sight record of the stages (shaders/line.slang)."""
-        record = np.zeros(1, kernel.dtype("view"))
-        record["eye"], record["ahead"] = view.camera.eye, view.camera.basis()[2]
-        record["corner"], record["column"], record["row"] = view.corner, view.column, view.row
-        record["perspective"], record["width"], record["height"] = view.perspective, view.width, view.height
-        for name, value in rest.items():
-            record[name] = value
-        return self._device.buffer(record)
-
-    def _sides(self, layer: Layer) -> NDArray[np.uint32]:
-        """(n,) numbers that tell elements apart, and the faces of each where the layer consists of faces."""
-        hit = np.flatnonzero(layer.owner != NOBODY)
-        if not self._faces(layer, hit[:: len(hit) // _SAMPLES + 1]).any():
-            return layer.owner
-        sides = layer.owner.copy()
-        sides[hit] = 32 * sides[hit] + self._faces(layer, hit)
-        return sides
-
-    def _faces(self, layer: Layer, pixels: Ints) -> NDArray[np.uint32]:
-        """(m,) the facet of its element on which the hit of a pixel lies, from 1; 0 where it lies inside."""
-        part = np.searchsorted(self._loaded.first, layer.owner[pixels], side="right") - 1
-        found = np.zeros(len(pixels), np.uint32)
-        for number in np.unique(part):
-            here, facets = np.flatnonzero(part == number), self.facets(int(number))
-            margins = np.abs(layer.reference[pixels[here]] @ facets[:, :3].T + facets[:, 3])
-            found[here] = np.where(margins.min(axis=1) < ON_FACE, margins.argmin(axis=1) + 1, 0)
-        return found
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""
@@ -173,6 +162,17 @@ class Lines:
             rows = rows[np.abs(rows[:, :3]).max(axis=1) > 0.0]
             self._facets[number] = rows[np.unique(np.round(rows, 9), axis=0, return_index=True)[1]]
         return self._facets[number]
+
+
+def sight(kernel: Kernel, view: View, **rest: float) -> NDArray[Any]:
+    """The Sight record of the stages (shaders/line.slang)."""
+    record = np.zeros(1, kernel.dtype("view"))
+    record["eye"], record["ahead"] = view.camera.eye, view.camera.basis()[2]
+    record["corner"], record["column"], record["row"] = view.corner, view.column, view.row
+    record["perspective"], record["width"], record["height"] = view.perspective, view.width, view.height
+    for name, value in rest.items():
+        record[name] = value
+    return record
 
 
 def covered(distance: Floats, width: float) -> Floats:

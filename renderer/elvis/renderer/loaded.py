@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.formats.arrays import Floats
 from elvis.plugins.volume import Part, Volume
 from elvis.renderer.device import Device
 
@@ -28,6 +29,7 @@ class Loaded:
         device.include(volume.shader_folder)
         self.device, self.parts, self.dimension = device, volume.parts, volume.dimension
         self.bytes, self._brought = 0, dict[int, "slangpy.Buffer"]()
+        self._bounds: dict[str | None, slangpy.Buffer] = {}
         self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
@@ -37,6 +39,22 @@ class Loaded:
         """The buffers of a part, or of one of its quantities, by name."""
         own = {} if quantity is None else self._bring(self.parts[number].quantities[quantity].buffers)
         return {**self.buffers[number], **own}
+
+    def bounds(self, quantity: str | None = None) -> slangpy.Buffer:
+        """On the device, by running number of elements, the certified bounds of a quantity, widened by rounding."""
+        if quantity not in self._bounds:
+            every = np.concatenate([self._ends(part, quantity) for part in self.parts])
+            self._bounds[quantity] = self.device.buffer(every)
+            self.bytes += every.nbytes
+        return self._bounds[quantity]
+
+    def _ends(self, part: Part, quantity: str | None) -> Floats:
+        """(n, 2) least and greatest values of a part's elements, infinite where none are known."""
+        known = part.bounds if quantity is None else part.quantities[quantity].bounds
+        if known is None:
+            return np.tile([-np.inf, np.inf], (len(part), 1))
+        ends = np.stack(known(), axis=1)
+        return np.asarray(ends + 1e-12 * np.abs(ends).max(axis=1, keepdims=True) * [-1.0, 1.0])
 
     def _bring(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, slangpy.Buffer]:
         """Arrays on the device: those that several parts and quantities share are there once."""

@@ -38,6 +38,8 @@ from elvis.renderer.view import PlaneView, View, seen
 #: pixels at once below which a device that fails has failed for good
 FEWEST = 1 << 12
 Progress: TypeAlias = Callable[[int, int], object]
+#: what a plugin of ``elvis.devices`` is
+Drawing: TypeAlias = Callable[[Dataset | Opened, Scene], Frame]
 
 
 def render(
@@ -64,8 +66,7 @@ def render(
     if dataset.mesh.dimension == 1 and device not in plugins("elvis.devices"):
         return draw_curves(dataset, scene)
     if device in plugins("elvis.devices"):
-        draw = cast(Callable[[Dataset, Scene], Frame], load("elvis.devices", device))
-        return draw(dataset, scene)
+        return cast(Drawing, load("elvis.devices", device))(dataset, scene)
     with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
         return renderer.render(scene, references=_is_exact(scene))
@@ -77,7 +78,7 @@ def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None =
     volume = volume_of(opened, quantities(scene))
     scene = _with_plane(scene, volume.dimension)
     if device in plugins("elvis.devices"):
-        raise SceneError(f"the device {device!r} draws the native format only, not what the plugin {opened.name} opens")
+        return cast(Drawing, load("elvis.devices", device))(opened, scene)
     with Renderer(device, progress) as renderer:
         remarks = check_on_device(renderer.device, opened.name, volume)
         renderer.show(volume, opened)
@@ -212,8 +213,7 @@ class Renderer:
         view = self._view(scene)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references)
-        records = references or view.count <= BAND
-        return Canvas(scene, view, self.stages, records, most, self.progress).frame()
+        return Canvas(scene, view, self.stages, references, most, self.progress).frame()
 
     def _reopen(self) -> None:
         """A new device in place of one that was lost, with the same volume."""
@@ -244,7 +244,7 @@ class Renderer:
                     hit |= layer.owner != NOBODY
             painter = Painter(scene, self.stages)
             painter.paint([], view)
-            hit |= painter.glow
+            hit |= painter.glow > 0
         return np.asarray(hit.reshape(view.height, view.width))
 
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool) -> Frame:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.formats.arrays import Floats
 from elvis.formats.errors import ElvisError
-from elvis.renderer.compositing import Coat, composite, lit
+from elvis.renderer.compositing import Coat, composite
 from elvis.renderer.frame import Legend, Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import levels
+from elvis.renderer.painting import Brush, Look
 from elvis.renderer.palette import Palette, automatic_range
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.scene import Scene, Style, Vector, VolumeRendering
-from elvis.renderer.stages import FAINT, Sheet, Stages
+from elvis.renderer.scene import Implicit, Scene, Style, Vector, VolumeRendering
+from elvis.renderer.stages import Sheet, Stages
 from elvis.renderer.view import View
+from elvis.renderer.volume_rendering import Medium
 
 #: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
 Key: TypeAlias = tuple[str, str, object]
@@ -37,8 +41,8 @@ def record_of(drawn: Drawn, view: View) -> Layer:
         nearer = (sheet.style.opacity == opacity) & (layer.depth < best.depth)
         better = np.flatnonzero((layer.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
         opacity[better] = sheet.style.opacity
-        for name, values in vars(best).items():
-            values[better] = getattr(layer, name)[better]
+        for name in ("owner", "field", "reference", "depth", "normal", "status"):
+            getattr(best, name)[better] = getattr(layer, name)[better]
     best.status[doubt & (best.owner == NOBODY)] = Status.AMBIGUOUS
     best.status[failed] = Status.FAILED
     return best
@@ -49,8 +53,10 @@ class Painter:
 
     def __init__(self, scene: Scene, stages: Stages) -> None:
         self.scene, self.stages = scene, stages
+        self._brush = Brush(stages.loaded.device)
         self._shown: set[int] = set()
-        self.glow: Bools = np.zeros(0, bool)  # pixels of the last painting in which a volume is
+        self.glow: NDArray[np.uint8] = np.zeros(0, np.uint8)  # what is known of volumes in the last painting
+        self.gathered: Counter[str] = Counter()  # segments of rays in volumes, and what is wrong with some
         self._seen: dict[str, tuple[float, float]] = {}
         self._palettes: dict[Key, Palette] = {}
 
@@ -61,15 +67,18 @@ class Painter:
             self._shown |= {id(sheet)} if (layer.owner != NOBODY).any() else set()
             contours = sheet.style.contours
             if contours and contours.count and self._of_contours(sheet) != sheet.quantity:
-                other = replace(layer)
-                self._note(self._of_contours(sheet), self.stages.resampled(other, "", self._of_contours(sheet)).field)
+                quantity = self._of_contours(sheet)
+                self._note(quantity, self.stages.resampled(layer, "", quantity).field)
 
     def _note(self, quantity: str | None, values: Floats) -> None:
         """Of all finite values the least and the greatest are kept."""
-        values = values[np.isfinite(values)]
-        if len(values):
+        least, most = np.fmin.reduce(values, initial=np.inf), np.fmax.reduce(values, initial=-np.inf)
+        if np.isinf(least) or np.isinf(most):
+            finite = values[np.isfinite(values)]
+            least, most = finite.min(initial=np.inf), finite.max(initial=-np.inf)
+        if least <= most:
             low, high = self._seen.get(quantity or "", (np.inf, -np.inf))
-            self._seen[quantity or ""] = min(low, float(values.min())), max(high, float(values.max()))
+            self._seen[quantity or ""] = min(low, float(least)), max(high, float(most))
 
     def _of_contours(self, sheet: Sheet) -> str | None:
         contours = sheet.style.contours
@@ -85,39 +94,58 @@ class Painter:
             return automatic_range(np.array(self.stages.bounds(quantity or self.scene.field)))
         return automatic_range(np.array(self._seen.get(quantity or "", ())))
 
-    def paint(self, drawn: Drawn, view: View) -> Floats:
-        """(n, 3) colours of all layers of a view over the background."""
-        coats = [self._coat(view, sheet, layer) for sheet, layer in drawn]
+    def paint(self, drawn: Drawn, view: View, *, whole: bool = False) -> Floats | NDArray[np.uint8]:
+        """(n, 3) colours of all layers of a view over the background; numbers of 8 bits are welcome where ``whole``."""
         volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
-        between = list(_between(coats, view.count)) if volumes else []
-        self.glow = np.zeros(view.count, bool)
-        fog = [self._fog(item, view, *limits) for item in volumes for limits in between]
-        if not fog + coats:
-            return np.tile(np.asarray(self.scene.background, dtype=np.float64), (view.count, 1))
-        return composite(fog + coats, self.scene.background)
+        self.glow = np.zeros(view.count, np.uint8)
+        if len(drawn) == 1 and not volumes:
+            look = self._look(view, *drawn[0])
+            painted: Floats = self._brush.over(view, drawn[0][1], look, self.scene.background, whole=whole)
+            return painted
+        coats = [self._brush.coat(view, layer, self._look(view, sheet, layer)) for sheet, layer in drawn]
+        colors = np.tile(np.asarray(self.scene.background, dtype=np.float64), (view.count, 1))
+        colors = composite(coats, self.scene.background) if coats else colors
+        return self._fogged(view, volumes, coats, colors) if volumes else colors
 
-    def _fog(self, item: VolumeRendering, view: View, start: Floats, end: Floats) -> Coat:
-        """What a volume adds between depths (n,), as a coat just before the surface at ``end``."""
+    def _fogged(self, view: View, volumes: Sequence[VolumeRendering], coats: Sequence[Coat], colors: Floats) -> Floats:
+        """The colours (n, 3) of coats over the background, with volumes before, between and behind them."""
+        clips = [(clip.surface, clip.away) for clip in self.scene.clip]
+        media = [self._medium(item) for item in volumes]
+        for surface, away in clips:
+            if isinstance(surface, Implicit):
+                media.append(Medium.clip(self.stages.named(surface.expression, self.scene), away))
+        error = min(item.error for item in volumes)
+        light = self.stages.volumes.draw(view, media, error, coats, self.scene.clip)
+        self.glow = light.status()
+        self.gathered.update(light.counts())
+        held = np.flatnonzero(light.segments)
+        colors[held] = light.color[held] + (1.0 - light.alpha[held, None]) * np.asarray(self.scene.background)
+        return colors
+
+    def _medium(self, item: VolumeRendering) -> Medium:
+        """A volume with its colours."""
         transfer, quantity = item.transfer, self.stages.named(item.quantity, self.scene)
         if not transfer.colors:
             values = np.asarray(transfer.values, dtype=np.float64)
             self._seen.setdefault(quantity or "", (values[0], values[-1]))
             colors = self._palette(quantity, Style()).colors(values)
             transfer = replace(transfer, colors=tuple(map(tuple, colors.tolist())))
-        light = self.stages.volumes.draw(view, transfer, quantity, item.error, start, end)
-        self.glow |= light.alpha > 0.0
-        return Coat(np.minimum(end, np.finfo(np.float64).max), light.color, light.alpha)
+        return Medium(transfer, quantity)
 
-    def _coat(self, view: View, sheet: Sheet, layer: Layer) -> Coat:
-        style, hit = sheet.style, layer.owner != NOBODY
-        colors = np.zeros((view.count, 3))
-        if style.color is None:
-            colors[hit] = self._palette(sheet.quantity, style).colors(layer.field[hit])
-        else:
-            colors[hit] = style.color
-        if sheet.lit:
-            colors = lit(view, layer, colors, self.scene.lights, self.scene.ambient)
-        return Coat.of(layer, colors, style.opacity, list(self._lines(view, sheet, layer)))
+    def _look(self, view: View, sheet: Sheet, layer: Layer) -> Look:
+        """How a layer of a sheet is to look, with its lines."""
+        style, scene = sheet.style, self.scene
+        colors = style.color if style.color is not None else self._palette(sheet.quantity, style)
+        light = (tuple(scene.lights), scene.ambient) if sheet.lit else ((), 1.0)
+        mesh, contours = style.mesh_lines, style.contours
+        edges = None if mesh is None else (self.stages.lines.mesh(view, layer, mesh.width), mesh.color)
+        levels = None
+        if contours is not None:
+            quantity = self._of_contours(sheet)
+            of = self.stages.resampled(layer, sheet.quantity, quantity)
+            marks = self.stages.lines.contours(view, of, self.values(sheet), contours.width, quantity)
+            levels = marks, contours.color
+        return Look(colors, style.opacity, *light, edges, levels)
 
     def _palette(self, quantity: str | None, style: Style) -> Palette:
         """A colour map, made when it is first used."""
@@ -130,17 +158,6 @@ class Painter:
         """The range of a colour map as the scene has it: two values are meant for the scene's own field."""
         general = self.scene.range if quantity is None or isinstance(self.scene.range, str) else None
         return style.range or general or "seen"
-
-    def _lines(self, view: View, sheet: Sheet, layer: Layer) -> Iterator[tuple[Floats, tuple[float, float, float]]]:
-        """Coverages (n,) and colours of the lines on a layer, in the order in which they are drawn."""
-        mesh, contours = sheet.style.mesh_lines, sheet.style.contours
-        if mesh is not None:
-            yield self.stages.lines.mesh(view, layer, mesh.width), mesh.color
-        if contours is not None:
-            quantity = self._of_contours(sheet)
-            of = self.stages.resampled(replace(layer), sheet.quantity, quantity)
-            values = self.values(sheet)
-            yield self.stages.lines.contours(view, of, values, contours.width, quantity).coverage, contours.color
 
     def values(self, sheet: Sheet) -> Floats:
         """(k,) ascending values of a sheet's contours."""
@@ -204,24 +221,3 @@ class Painter:
             and (sheet.style.contours is None or sheet.style.contours.count is None)
             for sheet in sheets
         )
-
-
-def _between(coats: Sequence[Coat], count: int) -> Iterator[tuple[Floats, Floats]]:
-    """Depths (n,) before and behind each stretch of free sight: to the nearest coat, from it to the next, and so on.
-
-    Stretches behind what hides them have no length.
-    """
-    start, through = np.zeros(count), np.ones(count)
-    depths = np.stack([*(coat.depth for coat in coats), np.full(count, np.inf)])
-    alphas = np.stack([*(coat.alpha for coat in coats), np.ones(count)])
-    order = np.argsort(depths, axis=0, kind="stable")
-    for rank in range(len(depths)):
-        own = order[rank : rank + 1]
-        end = np.take_along_axis(depths, own, axis=0)[0]
-        open_ = through > FAINT
-        if not open_.any():
-            return
-        yield np.where(open_, start, 0.0), np.where(open_, end, 0.0)
-        through = through * (1.0 - np.take_along_axis(alphas, own, axis=0)[0])
-        through[np.isinf(end)] = 0.0
-        start = end

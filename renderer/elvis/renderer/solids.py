@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
@@ -45,7 +43,7 @@ class SolidDrawer:
         layer = _layer(view, met, places, chosen)
         failed = met.pixel[behind & (places.status == Status.FAILED)]
         layer.status[failed[layer.owner[failed] == NOBODY]] = Status.FAILED
-        return layer if quantity is None else replace(layer, field=sampled(self.loaded, layer, quantity))
+        return layer if quantity is None else layer.showing(sampled(self.loaded, layer, quantity))
 
     def _near(self, met: Hits, view: View) -> Hits:
         """The hits within the box of the volume."""

@@ -16,6 +16,7 @@ from elvis.formats.ranges import Range
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
+from elvis.renderer.compositing import FAINT
 from elvis.renderer.cut import Cutter
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
@@ -32,8 +33,6 @@ from elvis.renderer.solids import SolidDrawer, sampled
 from elvis.renderer.view import PlaneView, View
 from elvis.renderer.volume_rendering import VolumeRenderer
 
-#: what lies behind surfaces that together let less than this through is not looked for
-FAINT = 1e-3
 #: part of coordinates and depths within which two hits are one
 SAME = 2e-11
 #: part of the greatest coordinate within which a point is on the surface of a clip, and stays
@@ -174,9 +173,7 @@ class Stages:
 
     def resampled(self, layer: Layer, known: str | None, wanted: str | None) -> Layer:
         """The layer with another quantity as its field."""
-        if known != wanted:
-            layer.field = sampled(self.loaded, layer, wanted)
-        return layer
+        return layer if known == wanted else layer.showing(sampled(self.loaded, layer, wanted))
 
     def layers(self, sheet: Sheet, view: View, clips: Sequence[Clip]) -> Iterator[Layer]:
         """What is seen of a sheet, from near to far: the hits that no clip takes away, and all that shine through."""
