@@ -12,6 +12,9 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 
+#: degree up to which kernels are made
+HIGHEST = 12
+
 
 @dataclass(frozen=True, eq=False)
 class KnotVector:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,11 +11,13 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.shapes import Shape
-from elvis.plugins.nurbs.knots import KnotVector
+from elvis.plugins.nurbs.knots import HIGHEST, KnotVector
 from elvis.plugins.nurbs.numbering import EDGES, numbered
 
 MESH, FUNCTION = "MFEM NURBS mesh v1.0", "FiniteElementSpace"
 _CUBE = 5
+#: headings of the control points of patches, and parts of the greatest by which equal ones may differ
+_CONTROLS, _EQUAL = ("controlpoints", "controlpoints_homogeneous", "controlpoints_cartesian"), 1e-12
 #: axis of an array (n_z, n_y, n_x) of elements, and which end of it, where each face of a hexahedron lies
 _AXES = ((0, 0), (1, 0), (2, -1), (1, -1), (2, 0), (0, -1))
 
@@ -52,33 +55,33 @@ class PatchMesh:
         """For each patch the numbers (n_x, n_y, n_z) of its control points."""
         return numbered(self.vertices, [[k.count for k in own] for own in self.knots], self.edges.tolist())[0]
 
-    @property
-    def control_count(self) -> int:
-        """How many control points the patches have together."""
-        return numbered(self.vertices, [[k.count for k in own] for own in self.knots], self.edges.tolist())[1]
-
-    def sides(self) -> dict[int, list[tuple[Ints, int]]]:
+    def sides(self) -> dict[str, list[tuple[Ints, int]]]:
         """For each attribute of the boundary numbers (n,) of elements, and which of their faces lie on it.
 
         Faces are numbered as in `elvis.formats.shapes`.
         """
-        found: dict[int, list[tuple[Ints, int]]] = {}
-        counts = [[len(vector.spans) for vector in own] for own in self.knots]
-        first = np.cumsum([0, *map(np.prod, counts)])
+        found: dict[str, list[tuple[Ints, int]]] = {}
         for attribute, *corners in self.boundary.tolist():
             for patch, own in enumerate(self.vertices):
                 for face, local in enumerate(Shape.HEXAHEDRON.faces):
                     if set(own[[*local]].tolist()) == set(corners):
-                        numbers = np.arange(first[patch], first[patch + 1]).reshape(counts[patch][::-1])
-                        axis, end = _AXES[face]
-                        found.setdefault(attribute, []).append((np.take(numbers, end, axis=axis).reshape(-1), face))
+                        found.setdefault(str(attribute), []).append(side_elements(self.knots, patch, face))
         return found
 
-    def elements(self) -> Ints:
+    def elements(self, corners: Floats | None = None) -> Ints:
         """(e, 8) vertices of the elements: the knot spans of all patches, x fastest, patch by patch."""
         counts = [[len(k.spans) + 1 for k in own] for own in self.knots]
         grids, _ = numbered(self.vertices, counts, self.edges.tolist())
         return np.concatenate([_cells(grid) for grid in grids])
+
+
+def side_elements(knots: Sequence[Sequence[KnotVector]], patch: int, face: int) -> tuple[Ints, int]:
+    """Numbers (n,) of the elements on one face of a patch, and that face."""
+    counts = [[len(vector.spans) for vector in own] for own in knots]
+    first = np.cumsum([0, *map(np.prod, counts)])
+    numbers = np.arange(first[patch], first[patch + 1]).reshape(counts[patch][::-1])
+    axis, end = _AXES[face]
+    return np.take(numbers, end, axis=axis).reshape(-1), face
 
 
 def _cells(grid: Ints) -> Ints:
@@ -105,26 +108,60 @@ def read_mesh(path: Path) -> PatchMesh:
     sections = Sections(path)
     if MESH not in sections.names:
         raise FormatError(f"expected the line {MESH!r}, found none", file=path)
-    dimension = sections.numbers("dimension", 1)[0, 0]
-    if dimension != 3:
-        raise sections.error("dimension", f"expected 3, found {dimension:g}")
+    for dimension in sections.numbers("dimension", 1)[:, 0]:
+        if dimension != 3:
+            raise sections.error("dimension", f"expected 3, found {dimension:g}")
     vertices = sections.cubes("elements")
     edges = sections.counted("edges", 3).astype(np.int64)
-    knots = _patch_knots(sections, vertices, edges, _vectors(sections))
-    weights = sections.numbers("weights", 1)[:, 0]
-    function = _function(sections)
+    boundary = sections.counted("boundary", 6).astype(np.int64)[:, [0, 2, 3, 4, 5]]
+    if "patches" in sections.names:
+        knots, weights, points, collection = *_own_controls(sections, vertices, edges[:, 1:]), "NURBS"
+    else:
+        knots = _patch_knots(sections, vertices, edges, _vectors(sections))
+        weights, function = sections.numbers("weights", 1)[:, 0], _function(sections)
+        points, collection = function.values, function.collection
 
     # all must speak of the same control points
-    boundary = sections.counted("boundary", 6).astype(np.int64)[:, [0, 2, 3, 4, 5]]
-    mesh = PatchMesh(vertices, knots, edges[:, 1:], weights, function.values, function.collection, boundary)
-    count = mesh.control_count
-    for name, found in (("weights", weights.shape), (FUNCTION, function.values.shape)):
+    count = numbered(vertices, [[vector.count for vector in own] for own in knots], edges[:, 1:].tolist())[1]
+    for name, found in (("weights", weights.shape), (FUNCTION, points.shape)):
         wanted = (count,) if name == "weights" else (count, 3)
         if found != wanted:
             raise sections.error(name, f"expected an array {wanted}, found {found}")
     if not (weights > 0).all():
         raise sections.error("weights", f"expected positive weights, found {weights.min():g}")
-    return mesh
+    return PatchMesh(vertices, knots, edges[:, 1:], weights, points, collection, boundary)
+
+
+def _own_controls(
+    sections: Sections, vertices: Ints, edges: Ints
+) -> tuple[list[tuple[KnotVector, KnotVector, KnotVector]], Floats, Floats]:
+    """Knot vectors, weights (k,) and control points (k, 3) of a mesh whose patches bring their own.
+
+    Control points come with x fastest, cartesian ones as x, y, z, w, others as w x, w y, w z, w; patches
+    that meet have equal ones.
+    """
+    vectors = [_vector(sections, line) for line in sections.rows("knotvectors") if len(line) > 1]
+    if len(vectors) != 3 * len(vertices):
+        raise sections.error("knotvectors", f"expected three of {len(vertices)} patches, found {len(vectors)}")
+    knots = [(vectors[3 * k], vectors[3 * k + 1], vectors[3 * k + 2]) for k in range(len(vertices))]
+    names = [name for name in _CONTROLS if name in sections.names]
+    if len(names) != 1:
+        raise sections.error("patches", f"expected one of {', '.join(_CONTROLS)}, found {', '.join(names) or 'none'}")
+    table = sections.numbers(names[0], 4)
+    grids, count = numbered(vertices, [[vector.count for vector in own] for own in knots], edges.tolist())
+    numbers = np.concatenate([grid.transpose().reshape(-1) for grid in grids])
+    if len(table) != len(numbers):
+        raise sections.error(names[0], f"expected {len(numbers)} control points, found {len(table)}")
+    controls = np.empty((count, 4))
+    controls[numbers] = table
+    off = np.abs(controls[numbers] - table).max(axis=1, initial=0.0)
+    if (off > _EQUAL * np.abs(table).max(initial=1.0)).any():
+        where = int(off.argmax())
+        raise sections.error(names[0], f"expected equal control points where patches meet, found {table[where]}")
+    weights = controls[:, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = controls[:, :3] if names[0].endswith("cartesian") else controls[:, :3] / weights[:, None]
+    return knots, weights, points
 
 
 def read_function(path: Path) -> GridFunction:
@@ -148,14 +185,16 @@ def _function(sections: Sections) -> GridFunction:
 
 def _vectors(sections: Sections) -> list[KnotVector]:
     """The knot vectors: each line has the degree, the number of control points, and the knots."""
-    lines = sections.rows("knotvectors")[1:]
-    vectors = []
-    for line in lines:
-        degree, count, knots = int(line[0]), int(line[1]), np.array(line[2:])
-        if len(knots) != degree + count + 1 or count <= degree or degree < 1 or (np.diff(knots) < 0).any():
-            raise sections.error("knotvectors", f"expected {degree + count + 1} ascending knots, found {line[2:]}")
-        vectors.append(KnotVector(degree, knots))
-    return vectors
+    return [_vector(sections, line) for line in sections.rows("knotvectors")[1:]]
+
+
+def _vector(sections: Sections, line: list[float]) -> KnotVector:
+    degree, count, knots = int(line[0]), int(line[1]), np.array(line[2:])
+    if not 1 <= degree <= HIGHEST:
+        raise sections.error("knotvectors", f"expected a degree from 1 to {HIGHEST}, found {degree}")
+    if len(knots) != degree + count + 1 or count <= degree or (np.diff(knots) < 0).any():
+        raise sections.error("knotvectors", f"expected {degree + count + 1} ascending knots, found {line[2:]}")
+    return KnotVector(degree, knots)
 
 
 def _patch_knots(

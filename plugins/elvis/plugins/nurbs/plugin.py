@@ -16,17 +16,19 @@ from elvis.formats.quadrature import gauss, gll
 from elvis.formats.shapes import Shape
 from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
 from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes
+from elvis.plugins.nurbs.knots import HIGHEST
 from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, first_line, read_function, read_mesh
-from elvis.plugins.nurbs.numbering import numbered
+from elvis.plugins.nurbs.numbering import CORNERS, numbered
+from elvis.plugins.nurbs.own import OwnMesh, is_own, read_own
 from elvis.plugins.nurbs.solving import Solver
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, Shown, basis_part, boxes_between
 
+Mesh: TypeAlias = PatchMesh | OwnMesh
 #: degrees of map and field, nets of both, and numbers of some elements
 Group: TypeAlias = tuple[list[int], Floats, Floats, Ints]
 
 _COLLECTION = re.compile(r"(H1|H1Pos|L2|L2_T1|L2_T2)_3D_P(\d+)")
-_LARGEST = 12
 
 #: nodes in [0, 1] of a family of elements, None where its coefficients are those of Bernstein polynomials
 _NODES: dict[str, Callable[[int], Floats] | None] = {
@@ -44,20 +46,26 @@ class Nurbs(VolumeSource):
     Elements are the knot spans in MFEM's order, with reference coordinates in [0, 1]^3.
     """
 
-    format = "NURBS volumes of MFEM (mesh v1.0 with .gf grid functions)"
+    format = "NURBS volumes: MFEM's meshes with .gf grid functions, or JSON"
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
-        """One NURBS mesh, all else grid functions."""
+        """One NURBS mesh of MFEM, all else grid functions; or one file of our own form (`elvis.plugins.nurbs.own`)."""
+        if len(paths) == 1 and is_own(Path(paths[0])):
+            return True
         kinds = sorted(first_line(Path(path)) for path in paths)
         return kinds.count(MESH) == 1 and kinds.count(FUNCTION) == len(kinds) - 1
 
     def __init__(self, paths: Sequence[Path]) -> None:
         """Open the files."""
         files = [Path(path) for path in paths]
-        mesh = next(path for path in files if first_line(path) == MESH)
-        self.mesh = read_mesh(mesh)
         self._functions: dict[str, tuple[Path, GridFunction, int]] = {}
+        if is_own(files[0]):
+            self.mesh: Mesh = read_own(files[0])
+            self.time, self.fields = self.mesh.time, tuple(self.mesh.fields)
+            return
+        mesh = next((path for path in files if first_line(path) == MESH), files[0])
+        self.mesh = read_mesh(mesh)
         for path in files:
             if path != mesh:
                 self._add(path, read_function(path))
@@ -75,25 +83,32 @@ class Nurbs(VolumeSource):
 
     def volume(self, field: str) -> Shown:
         """The elements with one field; those of equal degrees make a part."""
-        path, function, component = self._functions[field]
-        values = function.values[:, component]
-        is_rational = function.collection == self.mesh.collection or function.collection == "NURBS"
-        try:
-            nets = _rational(self.mesh, values) if is_rational else _polynomial(self.mesh, function.collection, values)
-        except FormatError as error:
-            raise error.within(file=path, place=FUNCTION) from error
+        nets, is_rational = self._nets(field)
         groups = _groups(weighted(self.mesh), nets)
         parts = [_part(*group, is_rational) for group in groups]
         return Shown(parts, Path(__file__).parent, faces=lambda: _faces(self.mesh, groups))
 
+    def _nets(self, field: str) -> tuple[list[Floats], bool]:
+        """For each patch the nets of a field, and whether they have weights."""
+        if isinstance(self.mesh, OwnMesh):
+            return _rational(self.mesh, self.mesh.fields[field]), True
+        path, function, component = self._functions[field]
+        values, collection = function.values[:, component], function.collection
+        try:
+            if collection.startswith("NURBS"):
+                return _rational(self.mesh, values), True
+            return _polynomial(self.mesh, collection, values), False
+        except FormatError as error:
+            raise error.within(file=path, place=FUNCTION) from error
 
-def weighted(mesh: PatchMesh) -> list[Floats]:
+
+def weighted(mesh: Mesh) -> list[Floats]:
     """For each patch the nets (elements, n_x, n_y, n_z, 4) of w x, w y, w z, w."""
     homogeneous = np.column_stack([mesh.points * mesh.weights[:, None], mesh.weights])
     return [_spans(mesh, patch, homogeneous[grid]) for patch, grid in enumerate(mesh.controls())]
 
 
-def _rational(mesh: PatchMesh, values: Floats) -> list[Floats]:
+def _rational(mesh: Mesh, values: Floats) -> list[Floats]:
     """For each patch the nets (elements, n_x, n_y, n_z) of w c."""
     if len(values) != len(mesh.weights):
         raise FormatError(f"expected {len(mesh.weights)} values, found {len(values)}")
@@ -101,7 +116,7 @@ def _rational(mesh: PatchMesh, values: Floats) -> list[Floats]:
     return [_spans(mesh, patch, scaled[grid]) for patch, grid in enumerate(mesh.controls())]
 
 
-def _spans(mesh: PatchMesh, patch: int, controls: Floats) -> Floats:
+def _spans(mesh: Mesh, patch: int, controls: Floats) -> Floats:
     """Nets of the spans of one patch, x fastest, from control values (n_x, n_y, n_z, …)."""
     x, y, z = (vector.pieces() for vector in mesh.knots[patch])
     return np.array([along((a, b, c), controls) for c, b, a in product(z, y, x)])
@@ -110,8 +125,8 @@ def _spans(mesh: PatchMesh, patch: int, controls: Floats) -> Floats:
 def _polynomial(mesh: PatchMesh, collection: str, values: Floats) -> list[Floats]:
     """For each patch the nets (elements, p + 1, p + 1, p + 1) of an H1 or L2 function."""
     found = _COLLECTION.fullmatch(collection)
-    if not found or not int(found[2]) <= _LARGEST:
-        known = f"H1, H1Pos, L2, L2_T1 or L2_T2 in 3D up to P{_LARGEST}, or {mesh.collection}"
+    if not found or not int(found[2]) <= HIGHEST:
+        known = f"H1, H1Pos, L2, L2_T1 or L2_T2 in 3D up to P{HIGHEST}, or {mesh.collection}"
         raise FormatError(f"expected a function of {known}, found {collection}")
     family, order, elements = found[1], int(found[2]), mesh.elements()
     if family.startswith("H1"):
@@ -147,17 +162,21 @@ def _groups(maps: list[Floats], fields: list[Floats]) -> list[Group]:
     return groups
 
 
-def _faces(mesh: PatchMesh, groups: list[Group]) -> Faces:
+def _faces(mesh: Mesh, groups: list[Group]) -> Faces:
     """The faces of all elements; those that share their vertices are one.  Boundaries are named by their attributes."""
-    vertices = mesh.elements()
+    corners = np.empty((sum(len(ids) for *_, ids in groups), 8, 3))
+    for _, nets, _, ids in groups:
+        x, y, z = (CORNERS * (np.array(nets.shape[1:4]) - 1)).T
+        corners[ids] = nets[:, x, y, z, :3] / nets[:, x, y, z, 3:]
+    vertices = mesh.elements(corners)
     parts = [Hexahedra(vertices[ids], max(degrees[:3]), _images(nets), unit=True) for degrees, nets, _, ids in groups]
     blocks = hexahedron_faces(parts)
     entity = np.empty((len(vertices), 6), np.int64)
     for block, (*_, ids) in zip(blocks, groups, strict=True):
         entity[ids[block.element], block.local] = block.entity
     named = {
-        str(attribute): np.concatenate([entity[elements, face] for elements, face in sides])
-        for attribute, sides in mesh.sides().items()
+        name: np.concatenate([entity[elements, face] for elements, face in sides])
+        for name, sides in mesh.sides().items()
     }
     return Faces(blocks, [ids for *_, ids in groups], named)
 
