@@ -10,10 +10,12 @@ from elvis.renderer import Camera
 from elvis.renderer.scene import (
     Clip,
     Cone,
+    CutSurface,
     Cylinder,
     Implicit,
     Plane,
     Sphere,
+    Style,
     Transfer,
     TriangleMesh,
     VolumeRendering,
@@ -221,3 +223,30 @@ def test_a_scene_cuts_its_volumes(draw, linear):
     assert expected.max() > 0.2
     assert np.abs(frame.color.reshape(-1, 3)[:, 0] - expected).max() < 1e-6
     assert (frame.status.ravel() == (expected > 0)).all()
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_the_reference_shows_the_same(draw, order):
+    """Two volumes, a glass cut and three clips, among them an expression of the field; straight and bent elements."""
+    mesh = grid(Shape.TETRAHEDRON, 2)
+    data = with_field(curved(mesh, sheared, 3) if order > 1 else mesh, lambda p: ((p - 0.4) ** 2).sum(axis=1), 3)
+    hues = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    scene = {
+        "camera": VIEWS["perspective"],
+        "size": (24, 20),
+        "background": (0.2, 0.2, 0.2),
+        "objects": (
+            VolumeRendering(Transfer((0.02, 0.2, 0.6), (0.0, 6.0, 1.0), hues), error=1e-5),
+            VolumeRendering(Transfer((0.0, 1.0), (2.0, 0.0), hues[:2]), quantity="x", error=1e-5),
+            CutSurface(Plane((0.5, 0.5, 0.5), (0.2, 1.0, 0.3)), Style(color=(0.0, 0.5, 0.5), opacity=0.5)),
+        ),
+        "clip": (
+            Clip(Sphere((0.9, 0.2, 0.8), 0.5), "inside"),
+            Clip(Plane((0.8, 0.5, 0.5), (1.0, 0.2, 0.1)), "outside"),
+            Clip(Implicit("u - 0.05"), "inside"),
+        ),
+    }
+    frames = [draw(data, device, **scene) for device in ("vulkan", "reference")]
+    assert np.array_equal(frames[0].status > 0, frames[1].status > 0)
+    assert np.abs(frames[0].color - frames[1].color).max() < 2e-4
+    assert np.ptp(frames[0].color) > 0.3

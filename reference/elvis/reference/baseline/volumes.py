@@ -27,7 +27,7 @@ def fogs(mesh: LinearMesh, name: str, transfer: Transfer, view: View, cuts: Sequ
     for ways in _ways(mesh, name, view):
         parted = ways.between(cuts)
         values = parted.first + places * (parted.last - parted.first)
-        color, alpha = integrated(values, lengths(parted, view), transfer)
+        color, alpha = integrated([values], lengths(parted, view), [transfer])
         shown = alpha > 0
         depth = 0.5 * (parted.near + parted.far)
         found.append(Fog(parted.pixel[shown], depth[shown], color[shown], alpha[shown]))

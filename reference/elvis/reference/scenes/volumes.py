@@ -1,26 +1,31 @@
 """Light along rays through the volume: what elements send out and take up, by fine quadrature in every element.
 
 Along a ray the colour gathered is the integral of T s c, T = exp(-integral of s), with density s and colour c piecewise
-linear in the quantity.  Each way through an element is parted evenly; within a part s is integrated by Gauss's rule and
-c is its mean weighted by s (Max, Optical Models for Direct Volume Rendering, 1995, section 4).
+linear in the quantity; of several volumes s c and s are sums.  Each way through an element is parted evenly; within a
+part s is integrated by Gauss's rule and c is its mean weighted by s (Max, Optical Models for Direct Volume Rendering,
+1995, section 4).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.patch import Patch
 from elvis.formats.quadrature import gauss
+from elvis.reference.clipping import clipped
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
+from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.newton import inverses
 from elvis.reference.solids import faces_of, margins_of, placed
-from elvis.renderer.scene import Transfer
+from elvis.renderer.scene import Clip, Implicit, Transfer
 from elvis.renderer.view import View
 
 #: parts of a way as long as the scene; how many parts a way through an element may have; Gauss points in each
@@ -28,6 +33,10 @@ ALONG, PARTS, POINTS = 256, (4, 8, 16, 32, 64, 128), 2
 #: ways that are summed together
 _AT_ONCE = 1 << 13
 _STEPS = 12
+#: places along a way between which a clip's expression changes its sign once at most
+_SIGNS = 33
+#: name of a quantity, and its transfer function with colours
+Look: TypeAlias = tuple[str, Transfer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +56,7 @@ class Ways:
     first: Floats
     last: Floats
 
-    def between(self, cuts: Sequence[Floats]) -> Ways:
+    def between(self, cuts: Sequence[Floats] | Floats) -> Ways:
         """The ways, parted at depths (n,) by pixel."""
         made = self
         for cut in cuts:
@@ -83,8 +92,56 @@ def _paired(hits: Crossings, pairs: Ints) -> Ways:
     return Ways(hits.pixel[pairs], hits.row[pairs], *ends)
 
 
+def visible(ways: Ways, patch: Patch, quantities: Quantities, clips: Sequence[Clip], view: View, size: float) -> Ways:
+    """What clips leave of ways: these are parted where rays meet the surfaces, and the middle of each part decides."""
+    for clip in clips:
+        own = clip.surface
+        if isinstance(own, Implicit):
+            ways = _parted(ways, partial(_values, patch=patch, quantities=quantities, name=own.expression, view=view))
+        else:
+            ways = ways.between(_depths(*surface_hits(own, view)[:2], view.count))
+    middle = np.full(len(ways.pixel), 0.5)
+    reference, points = _places(ways, patch, view, middle[:, None])
+    gone = clipped(clips, points, lambda name: quantities.values(name, patch, ways.row, reference), size)
+    return Ways(**{name: column[~gone] for name, column in vars(ways).items()})
+
+
+def _depths(pixel: Ints, depth: Floats, count: int) -> Floats:
+    """(k, count) depths by pixel, infinite where a pixel has fewer than others."""
+    order = np.argsort(pixel, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(pixel)) - np.searchsorted(pixel[order], pixel[order])
+    depths = np.full((int(rank.max(initial=-1)) + 1, count), np.inf)
+    depths[rank, pixel] = depth
+    return depths
+
+
+def _parted(ways: Ways, along: Callable[[Ways, Floats], Floats]) -> Ways:
+    """Ways parted wherever a function along them, of ways and shares (k, m), is seen to change its sign."""
+    shares = np.linspace(0.0, 1.0, _SIGNS)
+    values = along(ways, np.tile(shares, (len(ways.pixel), 1)))
+    way, place = np.nonzero(values[:, 1:] * values[:, :-1] < 0.0)
+    some = Ways(**{name: column[way] for name, column in vars(ways).items()})
+    low, high, sign = shares[place], shares[place + 1], values[way, place] > 0.0
+    for _ in range(52):
+        middle = 0.5 * (low + high)
+        same = (along(some, middle[:, None])[:, 0] > 0.0) == sign
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+
+    # the ends of all parts: those of the ways and the places between
+    owner = np.concatenate([np.repeat(np.arange(len(ways.pixel)), 2), way])
+    share = np.concatenate([np.tile([0.0, 1.0], len(ways.pixel)), low])
+    order = np.lexsort([share, owner])
+    owner, share = owner[order], share[order]
+    at = np.flatnonzero(owner[1:] == owner[:-1])
+    own, ends = owner[at], (share[at], share[at + 1])
+    near, far = (ways.near[own] + end * (ways.far - ways.near)[own] for end in ends)
+    first, last = (ways.first[own] + end[:, None] * (ways.last - ways.first)[own] for end in ends)
+    return Ways(ways.pixel[own], ways.row[own], near, far, first, last)
+
+
 def gathered(
-    ways: Ways, patch: Patch, quantities: Quantities, name: str, transfer: Transfer, view: View, size: float
+    ways: Ways, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View, size: float
 ) -> tuple[Floats, Floats]:
     """Colours (k, 3) times alpha, and alphas (k,), of each way; ``size`` of the scene in world units."""
     colors, alphas = np.zeros((len(ways.pixel), 3)), np.zeros(len(ways.pixel))
@@ -94,7 +151,10 @@ def gathered(
         here = np.flatnonzero(parts == count)
         for chunk in np.array_split(here, -(-len(here) // _AT_ONCE)) if len(here) else ():
             some = Ways(**{key: column[chunk] for key, column in vars(ways).items()})
-            colors[chunk], alphas[chunk] = _summed(some, patch, quantities, name, transfer, view, count)
+            shares = np.tile(points_along(count), (len(chunk), 1))
+            values = [_values(some, shares, patch, quantities, name, view) for name, _ in looks]
+            transfers = [transfer for _, transfer in looks]
+            colors[chunk], alphas[chunk] = integrated(values, lengths(some, view), transfers)
     return colors, alphas
 
 
@@ -103,18 +163,20 @@ def points_along(parts: int) -> Floats:
     return np.asarray(((np.arange(parts)[:, None] + (1 + gauss(POINTS)[0]) / 2) / parts).ravel())
 
 
-def _summed(
-    ways: Ways, patch: Patch, quantities: Quantities, name: str, transfer: Transfer, view: View, parts: int
-) -> tuple[Floats, Floats]:
-    """The sums over as many parts of some ways."""
-    places = points_along(parts)
-    depth = ways.near[:, None] + places * (ways.far - ways.near)[:, None]
-    start = ways.first[:, None] + places[:, None] * (ways.last - ways.first)[:, None]
-    rows, pixel = np.repeat(ways.row, len(places)), np.repeat(ways.pixel, len(places))
-    reference = _followed(patch, rows, start.reshape(-1, 3), _points(view, pixel, depth.ravel()))
-    values = quantities.values(name, patch, rows, reference).reshape(depth.shape)
+def _places(ways: Ways, patch: Patch, view: View, shares: Floats) -> tuple[Floats, Floats]:
+    """Reference coordinates and world points (k * m, 3) at shares (k, m) of ways."""
+    depth = ways.near[:, None] + shares * (ways.far - ways.near)[:, None]
+    start = ways.first[:, None] + shares[..., None] * (ways.last - ways.first)[:, None]
+    rows, pixel = (np.repeat(column, shares.shape[1]) for column in (ways.row, ways.pixel))
+    points = _points(view, pixel, depth.ravel())
+    return _followed(patch, rows, start.reshape(-1, start.shape[-1]), points), points
 
-    return integrated(values, lengths(ways, view), transfer)
+
+def _values(ways: Ways, shares: Floats, patch: Patch, quantities: Quantities, name: str, view: View) -> Floats:
+    """(k, m) a quantity at shares (k, m) of ways."""
+    reference, _ = _places(ways, patch, view, shares)
+    rows = np.repeat(ways.row, shares.shape[1])
+    return np.asarray(quantities.values(name, patch, rows, reference).reshape(shares.shape))
 
 
 def lengths(ways: Ways, view: View) -> Floats:
@@ -124,20 +186,24 @@ def lengths(ways: Ways, view: View) -> Floats:
     return np.asarray(np.linalg.norm(directions, axis=1) * (ways.far - ways.near))
 
 
-def integrated(values: Floats, length: Floats, transfer: Transfer) -> tuple[Floats, Floats]:
+def integrated(values: Sequence[Floats], length: Floats, transfers: Sequence[Transfer]) -> tuple[Floats, Floats]:
     """Colours (k, 3) times alpha, and alphas (k,), of ways of some length (k,).
 
-    values  (k, parts * POINTS) of the quantity at Gauss points of equal parts; beyond the ends of the transfer function
-            it stays as it is there, and what is no number sends out and takes up nothing
+    values  for each volume (k, parts * POINTS) of its quantity at Gauss points of equal parts; beyond the ends of the
+            transfer function it stays as it is there, and what is no number sends out and takes up nothing
     """
-    known = np.isfinite(values)
-    density = np.where(known, np.interp(values, transfer.values, transfer.densities), 0.0)
-    tables = np.asarray(transfer.colors, np.float64)
-    color = np.stack([np.interp(values, transfer.values, tables[:, axis]) for axis in range(3)], axis=-1)
-    color = np.where(known[..., None], color, 0.0)
+    density, light = np.zeros(values[0].shape), np.zeros((*values[0].shape, 3))
+    for own, transfer in zip(values, transfers, strict=True):
+        known = np.isfinite(own)
+        part = np.where(known, np.interp(own, transfer.values, transfer.densities), 0.0)
+        tables = np.asarray(transfer.colors, np.float64)
+        hue = np.stack([np.interp(own, transfer.values, tables[:, axis]) for axis in range(3)], axis=-1)
+        density += part
+        light += part[..., None] * np.where(known[..., None], hue, 0.0)
+    color = light / np.where(density > 0, density, 1.0)[..., None]
 
     # optical depths of the parts, mean colours in them, what of them reaches the beginning
-    parts, weights = values.shape[1] // POINTS, gauss(POINTS)[1]
+    parts, weights = density.shape[1] // POINTS, gauss(POINTS)[1]
     taken = (0.5 * length[:, None, None] / parts * weights) * density.reshape(-1, parts, POINTS)
     depths = taken.sum(axis=2)
     mean = np.einsum("kpg,kpgc->kpc", taken, color.reshape(-1, parts, POINTS, 3))
