@@ -14,6 +14,8 @@ from elvis.renderer.errors import SceneError
 #: colour of what is seen but is not a finite number
 NOT_A_NUMBER = (1.0, 0.0, 1.0)
 STEPS = 256
+#: characters of a file with a colour map, at most
+LARGEST = 1 << 20
 #: colour maps of the first ElVis: places in [0, 1] and colours there; its diverging one is K. Moreland's (2009)
 FIRST: dict[str, list[tuple[float, ...]]] = {
     "elvis:blackbody": [(0, 0, 0, 0), (0.4, 0.901961, 0, 0), (0.8, 0.901961, 0.901961, 0), (1, 1, 1, 1)],
@@ -34,9 +36,9 @@ class Palette:
 
     @staticmethod
     def named(name: str, low: float, high: float) -> Palette:
-        """The colour map that the cmap catalogue, or FIRST, calls ``name``; SceneError where there is none."""
-        if name in FIRST:
-            place, *parts = np.array(FIRST[name]).T
+        """The colour map that the cmap catalogue, or FIRST, calls ``name``, or of an .xml file; SceneError else."""
+        if name in FIRST or name.lower().endswith(".xml"):
+            place, *parts = np.array(FIRST.get(name) or points_in(name)).T
             table = np.stack([np.interp(np.linspace(0.0, 1.0, STEPS), place, part) for part in parts], axis=1)
             return Palette(table, low, high)
         import cmap
@@ -48,7 +50,7 @@ class Palette:
         except (ValueError, TypeError) as error:
             known = ", ".join(("viridis", "magma", "turbo", "coolwarm", "RdBu_r", "gray", *FIRST, *ALIASES))
             raise SceneError(
-                f"unknown colour map {name!r}: expected a name of the cmap catalogue, e.g. {known}"
+                f"unknown colour map {name!r}: expected an .xml file or a name of the cmap catalogue, e.g. {known}"
             ) from error
         return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
 
@@ -64,6 +66,40 @@ class Palette:
     def colors(self, values: Floats) -> Floats:
         """Colours (…, 3) in [0, 1] of values (…)."""
         return np.vstack([self.table, NOT_A_NUMBER]).take(self.steps(values), axis=0)
+
+
+def points_in(file: str) -> list[tuple[float, ...]]:
+    """Places in [0, 1] and colours there of a colour map in the layout of the first ElVis, which is ParaView's.
+
+    ``<ColorMap space="RGB"><Point x="0" r="0" g="0" b="1"/>…``: opacities (o) and the colour of NaN are not taken over;
+    places beyond [0, 1] are scaled to it.  SceneError for anything else; documents with a DTD aren't read at all.
+    """
+    from xml.etree import ElementTree
+
+    try:
+        with open(file, encoding="utf-8") as stream:
+            text = stream.read(LARGEST + 1)
+        if len(text) > LARGEST or "<!DOCTYPE" in text:
+            raise ValueError("more than a mebibyte" if len(text) > LARGEST else "a document type declaration")
+        top = ElementTree.fromstring(text)
+        listed = next(top.iter("ColorMap"))
+        if listed.get("space", "RGB") != "RGB":
+            raise ValueError(f"the space {listed.get('space')}")
+        points = np.array([[float(point.attrib[key]) for key in "xrgb"] for point in listed.iter("Point")])
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, StopIteration, ElementTree.ParseError) as error:
+        reason = {KeyError: f"a point without {error}", StopIteration: "none"}.get(type(error), str(error))
+        raise SceneError(f"{file}: expected a ColorMap of RGB points in XML, found {reason}") from error
+    good = len(points) > 1 and (np.diff(points[:, 0]) >= 0).all() and np.ptp(points[:, 0]) > 0
+    if not (good and np.isfinite(points).all() and (points[:, 1:] >= 0).all() and (points[:, 1:] <= 1).all()):
+        raise SceneError(
+            f"{file}: expected points of ascending x with r, g, b from 0 to 1, found {len(points)} that aren't"
+        )
+    first, last = points[0, 0], points[-1, 0]
+    if first < 0 or last > 1:
+        points[:, 0] = (points[:, 0] - first) / (last - first)
+    return [tuple(map(float, point)) for point in points]
 
 
 def automatic_range(values: Floats) -> tuple[float, float]:

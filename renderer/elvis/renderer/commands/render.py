@@ -82,7 +82,12 @@ OPTIONS = {
         help="Ends of the colour bar.  [default: seen]",
     ),
     "palette": _one(
-        "--colormap", "palette", help="A colour map of the cmap catalogue, or elvis:NAME.  [default: viridis]"
+        "--colormap",
+        "--palette",
+        "palette",
+        metavar="NAME|FILE.xml",
+        help="A colour map of the cmap catalogue, elvis:NAME, or a file of ParaView or the first ElVis.  "
+        "[default: viridis]",
     ),
     "background": _one("--background", metavar="COLOR", parse=parameters.color, help="[default: white]"),
     "lights": _many(

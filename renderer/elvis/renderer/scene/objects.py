@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.renderer.scene.surfaces import Surface, Vector, check, positive
+from elvis.renderer.scene.surfaces import PaletteName, Surface, Vector, check, positive
 
 
 def check_color(color: Vector | None, what: str) -> None:
@@ -66,7 +66,7 @@ class Style:
 
     quantity    what colours it: a field, an expression, a ready-made name; None takes the scene's field
     color       one colour in place of the colour map
-    palette     name of its colour map; None takes the scene's
+    palette     name or file of its colour map; None takes the scene's
     range       values at the ends of its colour map; None takes the scene's
     opacity     above 0, at most 1
     lit         whether lights shade it; None: faces and isosurfaces are lit, cut surfaces are not
@@ -74,7 +74,7 @@ class Style:
 
     quantity: str | None = None
     color: Vector | None = None
-    palette: str | None = None
+    palette: PaletteName | None = None
     range: tuple[float, float] | None = None
     opacity: float = 1.0
     lit: bool | None = None

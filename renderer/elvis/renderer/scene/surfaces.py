@@ -13,6 +13,8 @@ from elvis.renderer.errors import SceneError
 Vector: TypeAlias = tuple[float, float, float]
 #: the name of a file; in scene files relative to them
 FilePath: TypeAlias = Annotated[str, "file"]
+#: the name of a colour map, or of an .xml file with one
+PaletteName: TypeAlias = Annotated[str, "palette"]
 
 
 def unit(vector: Vector | Floats, what: str) -> Floats:

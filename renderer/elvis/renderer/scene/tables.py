@@ -11,7 +11,17 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
-from elvis.renderer.scene.surfaces import Cone, Cylinder, FilePath, Implicit, Plane, Sphere, TriangleMesh, check
+from elvis.renderer.scene.surfaces import (
+    Cone,
+    Cylinder,
+    FilePath,
+    Implicit,
+    PaletteName,
+    Plane,
+    Sphere,
+    TriangleMesh,
+    check,
+)
 from elvis.renderer.scene.whole import Scene
 
 Table = dict[str, Any]
@@ -48,9 +58,14 @@ def _plain(value: Any, hint: Any, folder: str | None) -> Any:
         return table_of(value, folder)
     if isinstance(value, tuple):
         return [_plain(item, (get_args(hint) or (None,))[0], folder) for item in value]
-    if FilePath in (hint, *get_args(hint)) and folder is not None:
+    if folder is not None and _is_file({hint, *get_args(hint)}, value):
         return os.path.relpath(value, folder or ".")
     return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _is_file(hints: set[Any], value: Any) -> bool:
+    """Whether a value in a place of some types is the name of a file."""
+    return FilePath in hints or (PaletteName in hints and str(value).lower().endswith(".xml"))
 
 
 def _hints(cls: Any) -> dict[str, Any]:
@@ -111,9 +126,9 @@ def _single(hint: Any, raw: Any, place: str, folder: str) -> Any:
     if get_origin(hint) is Literal:
         check(raw in get_args(hint), place, " or ".join(map(str, get_args(hint))), _shown(raw))
         return raw
-    if hint == FilePath:
-        check(isinstance(raw, str) and raw, place, "a file name", _shown(raw))
-        return os.path.normpath(os.path.join(folder, raw))
+    if get_origin(hint) is Annotated:
+        check(isinstance(raw, str) and raw, place, f"a {get_args(hint)[1]} name", _shown(raw))
+        return os.path.normpath(os.path.join(folder, raw)) if _is_file({hint}, raw) else raw
     expected, make = _PLAIN[hint]
     try:
         return make(raw)

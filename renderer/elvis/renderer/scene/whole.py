@@ -10,7 +10,7 @@ import numpy as np
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.objects import CutSurface, SceneObject, check_color, check_range
-from elvis.renderer.scene.surfaces import FilePath, Plane, Surface, Vector, check, unit
+from elvis.renderer.scene.surfaces import FilePath, PaletteName, Plane, Surface, Vector, check, unit
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Scene:
                 to what is seen
     size        width and height in pixels; None takes the proportions of what is seen
     samples     n: colours are means over n x n points of each pixel
-    palette     name of a colour map
+    palette     name of a colour map, or an .xml file with one
     range       values at the two ends of the colour map; ``seen`` and None take them from the picture, ``all`` from
                 certified bounds of the whole field
     ambient     part of its colour that a lit surface shows without any light
@@ -104,7 +104,7 @@ class Scene:
     plane: Plane | None = None
     camera: Camera | str = "fit"
     size: tuple[int, int] | None = None
-    palette: str = "viridis"
+    palette: PaletteName = "viridis"
     range: tuple[float, float] | Literal["seen", "all"] | None = None
     background: Vector = (1.0, 1.0, 1.0)
     objects: tuple[SceneObject, ...] = ()
