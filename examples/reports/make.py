@@ -32,7 +32,7 @@ into `out/reports`. Off: percent of the pixels that are wrong by more than a col
 missing. Contours: greatest displacement of ten contours, in pixels of a picture of {size}. n is the number of times
 that every element is cut; one cut three times is 512 tetrahedra. VTK: its own Lagrange cells through its own filters.
 
-![The report of twist](twist.png)
+![The report of twist](../../docs/report.png)
 
 | case | elements | degree | | n = 0 | n = 1 | n = 2 | n = 3 | VTK | n = 4 needs | exact needs |
 |---|---|---|---|---|---|---|---|---|---|---|

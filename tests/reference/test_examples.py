@@ -5,6 +5,7 @@ import re
 import sys
 
 import pytest
+from PIL import Image
 
 
 @pytest.fixture
@@ -45,3 +46,24 @@ def test_one_case_is_made(make, block_files, monkeypatch, tmp_path, capfd):
     assert make.main(["delta", "--", *options]) == 0
     told = json.loads((tmp_path / "out" / "reports" / "delta" / "summary.json").read_text())
     assert told["picture"]["size"] == [40, 30]
+
+
+@pytest.fixture
+def shoot(request, monkeypatch):
+    """The script that takes a picture of a report, as a module."""
+    monkeypatch.syspath_prepend(request.config.rootpath / "examples" / "reports")
+    yield __import__("shoot")
+    sys.modules.pop("shoot", None)
+
+
+def test_a_picture_of_a_report_is_taken(shoot, browser, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(shoot, "ROOT", tmp_path)
+    assert shoot.main(["nothing"]) == 1
+    assert "there is no report; python examples/reports/make.py nothing makes it" in capsys.readouterr().err
+    page = tmp_path / "out" / "reports" / "twist" / "index.html"
+    page.parent.mkdir(parents=True)
+    page.write_text("<body style='background: rgb(10, 20, 30)'>")
+    assert shoot.main(["twist", str(tmp_path / "shot.png")]) == 0
+    shot = Image.open(tmp_path / "shot.png").convert("RGB")
+    assert (shot.size, shot.getpixel((5, 5))) == (shoot.WINDOW, (10, 20, 30))
+    assert shoot.main(["a", "b", "c"]) == 2

@@ -23,23 +23,27 @@ from elvis.formats.locate import Location, Locator
 from elvis.formats.margins import TOLERANCE
 from elvis.formats.patch import Patch, patches
 from elvis.formats.pointwise import values
+from elvis.plugins.opening import Opened
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame, Status
-from elvis.renderer.scene import Scene
+from elvis.renderer.scene import Faces, Scene
 from elvis.renderer.view import PlaneView, seen
 
 
-def render(dataset: Dataset, scene: Scene) -> Frame:
+def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene has a plane.
 
     Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
     A point within 1e-10 of the border of elements (`elvis.formats.margins`) is ambiguous and goes to the one of lowest
-    global id.  Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
+    global id.  What a plugin has opened is drawn where it describes its elements in NumPy.
+    Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
     """
-    _check(dataset)
+    if isinstance(dataset, Opened):
+        return draw(dataset, scene)
+    _check(dataset, scene)
     if not scene.is_plain or scene.field not in [field.name for field in dataset.fields]:
         return draw(dataset, scene)
     start, chosen = perf_counter(), _patches(dataset, scene.field)
@@ -94,10 +98,11 @@ def field_of(patches: Sequence[Patch], found: Location) -> Floats:
     return result
 
 
-def _check(dataset: Dataset) -> None:
+def _check(dataset: Dataset, scene: Scene) -> None:
     """ElvisError for data that there are no pictures of."""
     mesh = dataset.mesh
-    if mesh.dimension < 2 or mesh.space != mesh.dimension:
+    faces = bool(scene.every_object) and all(isinstance(shown, Faces) for shown in scene.every_object)
+    if mesh.dimension < 2 or (mesh.space != mesh.dimension and not faces):
         raise ElvisError(
             f"pictures are made of 2D data in the plane and of 3D data, found DIM={mesh.dimension} SPACE={mesh.space}"
         )

@@ -11,7 +11,7 @@ from elvis.reference.report import plots
 from elvis.reference.report.summary import summary
 from elvis.reference.report.tables import every_table, facts, times_table
 from elvis.reference.report.verdict import how_wrong
-from elvis.reference.report.words import some
+from elvis.reference.report.words import percent, some
 from elvis.reference.study import Rival, Study
 
 Files = dict[str, Any]
@@ -38,7 +38,10 @@ def page(study: Study, scene_text: str = "") -> tuple[str, Files]:
     jinja2 = needed("jinja2")
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
     template = (Path(__file__).parent / "page.html").read_text(encoding="utf-8")
-    return str(environment.from_string(template).render(told)), files
+
+    # numbers stay with their unit
+    text = str(environment.from_string(template).render(told))
+    return text.replace(" %", "\N{NO-BREAK SPACE}%").replace(" pixels", "\N{NO-BREAK SPACE}pixels"), files
 
 
 def _title(study: Study) -> str:
@@ -94,7 +97,7 @@ def _value_maps(study: Study, files: Files) -> dict[str, Any]:
         name = f"pictures/{rival.key}-error.png"
         files[name], legend = drawn.error_map(study.exact, rival.record, study.ends)
         words = (
-            f"up to {some(100 * rival.errors.value_max)} % of the range, mean {some(100 * rival.errors.value_mean)} %"
+            f"up to {percent(100 * rival.errors.value_max)} of the range, mean {percent(100 * rival.errors.value_mean)}"
         )
         pictures.append({"file": name, "name": rival.name, "words": words})
     words = "How far the value at each pixel is off, in steps of the colour map (1/256 of the range)."

@@ -71,21 +71,36 @@ def against_time(study: Study) -> str:
 
 
 def _curves(axes: Any, rivals: Sequence[Rival], places: Sequence[float]) -> None:
-    """All curves that have numbers, on a logarithmic scale of errors."""
-    order = sorted(range(len(rivals)), key=lambda i: places[i])
+    """All curves that have numbers, on a logarithmic scale of errors; hollow marks are pictures of no refinement."""
+    order = sorted(range(len(rivals)), key=lambda i: rivals[i].level or 0)
     for word, number, color, marker in _CURVES:
-        found = [(places[i], number(rivals[i])) for i in order]
-        points = [(x, y) for x, y in found if y is not None and 0 < y < float("inf")]
-        if points:
-            axes.plot(*zip(*points, strict=True), marker=marker, color=color, label=word, markersize=5, linewidth=1.4)
+        for refined in (True, False):
+            found = [(places[i], number(rivals[i])) for i in order if (rivals[i].level is not None) == refined]
+            points = [(x, y) for x, y in found if y is not None and 0 < y < float("inf")]
+            look = {"label": word, "linewidth": 1.4} if refined else {"linestyle": "none", "markerfacecolor": "none"}
+            if points:
+                axes.plot(*zip(*points, strict=True), marker=marker, color=color, markersize=5, **look)
+    _noted(axes, [(places[i], rivals[i]) for i in order if rivals[i].level is None])
     axes.set_yscale("log")
     if axes.lines:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8)
 
 
+def _noted(axes: Any, others: Sequence[tuple[float, Rival]]) -> None:
+    """Names above the marks that belong to no curve."""
+    for place, rival in others:
+        axes.annotate(
+            rival.name, (place, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=8
+        )
+
+
 def _exact(axes: Any, place: float, word: str) -> None:
     """The exact picture has no error: a line, on a logarithmic scale."""
+    tickers = needed("matplotlib.ticker")
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(tickers.LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_locator(tickers.NullLocator())
     if place > 0:
         axes.axvline(place, color="black", linestyle="--", linewidth=1)
         axes.annotate(word, (place, 0.0), xycoords=("data", "axes fraction"), xytext=(4, 3), va="bottom",

@@ -11,6 +11,8 @@ from elvis.reference.report.words import size, some
 from elvis.reference.study import Rival, Study
 
 Table = dict[str, Any]
+#: columns of errors that are there even where all are zero
+ALWAYS = 7
 
 
 def facts(study: Study, numbers: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
@@ -110,7 +112,10 @@ def _errors(study: Study) -> Table:
         surface = [some(_visible(100 * found.position_max)), some(_visible(found.normal_max))]
         surface.append(some(found.colors_off))
         rows.append([rival.name, value, mean, some(found.off), *counts, *surface])
-    return _table("Errors", heads, rows)
+
+    # on a plane no surface can be off
+    kept = [i for i in range(len(heads)) if i < ALWAYS or any(row[i] not in ("0", "–") for row in rows)]
+    return _table("Errors", [heads[i] for i in kept], [[row[i] for i in kept] for row in rows])
 
 
 def _visible(number: float) -> float:

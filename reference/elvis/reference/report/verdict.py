@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from elvis.reference.bars import Bar
-from elvis.reference.report.words import counted, size, some
+from elvis.reference.report.words import counted, percent, size, some
 from elvis.reference.study import Rival, Study
 
 #: a linear picture is right where no contour is off by more pixels, and no more percent of the pixels by a colour step
@@ -82,7 +82,7 @@ def how_wrong(rival: Rival) -> str:
     found = rival.errors
     assert found is not None
     if not found.pixels:
-        return f"{some(found.colors_off)} % of the pixels have colours off by more than 1 %"
+        return f"{percent(found.colors_off)} of the pixels have colours off by more than {percent(1.0)}"
     said = []
     if found.lost:
         said.append(f"{counted(found.lost, 'contour')} lost or invented")
@@ -90,7 +90,7 @@ def how_wrong(rival: Rival) -> str:
         far = some(found.contour_max)
         said.append(f"contours off by up to {far} pixel{'s' * (far != '1')}")
     if found.off:
-        said.append(f"{some(found.off)} % of the pixels off by more than one colour step")
+        said.append(f"{percent(found.off)} of the pixels off by more than one colour step")
     if found.missing + found.spurious:
         said.append(f"{counted(found.missing + found.spurious, 'pixel')} missing or spurious")
     return ", ".join(said) or "the pictures are the same"

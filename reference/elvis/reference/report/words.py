@@ -23,6 +23,11 @@ def some(number: float | None) -> str:
     return f"{number:.2g}" if abs(number) >= 1e-3 else f"{number:.1e}"
 
 
+def percent(number: float | None) -> str:
+    """``2.4 %``."""
+    return f"{some(number)} %"
+
+
 def counted(count: int, noun: str) -> str:
     """``1 pixel``, ``2,000 pixels``."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"

@@ -10,10 +10,11 @@ from time import perf_counter
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
-from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.locate import Locator
+from elvis.formats.patch import Patch
+from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped
 from elvis.reference.composing import Fog, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
@@ -23,7 +24,8 @@ from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
-from elvis.reference.scenes.volumes import gathered, ways_through
+from elvis.reference.scenes.twins import TwinLocator, TwinQuantities
+from elvis.reference.scenes.volumes import gathered, visible, ways_through
 from elvis.reference.selection import chosen_faces
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
@@ -49,12 +51,15 @@ Ranges = dict[str, tuple[float, float]]
 _DEEPEST, _FAINT = 64, 1e-3
 
 
-def render(dataset: Dataset, scene: Scene) -> Frame:
-    """A picture of a scene; ElvisError or SceneError where nothing is seen or something can't be drawn."""
-    start = perf_counter()
-    quantities = Quantities(dataset, names_of(scene))
-    boxes = [element_boxes(patch) for patch in quantities.patches]
-    tracer = Scenery(dataset, quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
+def render(data: Dataset | Opened, scene: Scene) -> Frame:
+    """A picture of a dataset, or of what a plugin has opened.
+
+    ElvisError or SceneError where nothing is seen or something can't be drawn.
+    """
+    start, names = perf_counter(), names_of(scene)
+    quantities = TwinQuantities(data, names) if isinstance(data, Opened) else Quantities(data, names)
+    boxes = quantities.boxes
+    tracer = Scenery(data, quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
 
     def glance(small: Scene) -> Bools:
         view = _view(small)
@@ -64,7 +69,7 @@ def render(dataset: Dataset, scene: Scene) -> Frame:
         return seen.reshape(view.height, view.width)
 
     scene = automatic(scene, boxes, glance)
-    frame = tracer.frame(scene, _view(scene))
+    frame = quantities.outward(tracer.frame(scene, _view(scene)))
     if not frame.status.any():
         raise SceneError(missed(scene.only_plane, surrounding(boxes)))
     frame.stats.update(
@@ -84,12 +89,12 @@ def _view(scene: Scene) -> View:
 
 @dataclass(eq=False)
 class Scenery:
-    """A dataset whose surfaces rays are sent against.
+    """A dataset, or what a plugin has opened, whose surfaces rays are sent against.
 
     box  (2, 3) around all elements
     """
 
-    dataset: Dataset
+    data: Dataset | Opened
     quantities: Quantities
     box: Floats
 
@@ -101,6 +106,8 @@ class Scenery:
     @cached_property
     def locator(self) -> Locator:
         """Points among the elements."""
+        if isinstance(self.quantities, TwinQuantities):
+            return TwinLocator(self.quantities.twins)
         return Locator(self.quantities.patches)
 
     def crossings(self, shown: SceneObject, scene: Scene, view: View) -> Crossings:
@@ -128,18 +135,22 @@ class Scenery:
 
     def _faces(self, select: Sequence[str], view: View) -> Crossings:
         """Element faces."""
-        self._check_solid("faces")
         found = []
         for number, patch in enumerate(self.quantities.patches):
-            chosen = chosen_faces(self.dataset.mesh, patch, select)
+            chosen = self._chosen(number, patch, select)
             found.append(face_crossings(number, patch, chosen, view, self.size))
         return Crossings.joined(found)
 
+    def _chosen(self, number: int, patch: Patch, select: Sequence[str]) -> Bools:
+        """(e, local faces) of the faces of a patch that a selection names."""
+        if isinstance(self.quantities, TwinQuantities):
+            return self.quantities.chosen_faces(number, select)
+        assert isinstance(self.data, Dataset)
+        return chosen_faces(self.data.mesh, patch, select)
+
     def _check_solid(self, what: str) -> None:
-        for patch in self.quantities.patches:
-            if patch.shape.dimension != 3:
-                kind = "with Fourier directions" if patch.periods else "of two dimensions"
-                raise ElvisError(f"the reference draws {what} of volume elements only, found elements {kind}")
+        if any(patch.dimension != 3 for patch in self.quantities.patches):
+            raise ElvisError(f"the reference draws {what} of volumes only, found elements of two dimensions")
 
     def _clipped(self, found: Crossings, scene: Scene, view: View) -> Bools:
         """(k,) hits that clips take away."""
@@ -178,14 +189,16 @@ class Scenery:
         if not shown:
             return []
         self._check_solid("volumes")
+        names = [item.quantity or scene.field for item in shown]
+        looks = [
+            (name, colored(item.transfer, scene, ranges.get(name))) for name, item in zip(names, shown, strict=True)
+        ]
         found = []
         for number, patch in enumerate(self.quantities.patches):
             ways = ways_through(number, patch, view, self.size).between(cuts)
-            for item in shown:
-                name = item.quantity or scene.field
-                transfer = colored(item.transfer, scene, ranges.get(name))
-                color, alpha = gathered(ways, patch, self.quantities, name, transfer, view, self.size)
-                found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))
+            ways = visible(ways, patch, self.quantities, scene.clip, view, self.size)
+            color, alpha = gathered(ways, patch, self.quantities, looks, view, self.size)
+            found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))
         return found
 
     def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:
