@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from elvis.formats.errors import ElvisError
+from elvis.formats.shapes import Shape
 from elvis.plugins import opening
+from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened, open_files
 from elvis.plugins.registry import PluginError
 from elvis.plugins.source import VolumeSource
@@ -160,6 +162,29 @@ def test_a_compile_error_is_in_the_words_of_the_compiler(cubes, renderer, device
     assert f"{opened.source.folder / 'cubes.slang'}:{line}:" in lines[1]
     assert "'foo' is not a member" in lines[-1]
     assert len(lines) == 5
+
+
+def test_the_kit_finds_faces_that_are_not_on_their_elements(cubes, renderer):
+    volume = cubes({"shape": Shape.HEXAHEDRON, "unit": True}).volume("u")
+    check_volume(volume, renderer("cpu"))
+    faces = faces_of(None, volume)
+    (block,) = faces.blocks
+    lies = {
+        "border of the reference shape": replace(block, frames=0.9 * block.frames),
+        "where the map has them": replace(block, nets=lambda rows: block.nets(rows) * [1.1, 1, 1, 1]),
+        "two elements at most": replace(block, entity=0 * block.entity),
+        "both sides of a face at one place": replace(block, entity=np.roll(block.entity, 1)),
+    }
+    for sentence, lie in lies.items():
+        with pytest.raises(AssertionError, match=sentence):
+            check_volume(replace(volume, faces=lambda lie=lie: replace(faces, blocks=(lie,))), renderer("cpu"))
+
+
+def test_the_kit_draws_a_small_picture(cubes, renderer, tmp_path):
+    check_volume(cubes().volume("u"), renderer("cpu"), picture=tmp_path / "cut.npz")
+    with np.load(tmp_path / "cut.npz") as record:
+        seen = record["status"] == 1
+        assert np.abs(record["field"] - record["position"][..., 0] % 1)[seen].max() < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -31,6 +32,31 @@ class Found(Protocol):
     def status(self) -> NDArray[np.uint8]: ...  # noqa: D102
 
 
+class Picture(Protocol):
+    """A small picture, (h, w) pixels.
+
+    element    (h, w)     global id, -1 where nothing is seen
+    position   (h, w, 3)  in the world
+    reference  (h, w, 3)  reference coordinates
+    field      (h, w)
+    status     (h, w)     0 nothing, 1 and 2 inside, 3 not known
+    """
+
+    @property
+    def element(self) -> Ints: ...  # noqa: D102
+    @property
+    def position(self) -> Floats: ...  # noqa: D102
+    @property
+    def reference(self) -> Floats | None: ...  # noqa: D102
+    @property
+    def field(self) -> Floats: ...  # noqa: D102
+    @property
+    def status(self) -> NDArray[np.uint8]: ...  # noqa: D102
+
+    def save(self, path: str | Path) -> None:
+        """Write it to a file."""
+
+
 class Examiner(Protocol):
     """A device: an elvis.renderer.Renderer."""
 
@@ -43,4 +69,8 @@ class Examiner(Protocol):
 
     def probe(self, points: Floats) -> Found:
         """Where world points (n, 3) are."""
+        ...
+
+    def glimpse(self, point: tuple[float, float, float]) -> Picture:
+        """A cut through a point, of 2D elements all of them."""
         ...

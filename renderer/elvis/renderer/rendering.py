@@ -30,7 +30,7 @@ from elvis.renderer.loaded import Loaded
 from elvis.renderer.palette import automatic_range
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
-from elvis.renderer.scene import Camera, CutSurface, Faces, Plane, Scene
+from elvis.renderer.scene import Camera, CutSurface, Faces, Plane, Scene, Vector
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
 from elvis.renderer.view import PlaneView, View, seen
@@ -185,6 +185,11 @@ class Renderer:
     def examine(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
         """What elements (n,) of a part answer at offsets (n, 3) from their type's centre; for checks of plugins."""
         return examine(self.device, self.stages.volume, part, elements, offsets, quantity)
+
+    def glimpse(self, point: Vector, size: tuple[int, int] = (90, 60)) -> Frame:
+        """A small picture of what was shown: a cut through a point, of 2D data all; for checks of plugins."""
+        normal = (0.2, 0.5, 1.0) if self.stages.loaded.dimension == 3 else (0.0, 0.0, 1.0)
+        return self.render(Scene("", plane=Plane(point, normal), size=size))
 
     def render(self, scene: Scene, *, references: bool = True) -> Frame:
         """A picture of the volume; the scene has objects.  Only exact records need reference coordinates."""

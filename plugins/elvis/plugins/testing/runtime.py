@@ -7,11 +7,16 @@ with Renderer() as renderer:
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.plugins import volume_checks
 from elvis.plugins.examining import Examiner
+from elvis.plugins.faces import faces_of
+from elvis.plugins.testing.faces import check_faces
+from elvis.plugins.twins import twins_of
 from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
 
@@ -19,13 +24,20 @@ from elvis.plugins.volume_checks import Samples, probes
 _STEP, _DIFFERENCE = 1e-4, 1e-5
 #: what rounding does to values and places
 _ROUNDING = 1e-11
+#: status of pixels about which nothing is known
+_FAILED = 3
 
 
-def check_volume(volume: Volume, examiner: Examiner, name: str = "under test") -> None:
+def check_volume(
+    volume: Volume, examiner: Examiner, name: str = "under test", picture: str | Path | None = None
+) -> None:
     """AssertionError, in a sentence, where the volume breaks a promise.
 
     Buffers and boxes are as they should be; derivatives of map and field are those of what they give; elements lie in
-    their boxes; the inverse map brings back what the map brought; values and positions are those of ``Part.evaluate``.
+    their boxes; the inverse map brings back what the map brought; values and positions are those of ``Part.evaluate``;
+    faces lie on their elements, and where elements meet.  Last a cut is drawn, of which every pixel must be right.
+
+    picture  a file for that cut, to look at: .png or .npz
     """
     volume_checks.check_volume(name, volume)
     examiner.show(volume)
@@ -40,6 +52,9 @@ def check_volume(volume: Volume, examiner: Examiner, name: str = "under test") -
         _check_round_trip(examiner, part, volume.dimension, elements[inside], reference, samples.position[inside])
         if part.evaluate is not None:
             _check_twin(part, elements[inside], reference, samples.position[inside], samples.value[inside])
+    if getattr(volume, "faces", None) is not None or twins_of(volume) is not None:
+        check_faces(volume, faces_of(None, volume), examiner)
+    _check_picture(volume, examiner, picture)
 
 
 def _check_derivatives(
@@ -88,3 +103,21 @@ def _check_twin(part: Part, elements: Ints, reference: Floats, positions: Floats
         assert error <= _ROUNDING * np.abs(wanted).max(initial=1e-300), (
             f"{part.type}: expected the {what} that NumPy gives, found them off by {error:.3g}"
         )
+
+
+def _check_picture(volume: Volume, examiner: Examiner, path: str | Path | None) -> None:
+    """A cut through an element shows something, fails nowhere, and has the values that NumPy gives."""
+    center = examiner.examine(0, np.zeros(1, np.int64), np.zeros((1, 3))).position[0]
+    x, y, z = center.tolist()
+    frame = examiner.glimpse((x, y, z if volume.dimension == 3 else 0.0))
+    if path is not None:
+        frame.save(path)
+    failed, seen = (frame.status == _FAILED), frame.element >= 0
+    assert seen.any(), f"expected to see elements in a cut through ({x:g}, {y:g}, {z:g}), found none"
+    assert not failed.any(), f"expected to find what is at every pixel of a cut, found {failed.sum()} that failed"
+    for part in volume.parts:
+        here = seen & np.isin(frame.element, part.element_ids)
+        if part.evaluate is not None and here.any() and frame.reference is not None:
+            order = np.argsort(part.element_ids)
+            rows = order[np.searchsorted(part.element_ids, frame.element[here], sorter=order)]
+            _check_twin(part, rows, frame.reference[here], frame.position[here], frame.field[here])
