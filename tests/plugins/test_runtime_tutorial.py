@@ -1,16 +1,23 @@
 """The tutorial of plugins/README.md, word for word: tried from its folder, and installed as a distribution."""
 
+import json
 import os
 import re
+import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from elvis.plugins.opening import named
+from elvis.plugins.opening import Opened, named
+from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
+from elvis.plugins.volume import interface_folder
+from elvis.reference.picture import render as judge
+from elvis.renderer import Faces, Scene
 
 PAGE = Path(__file__).resolve().parents[2] / "plugins" / "README.md"
 SECTORS = np.array([[1, 2, a, a + np.pi / 3, 0, 1] for a in np.arange(6) * np.pi / 3])
@@ -83,6 +90,58 @@ def test_it_is_found_once_it_is_installed(folder, tmp_path_factory):
     check_picture(elsewhere / "p.npz")
     rows = run([*ELVIS, "plugins"], cwd=elsewhere, env=environment).stdout.splitlines()
     assert any(row.split() == ["volumes", "rings", "rings", "1.0", "rings:Rings", "ok"] for row in rows)
+
+
+def test_every_other_command_takes_it(folder):
+    """Points, norms and facts, against closed forms; what the page shows, as it stands there."""
+    shown = [line.split("#")[0].strip() for line in PAGE.read_text(encoding="utf-8").splitlines()]
+    shown = {line.split()[1]: line.split()[1:] for line in shown if line.startswith("elvis ") and "rings.py" in line}
+    assert {"render", "probe", "norms", "info"} <= set(shown)
+    rows = run([*ELVIS, *_arguments(shown["probe"])], cwd=folder).stdout.splitlines()
+    assert rows[0] == "point,x,y,z,element,status,sqrt(p^2 + x)"
+    table = np.array([[float(number) for number in row.split(",")] for row in rows[1:]])
+    assert table.shape == (5, 7)
+    wanted = np.sqrt(truth(table[:, 1:4]) ** 2 + table[:, 1])
+    assert np.abs(table[:, 6] - wanted).max() < 1e-13 * 4
+
+    found = json.loads(run([*ELVIS, *shown["norms"], "--json"], cwd=folder).stdout)
+    assert list(found) == ["x", "y", "z", "p"]
+    assert abs(found["x"]["L2"] - np.sqrt(np.pi * 15 / 4)) < 1e-12 * 4
+    assert abs(found["z"]["L2"] - np.sqrt(np.pi)) < 1e-12 * 4
+    facts = json.loads(run([*ELVIS, *shown["info"], "--json"], cwd=folder).stdout)
+    assert (facts["plugin"], facts["time"], sum(facts["elements"].values())) == ("Rings", 0.5, 6)
+    assert facts["jacobian"]["least"] > 0
+
+
+def _arguments(words):
+    """The words of a command line, those in quotes together."""
+    return shlex.split(" ".join(words))
+
+
+def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
+    ((name, plugin),) = named(str(folder / "rings.py")).items()
+    opened = Opened(name, plugin([folder / "case.npz"]))
+    drawing, scene = renderer("vulkan"), Scene("p", objects=(Faces(),), camera="iso", size=(80, 60))
+    drawing.show(opened.volume("p"), opened)
+    drawn = drawing.render(scene)
+    judged = judge(opened, replace(scene, camera=drawn.view.camera))
+    assert np.array_equal(drawn.element, judged.element)
+    seen = drawn.seen
+    assert seen.sum() > 1000
+    assert np.abs(drawn.field[seen] - truth(drawn.position[seen])).max() < 1e-11 * 4
+    assert np.abs(drawn.field[seen] - judged.field[seen]).max() < 1e-11 * 4
+    assert np.abs(drawn.position[seen] - judged.position[seen]).max() < 1e-10 * 4
+    x, y, z = drawn.position[seen].T
+    off = np.min(np.abs([np.hypot(x, y) - 1, np.hypot(x, y) - 2, z, z - 1]), axis=0)
+    assert off.max() < 1e-13
+
+
+def test_an_author_writes_less_than_a_third_of_what_elvis_asked_for():
+    text = (interface_folder() / "differentiated.slang").read_text(encoding="utf-8")
+    basis = text[text.index("interface IBasis") :].split("\n}\n")[0]
+    slang = re.findall(r"^    (?:static )?(?:double3? \w+|__init)\(", basis, re.M)
+    assert len(slang) == 6
+    assert (len(slang) + len(VolumeSource.__abstractmethods__) + 1) * 3 < 3 + 18 + 11
 
 
 @pytest.mark.parametrize("device", ["vulkan", "cpu"])
