@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import slangpy
 
 #: what becomes of a piece, as in shaders/iso.slang
-SPLIT, PROVED, TINY, FLAT, UNDEFINED = range(5)
+SPLIT, CLEAR, TINY, FLAT, UNDEFINED = range(5)
 #: pieces that are halved at once; beyond it nothing more is proved
 MOST_PIECES = 1 << 19
 #: rounds of halving
@@ -98,21 +98,23 @@ class IsosurfaceDrawer:
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
 
-    def _pieces(self, split: Kernel, view: View, number: int, quantity: str | None, value: float) -> NDArray[Any]:
+    def _pieces(self, view: View, number: int, quantity: str | None, value: float) -> NDArray[Any]:
         """Pieces of a part that are to be drawn, in order of depth."""
+        start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
         low, high = self.traversal.bounds(number, quantity)
         elements = np.flatnonzero(~((low > value) | (high < value)))
         parents = np.zeros(len(elements), split.dtype("pieces"))
-        parents["element"], parents["half"], parents["worth"] = elements, 1.0, 1.0
+        parents["element"], parents["half"] = elements, 1.0
         degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
+        fixed = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
         done = [parents[:0]]
         for level in range(_ROUNDS):
             last = len(parents) > MOST_PIECES or level == _ROUNDS - 1
             ask = self._ask(split, view, number, value, count=len(parents), last=last)
-            buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform, "ask": ask}
-            buffers["parents"] = self.device.buffer(parents)
-            found = self.device.listed("pieces", split, partial(_dispatched, split, len(parents), buffers))
+            buffers = {**fixed, "ask": ask, "parents": self.device.buffer(parents)}
+            kernel = split if level else start
+            found = self.device.listed("pieces", kernel, partial(_dispatched, kernel, len(parents), buffers, level > 0))
             done.append(found[found["fate"] != SPLIT])
             parents = found[found["fate"] == SPLIT]
             if not len(parents):
@@ -122,7 +124,7 @@ class IsosurfaceDrawer:
     def _sorted(self, pieces: NDArray[Any]) -> NDArray[Any]:
         for name, fate in (("flat", FLAT), ("undefined", UNDEFINED)):
             self.counts[name] += len(np.unique(pieces["element"][pieces["fate"] == fate]))
-        pieces = pieces[np.isin(pieces["fate"], (PROVED, TINY))]
+        pieces = pieces[np.isin(pieces["fate"], (CLEAR, TINY))]
         self.counts["pieces"] += len(pieces)
         centre = pieces["centre"]
         return pieces[np.lexsort([*centre.T, pieces["element"], pieces["near"]])]
@@ -137,7 +139,7 @@ class IsosurfaceDrawer:
         buffers: dict[str, slangpy.Buffer],
     ) -> None:
         """The other elements of a part, in pieces."""
-        pieces = self._pieces(self._kernel("iso_split", number, quantity), view, number, quantity, value)
+        pieces = self._pieces(view, number, quantity, value)
         if not len(pieces):
             return
         sections = np.zeros(len(pieces), SECTION)
@@ -166,9 +168,9 @@ class IsosurfaceDrawer:
 
 
 def _dispatched(
-    kernel: Kernel, groups: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]
+    kernel: Kernel, count: int, buffers: dict[str, slangpy.Buffer], groups: bool, lists: dict[str, slangpy.Buffer]
 ) -> None:
-    kernel(groups, {**buffers, **lists}, groups=True)
+    kernel(count, {**buffers, **lists}, groups=groups)
 
 
 def _series(degree: int) -> tuple[Floats, Floats]:
