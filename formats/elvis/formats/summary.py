@@ -54,17 +54,17 @@ def _mesh(mesh: Mesh) -> Facts:
 
 def _geometry(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
     """Orders of the map, the box that holds all elements, and the sign of the Jacobian where it was sampled."""
-    ranges = [value_range((b.expansion, b.coefficients[:, axis]) for b in blocks) for axis in range(3)]
     return {
         "given_by_fields": "GeometryMap" in dataset.metadata,
         "expansions": [_expansion(block.expansion, len(block)) for block in blocks],
-        "box": _box(dataset, ranges),
+        "box": box(dataset, blocks),
         "jacobian": jacobian(blocks, dataset.mesh.space),
     }
 
 
-def _box(dataset: Dataset, ranges: Sequence[Range | None]) -> Facts:
+def box(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
     """The ends of the coordinates; Fourier directions follow those of the space and run over their lengths."""
+    ranges = [value_range((b.expansion, b.coefficients[:, axis]) for b in blocks) for axis in range(3)]
     lower, upper = ([_end(found, end) for found in ranges] for end in ("lower", "upper"))
     waves = [b.expansion.homogeneous for field in dataset.fields for b in field.blocks if b.expansion.homogeneous]
     if waves and ranges[0] is not None:

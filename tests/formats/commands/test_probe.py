@@ -104,8 +104,8 @@ def test_no_points_give_a_header(channel, tmp_path, elvis):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ([], "expected one of --points, --line and --plane"),
-        (["--line", "0,0:1,1", "--plane", "0,0:1,0:0,1"], "expected one of --points, --line and --plane"),
+        ([], "expected one of --points, --line, --plane and --grid"),
+        (["--line", "0,0:1,1", "--plane", "0,0:1,0:0,1"], "expected one of --points, --line, --plane and --grid"),
         (["--line", "0,0,0"], "expected 2 points with colons"),
         (["--line", "0,0,0:1,a,0"], "expected 2 or 3 numbers"),
         (["--line", "0,0,0:1,nan,0"], "expected 2 or 3 numbers"),

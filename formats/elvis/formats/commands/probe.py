@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,12 +25,17 @@ from elvis.formats.errors import ElvisError
 if TYPE_CHECKING:
     from elvis.formats.arrays import Floats
     from elvis.formats.columns import Columns
+    from elvis.formats.commands.arguments import Answers
+    from elvis.formats.dataset import Dataset
+    from elvis.formats.nrrd import Grid
     from elvis.formats.quantities import Expression
 
 _COLUMNS = ("point", "x", "y", "z", "element", "status")
 
 #: points along a line, and along each side of a plane, where -n says nothing
 _ALONG = 101
+#: points of a grid along one axis, and of those that are asked together
+_MOST, _TOGETHER = 65536, 1 << 18
 
 
 def _counts(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, ...] | None:
@@ -48,11 +53,22 @@ def _counts(context: click.Context, parameter: click.Parameter, value: str | Non
     return counts
 
 
+def _grid_counts(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+    """``64,64,32``: points along x, y and z."""
+    if value is None:
+        return None
+    parts = value.split(",")
+    if len(parts) != 3 or not all(part.strip().isdecimal() and 1 <= int(part) <= _MOST for part in parts):
+        raise click.BadParameter(f"expected three numbers from 1 to {_MOST} such as 64,64,32, found {value!r}")
+    return tuple(map(int, parts))
+
+
 EPILOG = """\b
 Examples:
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 -n 200 -o line.csv
   elvis probe wing.xml wing.fld --plane 0,0,0:1,0,0:0,1,0 -n 100x50 --fields u,v -o plane.npz
   elvis probe wing.xml wing.fld --points sensors.csv --all
+  elvis probe wing.xml wing.fld --grid 128,128,64 --box 0,0,0:1,1,0.5 --fields p -o pressure.nrrd
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
 """
 
@@ -62,6 +78,8 @@ Examples:
 @click.option("--points", metavar="FILE", help="Points from a table, - for standard input: columns x, y, z.")
 @click.option("--line", metavar="P:Q", callback=triples(2), help="Points from P to Q, as 0,0,0:1,0,0.")
 @click.option("--plane", metavar="P:U:V", callback=triples(3), help="Points P + s U + t V, s and t from 0 to 1.")
+@click.option("--grid", metavar="NX,NY,NZ", callback=_grid_counts, help="Points of a regular grid, for a NRRD file.")
+@click.option("--box", metavar="LOW:HIGH", callback=triples(2), help="Ends of the grid.  [default: those of the data]")
 @click.option(
     "-n", "counts", metavar="N[xM]", callback=_counts, help="Points along the line or the plane.  [default: 101]"
 )
@@ -73,13 +91,15 @@ Examples:
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="File to write, .csv or .npz.  [default: CSV on standard output]",
+    help="File to write, .csv or .npz, of a grid .nrrd.  [default: CSV on standard output]",
 )
 def probe(
     data: tuple[Path, ...],
     points: str | None,
     line: tuple[Triple, Triple] | None,
     plane: tuple[Triple, Triple, Triple] | None,
+    grid: tuple[int, int, int] | None,
+    box: tuple[Triple, Triple] | None,
     counts: tuple[int, ...] | None,
     fields: str | None,
     quantities: tuple[str, ...],
@@ -91,16 +111,20 @@ def probe(
 
     Columns are point (row of the input), x, y, z, element, status, then one a field. Outside the domain element is -1
     and fields are nan; status is 0 outside, 1 inside, 3 where the search failed. Where a field jumps between elements,
-    --all shows the value of each.
+    --all shows the value of each. A grid's values alone are written, of one field or the components of a vector.
     """
     from elvis.formats.columns import check_suffix, csv_lines, write_columns
     from elvis.formats.output import check_place
 
+    if grid is not None or box is not None:
+        others = [way for way in (points, line, plane, counts) if way is not None]
+        _write_grid(data, plugin, asked(fields, quantities), grid, box, output, alone=not others and not every)
+        return
     if output is not None:
         check_suffix(output)
         check_place(output)
     places = _places(points, line, plane, counts)
-    columns = _columns(data, plugin, places, asked(fields, quantities), every)
+    columns = _columns(_source(data, plugin), places, asked(fields, quantities), every)
     if output is not None:
         write_columns(output, columns)
     else:
@@ -118,7 +142,7 @@ def _places(
     from elvis.formats.queries import points_in_table, points_on_line, points_on_plane
 
     if sum(way is not None for way in (points, line, plane)) != 1:
-        raise click.UsageError("expected one of --points, --line and --plane", click.get_current_context())
+        raise click.UsageError("expected one of --points, --line, --plane and --grid", click.get_current_context())
     if plane is not None:
         n, m = counts * 2 if counts and len(counts) == 1 else counts or (_ALONG, _ALONG)
         return points_on_plane(*plane, (n, m))
@@ -131,25 +155,83 @@ def _places(
     return points_in_table(points)
 
 
-def _columns(
-    data: tuple[Path, ...], plugin: str | None, places: Floats, texts: list[str] | None, every: bool
-) -> Columns:
+def _source(data: tuple[Path, ...], plugin: str | None) -> Answers | Dataset:
+    """What is asked: what a plugin opens, else a dataset."""
+    return opened(data, plugin) or read_data(data)
+
+
+def _columns(source: Answers | Dataset, places: Floats, texts: list[str] | None, every: bool) -> Columns:
     """The table: what was asked, what was found, and one column a quantity."""
+    from elvis.formats.dataset import Dataset
     from elvis.formats.quantities.sampling import Sampler
     from elvis.formats.terminal import stage
 
-    if foreign := opened(data, plugin):
-        quantities = _checked(foreign.expressions(texts))
+    if not isinstance(source, Dataset):
+        quantities = _checked(source.expressions(texts))
         with stage(f"probing {len(places)} points"):
-            return foreign.probe(places, quantities, every)
-    dataset = read_data(data)
-    wanted = _checked(expressions(dataset, texts))
+            return source.probe(places, quantities, every)
+    wanted = _checked(expressions(source, texts))
     names = [expression.text for expression in wanted]
     with stage(f"probing {len(places)} points"):
-        found = Sampler(dataset, wanted).sample(places, all=every)
+        found = Sampler(source, wanted).sample(places, all=every)
     x, y, z = found.points.T
     answers = (found.location.point, x, y, z, found.location.element_id, found.location.status.astype(int))
     return dict(zip((*_COLUMNS, *names), (*answers, *found.values.T), strict=True))
+
+
+def _write_grid(
+    data: tuple[Path, ...],
+    plugin: str | None,
+    texts: list[str] | None,
+    counts: tuple[int, int, int] | None,
+    box: tuple[Triple, Triple] | None,
+    output: Path | None,
+    alone: bool,
+) -> None:
+    """Write the values at the points of a grid, some planes after others."""
+    import numpy as np
+
+    from elvis.formats.nrrd import write_nrrd
+    from elvis.formats.output import check_place
+
+    if counts is None or output is None or not alone:
+        raise click.UsageError("expected --grid with -o NAME.nrrd, and no other points", click.get_current_context())
+    if output.suffix.lower() != ".nrrd":
+        raise ElvisError(f"{output}: expected a name that ends in .nrrd for a grid, found {output.suffix or 'none'}")
+    check_place(output)
+    source = _source(data, plugin)
+    grid = _grid(source, counts, box)
+    step = max(1, _TOGETHER // (counts[0] * counts[1]))
+
+    def part(first: int) -> Columns:
+        found = _columns(source, grid.planes(first, first + step), texts, False)
+        return {name: column for name, column in found.items() if name not in _COLUMNS}
+
+    opening = part(0)
+
+    def parts() -> Iterator[Floats]:
+        yield np.column_stack(list(opening.values()))
+        for first in range(step, counts[2], step):
+            yield np.column_stack(list(part(first).values()))
+
+    write_nrrd(output, grid, list(opening), parts())
+
+
+def _grid(source: Answers | Dataset, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
+    """The grid in a box, by default that of the data; ElvisError where several points would be at one place."""
+    from elvis.formats.dataset import Dataset
+    from elvis.formats.geometry import geometry
+    from elvis.formats.nrrd import Grid
+    from elvis.formats.summary import box as box_of
+
+    if box is None:
+        found = box_of(source, geometry(source)) if isinstance(source, Dataset) else source.facts(())["box"]
+        lower, upper = ([float(end or 0.0) for end in found[name]] for name in ("lower", "upper"))
+        box = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
+    for name, low, high, count in zip("xyz", *box, counts, strict=True):
+        if not low < high and count > 1:
+            raise ElvisError(f"--grid: expected one point along {name}, where the box goes from {low:g} to {high:g}")
+    return Grid(*box, counts)
 
 
 def _checked(wanted: Sequence[Expression]) -> Sequence[Expression]:
