@@ -33,8 +33,6 @@ class Curves:
     def __init__(self, dataset: Dataset, quantity: str) -> None:
         self.expression, self.is_plot = Expression.of(dataset, quantity), dataset.mesh.space == 1
         self.evaluator = Evaluator(dataset, [self.expression])
-        if any(patch.dimension > 1 for patch in self.evaluator.patches):
-            raise SceneError("pictures of lines with Fourier directions can't be made")
         self.scale, self.base = 1.0, 0.0
         self.sample(33)
         if self.is_plot:

@@ -63,7 +63,7 @@ def render(
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device, progress)
     scene = completed(dataset, scene)
-    if dataset.mesh.dimension == 1 and device not in plugins("elvis.devices"):
+    if dimension_of(dataset) == 1 and device not in plugins("elvis.devices"):
         return draw_curves(dataset, scene)
     if device in plugins("elvis.devices"):
         return cast(Drawing, load("elvis.devices", device))(dataset, scene)
@@ -102,14 +102,15 @@ def default_field(data: Dataset | Opened) -> str:
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
-    if dataset.mesh.dimension == 1:
+    dimension = dimension_of(dataset)
+    if dimension == 1:
         return _with_quantity(scene, dataset)
-    if dataset.mesh.space > dataset.mesh.dimension:
+    if dimension == 2 and (dataset.mesh.dimension == 1 or dataset.mesh.space > 2):
         if any(not isinstance(item, Faces) for item in scene.every_object):
             raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
         scene = replace(scene, objects=scene.objects or (Faces(),))
         return _with_quantity(scene, dataset)
-    return _with_plane(_with_quantity(scene, dataset), dimension_of(dataset))
+    return _with_plane(_with_quantity(scene, dataset), dimension)
 
 
 def _names(data: Dataset | Opened) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.plugins.faces.derived import derived_faces
 from elvis.plugins.faces.faces import Faces
+from elvis.plugins.faces.lines import line_faces
 from elvis.plugins.faces.native import native_faces
 from elvis.plugins.twins import twins_of
 from elvis.plugins.volume import Volume
@@ -23,6 +24,8 @@ def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
         extruded = dataset.mesh.dimension == 2 and volume.dimension == 3
         periods = [np.asarray(part.buffers["period"]) for part in volume.parts if "period" in part.buffers]
         length = float(periods[0][0]) if extruded and periods else None
+        if dataset.mesh.dimension == 1:
+            return line_faces(dataset, volume)
         return native_faces(dataset, [part.element_ids for part in volume.parts], length)
     give = getattr(volume, "faces", None)
     if give is None:

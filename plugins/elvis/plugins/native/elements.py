@@ -90,13 +90,15 @@ class Elements:
         shape = self.geometry.shape
         arguments = ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
         type, source = f"{shape.label}<{arguments}>", ""
-        if self.series:
+        if self.series and shape is Shape.SEGMENT:
+            type = f"Segment<{arguments}, {len(self.series.z_ids)}, {len(self.series.lengths)}>"
+        elif self.series:
             type, source = f"Planes<{type}, {len(self.series.z_ids)}>", "import native_planes;"
         buffers: dict[str, NDArray[Any]] = {"coefficients": net} if names else {}
         if expression.is_field:
             degree = 0 if self.series else max(*self.geometry.degrees, *space.degrees)
             return Quantity(type, source, buffers, degree, None if self.series else partial(_bounds, net, space))
-        formula = Formula(expression, names, *_ideal(shape, 3 if self.series else shape.dimension))
+        formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions))
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         known = 0 if found is None or found > HIGHEST or self.series else max(*self.geometry.degrees, found)
@@ -157,10 +159,15 @@ class Elements:
         """(n,) the part's own field at reference points, on the host."""
         return pointwise.values(self.expressions[0], self.names, self.attributes, patch, rows, reference)
 
+    @property
+    def _directions(self) -> int:
+        """Number of Fourier directions."""
+        return len(self.series.lengths) if self.series else 0
+
     def _buffers_of_waves(self) -> dict[str, NDArray[np.float64]]:
         if not self.series:
             return {}
-        return {"waves": waves(self.series), "period": np.array([self.series.lengths[0]])}
+        return {"waves": waves(self.series), "period": np.array(self.series.lengths)}
 
 
 def _bounds(net: Floats, space: BernsteinSpace) -> tuple[Floats, Floats]:

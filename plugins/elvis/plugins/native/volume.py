@@ -37,7 +37,7 @@ class NativeVolume:
         """The elements that have the first quantity, with all of them: fields, expressions, ready-made ones.
 
         Elements of one shape and one pair of degrees make a part; quasi-3D data become one period of their planes along
-        z.  Raises ElvisError for what names no quantity, and for lines.
+        z, or of their lines along z or y and z.  Raises ElvisError for what names no quantity, and for lines.
         """
         texts = (quantities,) if isinstance(quantities, str) else tuple(quantities)
         expressions = [Expression.of(dataset, text) for text in texts]
@@ -53,7 +53,7 @@ class NativeVolume:
         attributes = Attributes(dataset)
         groups = _groups(found, primary)
         parts = [Elements(patches, geometry, names, expressions, attributes).part() for geometry, patches in groups]
-        if dataset.mesh.space > dataset.mesh.dimension:
+        if dimension == 2 and (dataset.mesh.dimension == 1 or dataset.mesh.space > 2):
             parts = [_in_space(part) for part in parts]
         return NativeVolume(dimension, parts)
 
@@ -61,15 +61,14 @@ class NativeVolume:
 def _dimension(dataset: Dataset, found: Sequence[Patch]) -> int:
     """2 (in the plane or on a surface in space) or 3; ElvisError for lines."""
     mesh = dataset.mesh
-    if mesh.dimension < 2:
-        raise ElvisError(f"pictures are made of 2D and 3D data, found DIM={mesh.dimension} SPACE={mesh.space}")
     waves = {own.homogeneous for patch in found for own in patch.fields if own is not None}
-    if waves <= {None}:
+    if waves <= {None} and mesh.dimension > 1:
         return mesh.dimension
-    (series, *others) = waves
-    if others or series is None or mesh.dimension != 2 or len(series.lengths) != 1:
-        raise ElvisError("expected one Fourier series along z in all fields and elements of a plane, found others")
-    return 3
+    (series, *others) = waves or {None}
+    if others or series is None or mesh.dimension + len(series.lengths) > 3:
+        wanted = "2D or 3D data, or the same Fourier directions in all fields and elements of a plane or a line"
+        raise ElvisError(f"pictures of this field need {wanted}, found DIM={mesh.dimension} SPACE={mesh.space}")
+    return mesh.dimension + len(series.lengths)
 
 
 def _in_space(part: Part) -> Part:
