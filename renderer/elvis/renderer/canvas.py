@@ -61,6 +61,7 @@ class Canvas:
         _check_memory(self.view, self.records)
         self.start, self.done, self.total, self.undefined = perf_counter(), 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
+        self.stages.volumes.pulse = self._check_time
         self.sheets = self.stages.sheets(self.scene)
         self.arrays = _arrays(self.view, self.records and self.view.count > self.most)
 
@@ -82,6 +83,8 @@ class Canvas:
         drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.sheets))
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         stats |= {"remarks": self.painter.remarks(self.sheets), "not_a_number": self.undefined}
+        if self.painter.gathered:
+            stats["volume"] = {**self.painter.gathered, "inverted_elements": self.stages.inverted}
         record, element, reference = (arrays[name] for name in ("field", "element", "reference"))
         reference = reference if self.records else None
         return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)

@@ -191,7 +191,7 @@ class Painter:
 
     def remarks(self, sheets: Sequence[Sheet]) -> list[str]:
         """What a user should know: objects that aren't there, contours of values that the data don't take."""
-        found = []
+        found = list(self.stages.remarks(self.scene, self.gathered))
         for sheet in sheets:
             if id(sheet) not in self._shown:
                 found.append(f"{sheet.name} shows nothing")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -10,9 +10,12 @@ import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
 from elvis.formats.dataset import Dataset
+from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.bounding import quantity_range
 from elvis.formats.ranges import Range
+from elvis.formats.shapes import Shape
+from elvis.formats.validity import Verdict, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
@@ -61,6 +64,11 @@ class Sheet:
     surface: Surface | None = None
 
 
+def is_straight(block: GeometryBlock) -> bool:
+    """Whether elements are straight tetrahedra."""
+    return block.expansion.shape is Shape.TETRAHEDRON and max(block.expansion.modes) == 2
+
+
 class Stages:
     """The stages over a loaded volume, each made when it is first needed.
 
@@ -97,6 +105,30 @@ class Stages:
     def volumes(self) -> VolumeRenderer:
         """Volumes."""
         return VolumeRenderer(self.loaded, lambda: self.faces)
+
+    @cached_property
+    def inverted(self) -> int:
+        """Elements whose Jacobian is certainly not positive all over: the straight tetrahedra, and all of a dataset."""
+        corners = [self.volumes.traversal.corners(n) for n, part in enumerate(self.loaded.parts) if part.affine]
+        sides = [some[:, 1:] - some[:, :1] for some in corners]
+        count = sum(int(np.count_nonzero(np.linalg.det(some) <= 0.0)) for some in sides)
+        if self.dataset is not None and not all(part.affine for part in self.loaded.parts):
+            curved = [block for block in geometry(self.dataset) if not is_straight(block)]
+            count += validity(self.dataset, curved).count(Verdict.NOT_POSITIVE)
+        return count
+
+    def remarks(self, scene: Scene, gathered: Mapping[str, int]) -> Iterator[str]:
+        """What a user should know of volumes and what rays gathered in them."""
+        volumes = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
+        if volumes and self.inverted:
+            yield f"elements that are inverted, all or in part, and drawn nonetheless: {self.inverted}"
+        for name in dict.fromkeys(item.quantity or scene.field for item in volumes):
+            own, parts = self.named(name, scene), range(len(self.loaded.parts))
+            bounds = [self.volumes.traversal.bounds(n, own)[0] for n in parts]
+            if left := sum(int(np.isnan(low).sum()) for low in bounds):
+                yield f"elements left out of a volume because their {name} is not a number: {left}"
+        if gathered["lost"]:
+            yield f"places along rays in a volume that were not found: {gathered['lost']}"
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""

@@ -28,6 +28,8 @@ MOST_BYTES = 192 << 20
 #: pixels whose hits of curved faces are looked for at one time
 STRIP = 1 << 16
 LANES = TILE * TILE
+#: segments that lists have room for at first, for each curved element of a ray
+AHEAD = 2
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,8 @@ class _Seen:
         some, at = self.part(held), at[held]
         some.tiles["number"] = tiles["number"][at] + self.listed * len(tiles)
         some.tiles["base"] = tiles["base"][at] + self.listed * int(tiles["end"].sum())
+        if "stretches" in self.data:
+            some.tiles["end"] = tiles["end"][at]
         return some
 
     def part(self, chosen: Bools) -> _Seen:
@@ -133,10 +137,12 @@ class VolumeRenderer:
     """A loaded volume, ready for any transfer functions from any view.
 
     faces  gives the faces of its elements, for those that are curved
+    pulse  is called now and then, and may raise what ends the work
     """
 
     def __init__(self, loaded: Loaded, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
+        self.pulse: Callable[[], object] = lambda: None
 
     def draw(
         self,
@@ -191,7 +197,7 @@ class _March:
         coats: Sequence[Coat],
         clips: Sequence[Clip],
     ) -> None:
-        self.loaded, self.traversal, self.faces = renderer.loaded, renderer.traversal, renderer.faces
+        self.renderer, self.loaded, self.traversal = renderer, renderer.loaded, renderer.traversal
         self.device, self.view, self.media, self.error, self.coats = self.loaded.device, view, media, error, coats
         self.visibility = Visibility(clips, view)
         self.quantities = list(dict.fromkeys(medium.quantity for medium in media))
@@ -254,8 +260,9 @@ class _March:
             every = [own.part((own.tiles["y"] >= rows[0]) & (own.tiles["y"] < rows[1])) for own in every]
             every += self._stretches(rows)
         if sum(len(some.tiles) for some in every):
-            for tiles, parts in self._bands(every):
-                self._band(tiles, parts)
+            for tiles in self._bands(every):
+                self.renderer.pulse()
+                self._band(tiles, every)
 
     def _kernel(self, stage: str, number: int, listed: int) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], self.quantities[listed], line_degree=self.degree)
@@ -269,10 +276,10 @@ class _March:
         return _Seen(number, listed, kernel, tiles, counts, {"order": sections["element"][order]})
 
     def _stretches(self, rows: tuple[int, int]) -> list[_Seen]:
-        """Parts of curved elements: where rays enter and leave them; segments are counted before they are kept."""
-        if self.faces is None:
+        """Parts of curved elements: where rays enter and leave them."""
+        if self.renderer.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
-        hits = self.faces().hits(self.view, self.bent, rows)
+        hits = self.renderer.faces().hits(self.view, self.bent, rows)
         found = []
         for listed, curved in enumerate(self.curved):
             for number in curved:
@@ -290,18 +297,13 @@ class _March:
         tiles, starts, order = _lists(pixel, self.view, kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
         wanted["tolerance"] = self._tolerance(self.quantities[listed])
+        counts = starts[1:].astype(np.int64) - starts[:-1]
+        rows = AHEAD * counts.reshape(-1, LANES).max(axis=1, initial=0)
         data = {"stretches": stretches[order], "starts": starts, "wanted": wanted}
-        some = _Seen(number, listed, kernel, tiles, np.ones(len(tiles), np.int64), data)
-        if len(tiles):
-            lists = self._empty(len(tiles), len(tiles))
-            self._list(some, lists)
-            counts = self.device.read(lists["counts"], np.uint32)
-            some.rows = counts[: LANES * len(tiles)].reshape(-1, LANES).max(axis=1).astype(int)
-        wanted["writes"] = 1
-        return some
+        return _Seen(number, listed, kernel, tiles, rows, data)
 
-    def _bands(self, every: list[_Seen]) -> Iterator[tuple[NDArray[Any], list[_Seen]]]:
-        """Groups of tiles whose lists have room together, and what is seen there."""
+    def _bands(self, every: list[_Seen]) -> Iterator[NDArray[Any]]:
+        """Groups of tiles whose lists have room together."""
         places = np.unique(np.concatenate([_place(some.tiles) for some in every]))
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in every:
@@ -314,13 +316,11 @@ class _March:
             tiles = np.zeros(len(own), self.march.dtype("tiles"))
             tiles["x"], tiles["y"], tiles["number"] = places[own] & 0xFFFFF, places[own] >> 20, np.arange(len(own))
             tiles["base"], tiles["end"] = np.cumsum(most[own]) - most[own], most[own]
-            yield tiles, [some.within(tiles) for some in every]
+            yield tiles
 
     def _band(self, tiles: NDArray[Any], parts: list[_Seen]) -> None:
         """List the segments of the rays of some tiles, then march along them."""
-        lists, rows = self._empty(len(tiles), int(tiles["end"].sum())), int(tiles["end"].sum())
-        for some in parts:
-            self._list(some, lists)
+        lists = self._listed(tiles, parts)
         # tiles reach beyond the picture's edge
         x, y = (tiles[name].astype(np.int64)[:, None] for name in ("x", "y"))
         x, y = x + np.arange(LANES) % TILE, y + np.arange(LANES) // TILE
@@ -328,7 +328,7 @@ class _March:
         pixel = np.where(held, y * self.view.width + x, 0)
 
         ask = np.zeros(1, self.march.dtype("march_of"))
-        ask["error"], ask["rows"] = self.error, rows
+        ask["error"], ask["rows"] = self.error, tiles["end"].sum()
         stops, hidden = self._stops(pixel.ravel())
         ask["stops"] = stops.shape[1]
         lists |= {"stops": self.device.buffer(stops), "hidden": self.device.buffer(hidden)}
@@ -340,6 +340,21 @@ class _March:
         self.lights[pixel[held]] = found[held]
         lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
         self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
+
+    def _listed(self, tiles: NDArray[Any], parts: list[_Seen]) -> dict[str, Any]:
+        """The segments of all parts; once more where the lists of some tiles were too short, which become longer."""
+        while True:
+            lists = self._empty(len(tiles), int(tiles["end"].sum()))
+            for some in parts:
+                self._list(some.within(tiles), lists)
+            if not any(self.curved):
+                return lists
+            counts = self.device.read(lists["counts"], np.uint32)[: len(self.quantities) * LANES * len(tiles)]
+            needed = counts.reshape(-1, len(tiles), LANES).max(axis=(0, 2))
+            if (needed <= tiles["end"]).all():
+                return lists
+            tiles["end"] = np.maximum(needed, tiles["end"])
+            tiles["base"] = np.cumsum(tiles["end"]) - tiles["end"]
 
     def _stops(self, pixel: Ints) -> tuple[NDArray[Any], NDArray[np.int32]]:
         """Stop records (m, k) along the rays of pixels (m,), and how many clips hide what comes before."""
