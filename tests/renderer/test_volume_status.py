@@ -1,0 +1,110 @@
+"""What is known of volumes is told: elements without numbers, inverted ones, ends of segments that are not found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.formats.connectivity import connected
+from elvis.formats.dataset import Dataset
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid
+from elvis.renderer import Camera, SceneError, Status
+from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.scene import Transfer, VolumeRendering
+from elvis.renderer.view import View
+
+CAMERA = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
+SIZE = (36, 30)
+FOG = VolumeRendering(Transfer((0.0,), (1.0,), ((1.0, 1.0, 1.0),)))
+
+
+def with_field(mesh, modes=2):
+    return Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 2], modes),))
+
+
+def without_numbers(data, count):
+    """The dataset, its first elements without values."""
+    block = data.fields[0].blocks[0]
+    values = np.array(block.coefficients)
+    values[:count] = np.nan
+    return Dataset(data.mesh, (replace(data.fields[0], blocks=(replace(block, coefficients=values),)),))
+
+
+def test_elements_without_numbers_are_marked_counted_and_told(draw):
+    data = without_numbers(with_field(grid(Shape.TETRAHEDRON, 2)), 6)
+    whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(FOG,)) for own in (with_field(data.mesh), data))
+    marked = holed.status == Status.AMBIGUOUS
+    assert not (whole.status == Status.AMBIGUOUS).any()
+    assert 20 < marked.sum() < (whole.status == Status.CERTAIN).sum()
+    assert (holed.status[~marked] == whole.status[~marked]).all()
+    assert np.array_equal(holed.color[~marked], whole.color[~marked])
+    assert holed.stats["volume"]["undefined"] >= marked.sum()
+    assert holed.stats["remarks"] == ["elements left out of a volume because their u is not a number: 6"]
+    assert whole.stats["remarks"] == []
+    assert whole.stats["volume"]["undefined"] == whole.stats["volume"]["inverted_elements"] == 0
+
+
+@pytest.mark.parametrize("modes", [2, 3])
+def test_inverted_elements_are_drawn_and_told(draw, modes):
+    """Two of three tetrahedra wind the other way; in a curved mesh the verdict is that of `validity`."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    points = (np.array([[0, 0, 0], [1.2, 0, 0], [0, 1.2, 0]])[:, None] + corners).reshape(-1, 3)
+    rows = np.array([[0, 1, 2, 3], [5, 4, 6, 7], [9, 8, 10, 11]])
+    mesh = connected(points, {Shape.TETRAHEDRON: rows})
+    mesh = curved(mesh, lambda p: p + 0.05 * p**2, modes) if modes > 2 else mesh
+    frame = draw(with_field(mesh), camera="iso", size=SIZE, objects=(FOG,))
+    assert frame.stats["volume"]["inverted_elements"] == 2
+    assert frame.stats["remarks"] == ["elements that are inverted, all or in part, and drawn nonetheless: 2"]
+    assert frame.counts()["failed"] == 0
+    assert frame.counts()["certain"] > 100
+
+
+def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
+    """Hits of faces where rays leave are kept from the march: these pixels fail, with a remark."""
+    data = with_field(curved(grid(Shape.TETRAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3))
+    found = FaceDrawer.hits
+
+    def fewer(self, *arguments):
+        every = found(self, *arguments)
+        return every[(every["pixel"] % SIZE[0] < 18) | (every["entering"] == 1)]
+
+    monkeypatch.setattr(FaceDrawer, "hits", fewer)
+    frame = draw(data, camera=CAMERA, size=SIZE, objects=(FOG,))
+    failed = frame.status == Status.FAILED
+    assert failed[:, 18:].sum() > 50
+    assert not failed[:, :18].any()
+    assert frame.stats["volume"]["lost"] >= failed.sum()
+    assert frame.stats["remarks"] == [
+        f"places along rays in a volume that were not found: {frame.stats['volume']['lost']}"
+    ]
+
+
+def test_the_time_limit_ends_a_march(gather, draw):
+    """Between bands of tiles, not only after the picture."""
+    data = with_field(grid(Shape.TETRAHEDRON, 2))
+    with pytest.raises(SceneError, match="the time limit: nothing is written"):
+        draw(data, camera=CAMERA, size=SIZE, objects=(FOG,), timeout=1e-9)
+
+
+def test_volume_integrals_converge_with_the_error_asked_for(gather):
+    """Density 400 z^2, as much red as z^2, from above: D(z) = 400 (1 - z^3) / 3, C the integral of 400 z^4 exp(-D).
+
+    Light comes from a layer a hundredth thick.  Asked for, estimated, wrong: the table falls.
+    """
+    view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), (4, 4))
+    mesh = grid(Shape.TETRAHEDRON, 1)
+    data = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 2] ** 2, 3),))
+    look = Transfer((0.0, 1.0), (0.0, 400.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    z = np.concatenate([end + 0.05 * (nodes + 1) for end in np.arange(10) / 10])
+    exact = np.tile(0.05 * weights, 10) @ (400 * z**4 * np.exp(-400 * (1 - z**3) / 3))
+    asked, errors, estimates = 10.0 ** -np.arange(1, 11), [], []
+    for error in asked:
+        light = gather(data, view, look, error=error)
+        errors.append(np.abs(light.color[:, 0] - exact).max())
+        estimates.append(light.error.max())
+    assert (np.array(estimates) <= asked).all()
+    assert (np.array(errors) <= np.maximum(asked, 1e-13)).all()
+    order = np.log10(errors[0] / errors[-1]) / 9
+    assert order > 0.8, f"errors {errors} for 1e-1 to 1e-10"
