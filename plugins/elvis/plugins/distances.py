@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Ints
 from elvis.formats.distances import Surface
-from elvis.formats.distances.nearest import EQUAL
 from elvis.formats.distances.pieces import Pieces
+from elvis.formats.distances.search import EQUAL
 
 Buffers = dict[str, NDArray[Any]]
 

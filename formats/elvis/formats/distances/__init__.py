@@ -6,12 +6,13 @@ boundaries  faces of a dataset's boundaries
 files       triangle meshes
 sides       which side of a closed surface is inside
 surface     a surface with all that its distance takes
-nearest     its distance at points, proved by bounds
+parts       parts of pieces, and the squared distance to them with its derivatives
+search      the nearest places, proved by bounds
 """
 
 from __future__ import annotations
 
-from elvis.formats.distances.nearest import Near, nearest
+from elvis.formats.distances.search import Near, nearest
 from elvis.formats.distances.surface import Surface, surface_of
 
 __all__ = ["Near", "Surface", "nearest", "surface_of"]

@@ -16,7 +16,7 @@ from elvis.formats.errors import ElvisError
 from elvis.formats.expansion import values
 from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.mesh import Mesh
-from elvis.formats.orientation import first_face_row, local_vertices
+from elvis.formats.orientation import local_vertices
 from elvis.formats.quadrature import gauss
 from elvis.formats.shapes import Shape
 

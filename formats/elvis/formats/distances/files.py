@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,12 @@ from elvis.formats.errors import FormatError
 
 #: suffixes of files that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb")
+_NAMED = re.compile(rf"(\bdistance\(\s*[\"'])([^\"']*(?:{'|'.join(map(re.escape, SUFFIXES))}))([\"']\s*\))", re.IGNORECASE)
+
+
+def renamed(expression: str, change: Callable[[str], str]) -> str:
+    """An expression with other names of the files that distances in it are measured to."""
+    return _NAMED.sub(lambda found: f"{found[1]}{change(found[2])}{found[3]}", expression)
 
 
 def check_file(name: str) -> None:

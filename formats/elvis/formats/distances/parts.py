@@ -152,5 +152,15 @@ class Model:
         return np.asarray(own)
 
 
+def linear_distance(pieces: Pieces, row: Ints, goal: Floats) -> Floats:
+    """(n,) distances from points (n, 3) to the linear parts of pieces."""
+    own = pieces.coefficients
+    gap, s = own[row, 0, 0] - goal, own[row, 0, 1]
+    t = own[row, 1, 0] if pieces.corners > 2 else np.zeros_like(s)
+    bend, slope = np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1), np.stack([_dot(gap, s), _dot(gap, t)], axis=1)
+    where = least(pieces.corners, bend, slope)
+    return np.asarray(np.linalg.norm(gap + where[:, :1] * s + where[:, 1:] * t, axis=1))
+
+
 def _dot(a: Floats, b: Floats) -> Floats:
     return np.asarray((a * b).sum(axis=1))

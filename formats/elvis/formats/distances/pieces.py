@@ -18,7 +18,7 @@ from math import comb, perm
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats
+from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
 
 CORNERS: Mapping[int, Floats] = {
     2: frozen_floats([[-1, 0], [1, 0]]),
@@ -77,18 +77,21 @@ class Pieces:
         size = np.linalg.norm(self.coefficients, axis=3)
         m, k = size.shape[1:]
         columns = [np.einsum("nji,j,i->n", size, _falling(m, b), _falling(k, a)) for a, b in BOUNDED]
-        linear = np.add.outer(np.arange(m), np.arange(k)) < 2
-        return np.stack([*columns, np.where(linear, 0.0, size).sum(axis=(1, 2))], axis=1)
+        return np.stack([*columns, np.where(self._linear, 0.0, size).sum(axis=(1, 2))], axis=1)
 
     @property
     def boxes(self) -> Floats:
         """(n, 6) low and high corners of boxes that hold the pieces."""
-        middle = self.coefficients[:, 0, 0]
-        reach = np.abs(self.coefficients).sum(axis=(1, 2)) - np.abs(middle)
-        if self.is_flat:
-            vertices = self.vertices
-            return np.concatenate([vertices.min(axis=1), vertices.max(axis=1)], axis=1)
-        return np.concatenate([middle - reach, middle + reach], axis=1)
+        linear = np.where(self._linear[:, :, None], self.coefficients, 0.0)
+        bend = np.abs(self.coefficients - linear).sum(axis=(1, 2))
+        vertices = Pieces(self.corners, linear, self.face, self.outer).vertices
+        return np.concatenate([vertices.min(axis=1) - bend, vertices.max(axis=1) + bend], axis=1)
+
+    @property
+    def _linear(self) -> Bools:
+        """(m, k) which powers are no more than linear."""
+        m, k = self.coefficients.shape[1:3]
+        return np.asarray(np.add.outer(np.arange(m), np.arange(k)) < 2)
 
     def flattened(self, first: int = 0) -> Pieces:
         """The pieces, cut until each is nearly flat; faces are numbered from ``first``."""

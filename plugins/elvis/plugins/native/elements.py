@@ -17,6 +17,7 @@ from elvis.formats.dataset import Homogeneous
 from elvis.formats.patch import Patch
 from elvis.formats.quantities import Expression, pointwise
 from elvis.formats.quantities.attributes import Attributes, from_ideal, is_constant
+from elvis.formats.quantities.cells import Cells
 from elvis.formats.quantities.tree import Node
 from elvis.formats.shapes import Shape
 from elvis.plugins.distances import buffers_of
@@ -28,6 +29,8 @@ from elvis.plugins.volume import Part, Quantity
 
 #: highest degree of expressions whose isosurfaces are found as those of polynomials
 HIGHEST = 8
+#: elements whose bounds are found together
+_CELLS = 4096
 
 
 class Elements:
@@ -102,7 +105,18 @@ class Elements:
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         known = 0 if found is None or found > HIGHEST or self.series else max(*self.geometry.degrees, found)
-        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known)
+        bounds = partial(self._certified, expression) if formula.targets and not self.series else None
+        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known, bounds)
+
+    def _certified(self, expression: Expression) -> tuple[Floats, Floats]:
+        """(n,) what an expression is not less and not greater than on each element, by interval arithmetic."""
+        found = []
+        for patch in self.patches:
+            for rows in np.array_split(np.arange(len(patch)), -(-len(patch) // _CELLS)):
+                cells = Cells.of(patch, self.names, self.attributes, rows, expression.order > 0)
+                found.append(cells.bounds(expression.root))
+        low, high = map(np.concatenate, zip(*found, strict=True))
+        return low, high
 
     def _degree(self, leaf: Node, space: BernsteinSpace) -> int | None:
         """The degree of what an expression is made of, where that is a polynomial: slopes are on straight simplices."""

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from functools import partial
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
+from elvis.formats.distances.files import renamed
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
 from elvis.renderer.scene.surfaces import (
@@ -30,6 +31,8 @@ KINDS: dict[type, str] = {CutSurface: "cut", Faces: "faces", Isosurface: "isosur
     Plane: "plane", Sphere: "sphere", Cylinder: "cylinder", Cone: "cone", Implicit: "implicit", TriangleMesh: "mesh"
 }  # fmt: skip
 LONGEST = 10_000
+#: keys of expressions, in which files may be named
+EXPRESSIONS = ("field", "quantity", "expression")
 
 
 def scene_of(table: Table, folder: str = "") -> Scene:
@@ -50,6 +53,8 @@ def table_of(item: Any, folder: str | None = None) -> Table:
         default = field.default_factory() if field.default_factory is not MISSING else field.default
         if value is not None and (default is MISSING or value != default):
             table[field.name] = _plain(value, hints[field.name], folder)
+            if folder is not None and field.name in EXPRESSIONS:
+                table[field.name] = renamed(str(value), lambda file: os.path.relpath(file, folder or "."))
     return table
 
 
@@ -129,6 +134,8 @@ def _single(hint: Any, raw: Any, place: str, folder: str) -> Any:
     if get_origin(hint) is Annotated:
         check(isinstance(raw, str) and raw, place, f"a {get_args(hint)[1]} name", _shown(raw))
         return os.path.normpath(os.path.join(folder, raw)) if _is_file({hint}, raw) else raw
+    if isinstance(raw, str) and place.endswith(EXPRESSIONS):
+        return renamed(raw, lambda file: os.path.normpath(os.path.join(folder, file)))
     expected, make = _PLAIN[hint]
     try:
         return make(raw)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.distances.parts import Model, Parts
+from elvis.formats.distances.parts import Model, Parts, linear_distance
 from elvis.formats.distances.pieces import CORNERS, Pieces
 from elvis.formats.distances.quadratic import least
 from elvis.formats.distances.surface import LEAF, Surface
@@ -128,6 +128,9 @@ class _Search:
     def _search(self, number: int, point: Ints, row: Ints) -> None:
         """The same with pieces of one group: all parts that are not settled are cut, round by round."""
         pieces, bounds = self.surface.groups[number], self._bounds[number]
+        linear = linear_distance(pieces, row, self.points[point])
+        near = np.flatnonzero(linear - bounds[row, 9] <= self.distance[point] + self.equal)
+        point, row = point[near], row[near]
         waiting = [(point, Parts.whole(pieces.corners, row))]
         while waiting:
             point, parts = waiting.pop()
