@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
 from elvis.renderer.errors import SceneError
+from elvis.renderer.scene import Transfer
 
 #: colour of what is seen but is not a finite number
 NOT_A_NUMBER = (1.0, 0.0, 1.0)
@@ -53,6 +54,13 @@ class Palette:
                 f"unknown colour map {name!r}: expected an .xml file or a name of the cmap catalogue, e.g. {known}"
             ) from error
         return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
+
+    @staticmethod
+    def of_transfer(transfer: Transfer) -> Palette:
+        """The colours of a transfer function that has its own."""
+        low, high = transfer.values[0], transfer.values[-1]
+        steps, parts = np.linspace(low, high, STEPS), np.array(transfer.colors, np.float64).T
+        return Palette(np.stack([np.interp(steps, transfer.values, part) for part in parts], axis=1), low, high)
 
     def steps(self, values: Floats) -> NDArray[np.uint16]:
         """Steps (…) of values (…): finite values beyond the range take the last one there, all others STEPS."""

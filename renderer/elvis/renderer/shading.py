@@ -180,6 +180,9 @@ class Painter:
         found = []
         for key, palette in self._palettes.items():
             found.append(Legend(key[0] or self.scene.field, palette, tuple(marks.pop(key[0] or None, ()))))
+        for item in self.scene.every_object:
+            if isinstance(item, VolumeRendering) and len(set(item.transfer.colors)) > 1:
+                found.append(Legend(f"{item.quantity or self.scene.field}, volume", Palette.of_transfer(item.transfer)))
         return (*found, *(Legend(name or self.scene.field, None, tuple(own)) for name, own in marks.items()))
 
     @property
