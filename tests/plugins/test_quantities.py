@@ -191,8 +191,7 @@ def test_a_plugins_field_makes_expressions(renderer, opened):
 @pytest.mark.parametrize(
     ("texts", "sentence"),
     [
-        (["u+one"], "shows quantities of one of its fields, found u, one"),
-        (["u*quality"], "there is no quality of elements that a runtime plugin draws"),
+        (["u*order"], "there is no order of elements that a runtime plugin draws"),
         (["u*"], "expected a number, a name or (, found its end"),
         (["w*t"], "there is no 'w'; the fields are u, one; besides there are x, y, z, t, pi"),
     ],

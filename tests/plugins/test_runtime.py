@@ -269,3 +269,19 @@ def test_waves_are_the_fourier_functions_of_the_format(basis):
     angle = np.pi * turns * (zeta[:, None] + shift)
     found = cosines * np.cos(angle) + sines * np.sin(angle)
     assert np.abs(found - fourier(basis, range(6), zeta)[0]).max() < 1e-14
+
+
+def test_the_range_of_all_is_that_of_the_bounds(box):
+    """A cosine and its mean: a picture of a plane where it is 3 all over has the colours of [1, 5] nonetheless."""
+    amplitudes = np.zeros((3, 1, 1))
+    amplitudes[0], amplitudes[1] = 3.0, 2.0
+    opened = Opened("fourier", box(("fourier",) * 3, amplitudes, (0.0,) * 3, (1.0,) * 3))
+    plane = Plane((0.25, 0.5, 0.5), (1.0, 0.0, 0.0))
+    frame = render(opened, Scene("u", plane, size=(30, 30), range="all"))
+    assert np.allclose(frame.field[frame.seen], 3.0, rtol=0, atol=1e-12)
+    low, high = frame.range
+    assert low <= 1.0 + 1e-9
+    assert high >= 5.0 - 1e-9
+    assert high - low < 4.1
+    with pytest.raises(ElvisError, match="no bounds of 'sin\\(u\\)' over all data are known: give two values"):
+        render(opened, Scene("sin(u)", plane, size=(30, 30), range="all"))

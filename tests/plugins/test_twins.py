@@ -8,14 +8,15 @@ import pytest
 
 from elvis.formats.errors import ElvisError
 from elvis.formats.margins import drawn_in
+from elvis.formats.quantities import Expression
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import scattered
 from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import Opened
-from elvis.plugins.serving import volume_of
-from elvis.plugins.twins import Twin, slopes_of, twins_of
+from elvis.plugins.serving import names_of, volume_of
+from elvis.plugins.twins import Twin, expressed, slopes_of, twins_of
 from elvis.plugins.volume import Part, Shown
 from elvis.reference.picture import render as judge
 from elvis.reference.scenes.twins import TwinLocator
@@ -166,6 +167,26 @@ def test_rational_volumes_are_what_the_reference_makes_of_them(agree, pipe):
     agree(pipe, objects=(Faces(("element:2",)),), camera="iso")
 
 
+def test_expressions_of_several_fields_are_what_the_reference_makes_of_them(agree, tmp_path):
+    if not MFEM.is_dir():
+        pytest.skip(f"there is no {MFEM}")
+    files = [MFEM / f"pipe_nurbs.{name}" for name in ("mesh", "u.gf", "w.gf")]
+    agree(Opened("nurbs", Nurbs(files)), field="sqrt(u^2 + w^2) + d(w,z)*quality + shape", plane=CUT)
+
+
+def test_what_is_known_of_elements_is_the_same_in_every_way(renderer, pipe):
+    drawing, texts = renderer("vulkan"), ["element", "jacobian", "scaled_jacobian", "quality", "shape"]
+    volume = volume_of(pipe, ["u", *texts])
+    drawing.show(volume, pipe)
+    (twin,) = twins_of(volume)
+    points = np.random.default_rng(3).uniform(-1, 1, (50, 3))
+    rows = np.arange(50) % len(twin)
+    for text in texts:
+        found = drawing.examine(0, rows, points / 2, text).value
+        wanted = expressed(Expression.parse(text, names_of(pipe)), {"u": twin}, rows, points)
+        assert np.abs(found - wanted).max() <= 1e-9 * np.abs(wanted).max(), text
+
+
 def test_expressions_of_a_plugin_are_what_the_reference_makes_of_them(agree, box):
     agree(box, field="sin(u)*x + d(u,y)", objects=(CutSurface(Sphere((0.5, 0.5, 3.5), 1.2)),), camera="iso")
 
@@ -179,7 +200,7 @@ def test_isosurfaces_of_waves_are_what_the_reference_finds(agree, box):
 
 def test_the_reference_says_what_it_needs(pipe, monkeypatch):
     bare = Part("rational", "Bare", np.array([0]), np.array([[0, 0, 0, 1, 1, 1]], np.float32), {})
-    with pytest.raises(ElvisError, match="no second derivatives of u of elements that a runtime plugin"):
+    with pytest.raises(ElvisError, match="no second derivative of u, which a plugin describes"):
         judge(pipe, Scene("d(d(u,x),x)", plane=CUT, size=(10, 10)))
     monkeypatch.setattr(Opened, "volume", lambda self, field: Shown([bare], Path()))
     with pytest.raises(ElvisError, match="plugin nurbs can't be drawn in NumPy: expected parts with a shape"):

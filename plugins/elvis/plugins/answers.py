@@ -60,21 +60,13 @@ class Answers:
         return [Expression.parse(text, names) for text in (self.opened.fields if texts is None else texts)]
 
     @contextmanager
-    def _shown(self, expressions: Sequence[Expression]) -> Iterator[Iterator[tuple[list[str], Volume, Examiner]]]:
-        """Quantities of one field after the other, each with the volume that serves them, brought to a device."""
-        groups: dict[str, list[str]] = {}
-        for each in expressions:
-            groups.setdefault(next(iter(each.fields), self.opened.fields[0]), []).append(each.text)
-
-        def volumes(device: Any) -> Iterator[tuple[list[str], Volume, Examiner]]:
-            for texts in groups.values():
-                volume = volume_of(self.opened, texts)
-                device.show(volume, self.opened)
-                self._check(volume, device)
-                yield texts, volume, device
-
+    def _shown(self, expressions: Sequence[Expression]) -> Iterator[tuple[Volume, Examiner]]:
+        """The volume that serves quantities, brought to a device, after a few checks."""
+        volume = volume_of(self.opened, [each.text for each in expressions])
         with cast(Any, load("elvis.examiners", "kernels"))() as device:
-            yield volumes(device)
+            device.show(volume, self.opened)
+            self._check(volume, device)
+            yield volume, device
 
     def _check(self, volume: Volume, device: Examiner) -> None:
         for number, part in enumerate(volume.parts):
@@ -83,30 +75,21 @@ class Answers:
 
     def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
         """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""
-        columns: dict[str, Any] = {}
-        with self._shown(expressions) as volumes:
-            for texts, volume, device in volumes:
-                row, part, local, reference, status = _places(points, volume, device, every)
-                if not columns:
-                    ids = np.array([-1, *chain.from_iterable(own.element_ids for own in volume.parts)])
-                    first = np.cumsum([0, *map(len, volume.parts)])
-                    element = ids[np.where(part < 0, 0, 1 + first[part] + local)]
-                    places = zip("xyz", points[row].T, strict=True)
-                    columns = {"point": row, **dict(places), "element": element, "status": status}
-                for text in texts:
-                    columns[text] = _values(text, part, local, reference, volume, device)
-        order = ["point", "x", "y", "z", "element", "status", *(each.text for each in expressions)]
-        return {name: columns[name] for name in order}
+        with self._shown(expressions) as (volume, device):
+            row, part, local, reference, status = _places(points, volume, device, every)
+            values = {each.text: _values(each.text, part, local, reference, volume, device) for each in expressions}
+        ids = np.array([-1, *chain.from_iterable(own.element_ids for own in volume.parts)])
+        first = np.cumsum([0, *map(len, volume.parts)])
+        element = ids[np.where(part < 0, 0, 1 + first[part] + local)]
+        places = dict(zip("xyz", points[row].T, strict=True))
+        return {"point": row, **places, "element": element, "status": status, **values}
 
     def norms(self, texts: Sequence[str] | None) -> dict[str, Norm]:
         """Norms of coordinates and fields, or of quantities: by rules that are refined until they agree."""
-        expressions, found = self.expressions(texts), dict[str, Norm]()
-        with self._shown(expressions) as volumes:
-            for own, volume, device in volumes:
-                axes = [] if texts or found else list(AXES[: volume.dimension])
-                found.update(self._norms([*axes, *own], volume, device))
-        order = [*AXES, *(each.text for each in expressions)] if texts is None else [e.text for e in expressions]
-        return {name: found[name] for name in order if name in found}
+        expressions = self.expressions(texts)
+        with self._shown(expressions) as (volume, device):
+            axes = AXES[: volume.dimension] if texts is None else ()
+            return self._norms([*axes, *(each.text for each in expressions)], volume, device)
 
     def _norms(self, names: Sequence[str], volume: Volume, device: Examiner) -> dict[str, Norm]:
         before = np.full(len(names), np.nan)
@@ -130,20 +113,18 @@ class Answers:
 
     def facts(self, texts: Sequence[str]) -> dict[str, Any]:
         """All facts, by topic, as plain data."""
-        fields: dict[str, Any] = {}
-        with self._shown(self.expressions([*self.opened.fields, *texts])) as volumes:
-            for own, volume, device in volumes:
-                sampled = [_sampled(number, own, volume, device) for number in range(len(volume.parts))]
-                fields.update(_ranges(own, volume, sampled))
-                jacobian, last = _jacobian(volume, sampled), volume
+        names = [*self.opened.fields, *texts]
+        with self._shown(self.expressions(names)) as (volume, device):
+            sampled = [_sampled(number, names, volume, device) for number in range(len(volume.parts))]
+        fields = _ranges(names, volume, sampled)
         return {
             "plugin": self.opened.name,
             "format": self.opened.source.format,
-            "dimension": last.dimension,
+            "dimension": volume.dimension,
             "time": float(self.opened.source.time),
-            "elements": {part.type: len(part) for part in last.parts},
-            "box": _box(last),
-            "jacobian": jacobian,
+            "elements": {part.type: len(part) for part in volume.parts},
+            "box": _box(volume),
+            "jacobian": _jacobian(volume, sampled),
             "fields": {name: fields[name] for name in self.opened.fields},
             "quantities": {name: fields[name] for name in texts},
         }

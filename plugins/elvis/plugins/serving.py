@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.distances import surface_of
 from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import Expression, Names
-from elvis.formats.quantities.attributes import target_of
+from elvis.formats.quantities.attributes import from_ideal, target_of
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
+from elvis.plugins.joining import joined
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.opening import Opened, guarded
-from elvis.plugins.volume import Part, Quantity, Shown, Volume
+from elvis.plugins.twins import POINTWISE, Twin, expressed, number_of, twins_by_field
+from elvis.plugins.volume import Part, Quantity, Shown, Solution, Volume
 
 
 def volume_of(data: Dataset | Opened, quantities: Sequence[str]) -> Volume:
@@ -26,7 +29,7 @@ def volume_of(data: Dataset | Opened, quantities: Sequence[str]) -> Volume:
     quantities  fields, expressions or ready-made quantities (see `elvis.formats.quantities`); every part has them by
                 these names in ``Part.quantities``, and the first as its own field
 
-    ElvisError for what names no quantity.  A runtime plugin's volume serves quantities of one of its fields.
+    ElvisError for what names no quantity.
     """
     if isinstance(data, Dataset):
         return NativeVolume.of(data, quantities)
@@ -47,23 +50,54 @@ def dimension_of(dataset: Dataset) -> int:
 
 
 def _opened(opened: Opened, texts: Sequence[str]) -> Volume:
-    """A plugin's volume; expressions are made of its values and slopes."""
+    """A plugin's volume; expressions are made of the values and slopes of its fields."""
     names = names_of(opened)
     expressions = [Expression.parse(text, names) for text in texts]
     used = tuple(dict.fromkeys(name for each in expressions for name in each.fields)) or opened.fields[:1]
-    if len(used) != 1:
-        found = ", ".join(used) or "none"
-        raise ElvisError(f"the plugin {opened.name} shows quantities of one of its fields, found {found}")
-    volume = opened.volume(used[0])
+    if not used:
+        raise ElvisError(f"the plugin {opened.name} has opened a mesh but no field: give the field file too")
+    volumes = {name: opened.volume(name) for name in used}
+    volume = volumes[used[0]]
     if expressions[0].is_field and len(expressions) == 1:
         return volume
-    parts = [_expressed(part, expressions, volume.dimension) for part in volume.parts]
+    for name, other in volumes.items():
+        if list(map(_kind, other.parts)) != list(map(_kind, volume.parts)):
+            raise ElvisError(f"the plugin {opened.name} has {used[0]} and {name} on different elements: take one")
+    parts = [
+        _expressed(Fields(dict(zip(used, own, strict=True)), volume.shader_folder, volume.dimension), expressions)
+        for own in zip(*(other.parts for other in volumes.values()), strict=True)
+    ]
     return Shown(parts, Path(volume.shader_folder), volume.dimension, getattr(volume, "faces", None))
 
 
-def _expressed(part: Part, expressions: Sequence[Expression], dimension: int) -> Part:
+def _kind(part: Part) -> tuple[str, bytes]:
+    """What parts of several fields must have in common."""
+    return part.module, np.asarray(part.element_ids).tobytes()
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """The same elements with each of some fields; the first is that of the part that they become."""
+
+    parts: Mapping[str, Part]
+    folder: Path
+    dimension: int
+
+    @property
+    def part(self) -> Part:
+        """The elements with the first field."""
+        return next(iter(self.parts.values()))
+
+    @property
+    def twins(self) -> Mapping[str, Twin] | None:
+        """The elements in NumPy, by field; None where they aren't described there."""
+        return twins_by_field(self.parts)
+
+
+def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
     """A plugin's part with quantities, of which the first is its own."""
-    quantities = {expression.text: _quantity(part, expression, dimension) for expression in expressions}
+    part = fields.part
+    quantities = {expression.text: _quantity(fields, expression) for expression in expressions}
     own = quantities[expressions[0].text]
     if expressions[0].is_field:
         return replace(part, quantities=quantities)
@@ -73,20 +107,50 @@ def _expressed(part: Part, expressions: Sequence[Expression], dimension: int) ->
         source=own.source,
         buffers={**part.buffers, **own.buffers},
         degree=0,
-        solve=None,
+        solve=_solved(fields, expressions[0]),
+        bends=part.bends if fields.twins else None,
         evaluate=None,
+        bounds=None,
         quantities=quantities,
     )
 
 
-def _quantity(part: Part, expression: Expression, dimension: int) -> Quantity:
+def _solved(fields: Fields, expression: Expression) -> Callable[[Ints, Floats], Solution] | None:
+    """The last resort of the part, with the values of an expression."""
+    solve, twins, part = fields.part.solve, fields.twins, fields.part
+    if solve is None or twins is None:
+        return None
+
+    def solved(elements: Ints, points: Floats) -> Solution:
+        found = solve(elements, points)
+        inside = np.flatnonzero(found.verdict == 1)
+        own = found.reference[inside, : fields.dimension]
+        native = 2 * own - 1 if part.unit else own
+        found.field[inside] = expressed(expression, twins, elements[inside], native)
+        return found
+
+    return solved
+
+
+def _quantity(fields: Fields, expression: Expression) -> Quantity:
+    names, shape = expression.fields, fields.part.shape
+    part = fields.parts[names[0]] if names else fields.part
     if expression.is_field:
-        return Quantity(part.type, part.source, {}, part.degree, part.bounds)
-    unknown = [name for name in expression.attributes if name != "element" and target_of(name) is None]
-    if unknown:
-        raise ElvisError(f"there is no {unknown[0]} of elements that a runtime plugin draws")
-    formula = Formula(expression, expression.fields, np.eye(3), dimension)
-    constants = part.element_ids.astype(np.float64) if formula.constants else np.zeros(1)
-    source = f"{part.source} {formula.source}"
+        return Quantity(part.type, part.source, {} if part is fields.part else part.buffers, part.degree, part.bounds)
+    known = (*POINTWISE, *(("shape", "quality") if shape else ()))
+    for name in expression.attributes:
+        if name not in known and target_of(name) is None:
+            raise ElvisError(f"there is no {name} of elements that a runtime plugin draws")
+    type, source, buffers = part.type, part.source, part.buffers
+    if len(names) > 1:
+        type, source, buffers = joined([fields.parts[name] for name in names], fields.folder)
+    ideal = np.eye(3)
+    if shape:
+        ideal[: shape.dimension, : shape.dimension] = from_ideal(shape)
+    formula = Formula(expression, names, ideal, fields.dimension)
+    constants = [fields.part.element_ids if name == "element" else number_of(shape) for name in formula.constants]
+    table = np.stack([np.broadcast_to(one, len(part)) for one in constants] or [np.zeros(1)], axis=1)
     surfaces = buffers_of([surface_of(None, target) for target in formula.targets]) if formula.targets else {}
-    return Quantity(f"Expressed<{part.type}, Given>", source, {"element_constants": constants, **surfaces})
+    own = {} if part is fields.part and len(names) < 2 else buffers
+    every = {**own, "element_constants": np.ascontiguousarray(table, np.float64), **surfaces}
+    return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", every)

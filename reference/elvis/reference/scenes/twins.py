@@ -16,13 +16,10 @@ from elvis.formats.locate import Location, Locator
 from elvis.formats.margins import margins
 from elvis.formats.patch import Patch
 from elvis.formats.quantities import Expression
-from elvis.formats.quantities.functions import function
-from elvis.formats.quantities.tree import Node, folded
-from elvis.formats.tangents import duals
 from elvis.plugins.faces import Faces, faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of
-from elvis.plugins.twins import slopes_of, twins_of
+from elvis.plugins.twins import Twin, expressed, slopes_of, twins_of
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.selection import on_faces
 from elvis.reference.twins import TwinPatch
@@ -74,7 +71,7 @@ class TwinLocator(Locator):
 
 
 class TwinQuantities(Quantities):
-    """Quantities of one field that a plugin has opened; as `elvis.reference.quantities.Quantities`.
+    """Quantities of fields that a plugin has opened; as `elvis.reference.quantities.Quantities`.
 
     boxes  of the elements of each patch
     """
@@ -84,8 +81,10 @@ class TwinQuantities(Quantities):
         self.names, known = tuple(names), names_of(opened)
         self._expressions = {name: Expression.parse(name, known) for name in names}
         fields = dict.fromkeys(name for each in self._expressions.values() for name in each.fields)
-        self.volume = opened.volume(next(iter(fields), opened.fields[0]))
-        twins = twins_of(self.volume)
+        self.volumes = {name: opened.volume(name) for name in fields or opened.fields[:1]}
+        self.volume = next(iter(self.volumes.values()))
+        every = [twins_of(volume) for volume in self.volumes.values()]
+        twins = None if None in every else every[0]
         if twins is None:
             wanted = "parts with a shape and `evaluate`"
             raise ElvisError(f"the plugin {opened.name} can't be drawn in NumPy: expected {wanted}, found others")
@@ -99,29 +98,9 @@ class TwinQuantities(Quantities):
 
     def values(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
         """(n,) values in elements ``rows`` (n,) at reference points (n, d)."""
-        assert isinstance(patch, TwinPatch)
-        positions, values = patch.twin.evaluated(rows, points)
-
-        def leaf(node: Node) -> Floats | float:
-            if node.op == "number":
-                return node.value
-            if node.op == "coordinate":
-                return np.asarray(positions[:, node.axes[0]])
-            if node.op == "attribute" and node.name == "element":
-                return patch.element_ids[rows].astype(np.float64)
-            if node.op == "field" and len(node.axes) < 2:
-                return values if not node.axes else gradients()[:, node.axes[0]]
-            what = f"second derivatives of {node.name}" if node.op == "field" else node.name
-            raise ElvisError(f"there is no {what} of elements that a runtime plugin describes in NumPy")
-
-        def gradients() -> Floats:
-            moved, risen = patch.twin.slopes(rows, points)
-            return np.asarray(np.einsum("nci,ni->nc", duals(moved), risen))
-
-        with np.errstate(all="ignore"):
-            root = self._expressions[name].root
-            found = folded(root, leaf, lambda node, parts: function(node).numpy(*parts))
-        return np.broadcast_to(np.asarray(found, np.float64), len(rows))
+        number = self.patches.index(patch)
+        twins = {field: Twin(volume.parts[number], patch.shape) for field, volume in self.volumes.items()}
+        return expressed(self._expressions[name], twins, rows, points)
 
     def values_and_slopes(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Values (n,) and their derivatives (n, d) in the reference coordinates."""
