@@ -20,6 +20,8 @@ from elvis.reference.baseline.templates import template
 _LEVEL, _REACH = 2, 1.5
 #: small cells that a search starts from, steps of Newton's method, how far it may go beyond an element
 _STARTS, _STEPS, _SLACK = 4, 20, 0.05
+#: distance of the points of rough derivatives; steps so short that they only lead along the border
+_NEAR, _STUCK = 1e-4, 1e-3
 #: residual of a root, in parts of the greatest coordinate
 _RESIDUAL = 4e-15
 #: modes that stand for functions of which no degree is known
@@ -87,16 +89,27 @@ class TwinPatch(Patch):
         found, root, active = start.copy(), np.zeros(len(rows), bool), np.arange(len(rows))
         precision = _RESIDUAL * float(np.abs(self.twin.part.boxes).max(initial=0.0))
         for _ in range(_STEPS):
-            world, slopes = self.placed(rows[active], found[active])
-            gap = points[active] - world
+            own, place = rows[active], found[active]
+            gap = points[active] - self.twin.evaluated(own, place)[0]
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                step = np.einsum("nci,nc->ni", duals(slopes), gap)
+                step = np.einsum("nci,nc->ni", duals(self._rough(own, place)), gap)
             length = np.abs(step).max(axis=1)
             good = np.isfinite(length)
             root[active] = good & ((length < 1e-13) | (np.linalg.norm(gap, axis=1) <= precision))
-            moved = found[active] + step / np.maximum(2.0 * length, 1.0)[:, None]
-            found[active[good]] = drawn_in(self.shape, moved[good], _SLACK)
-            active = active[good & ~root[active]]
+            moved = place + np.where(good[:, None], step / np.maximum(2.0 * length, 1.0)[:, None], 0.0)
+            found[active] = drawn_in(self.shape, moved, _SLACK)
+
+            # what is drawn back to where it was leads beyond the element
+            stuck = (np.abs(found[active] - place).max(axis=1) < _STUCK) & (length > 2 * _STUCK)
+            active = active[good & ~root[active] & ~stuck]
             if not len(active):
                 break
         return found, root
+
+    def _rough(self, rows: Ints, points: Floats) -> Floats:
+        """(n, 3, d) derivatives of the map by central differences: near enough for steps."""
+        dimension = self.shape.dimension
+        ways = np.concatenate([_NEAR * np.eye(dimension), -_NEAR * np.eye(dimension)])
+        near = (points[:, None] + ways).reshape(-1, dimension)
+        places = self.twin.evaluated(np.repeat(rows, len(ways)), near)[0].reshape(len(rows), 2, dimension, 3)
+        return np.asarray(((places[:, 0] - places[:, 1]) / (2 * _NEAR)).transpose(0, 2, 1))

@@ -16,9 +16,8 @@ def binomials(degree: int) -> Floats:
 
 def bernstein(degree: int, t: Floats) -> Floats:
     """(n, degree + 1) Bernstein polynomials at t (n,) in [0, 1]."""
-    i = np.arange(degree + 1)
-    t = np.asarray(t)[:, None]
-    return np.asarray(binomials(degree) * t**i * (1 - t) ** (degree - i))
+    t = np.asarray(t, np.float64)
+    return np.asarray(binomials(degree) * np.vander(t, degree + 1, increasing=True) * np.vander(1 - t, degree + 1))
 
 
 def from_nodes(nodes: Floats) -> Floats:

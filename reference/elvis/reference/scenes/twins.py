@@ -91,6 +91,10 @@ class TwinQuantities(Quantities):
         self.twins = [TwinPatch(twin) for twin in twins]
         self.patches = list[Patch](self.twins)
 
+        # what can't be evaluated is refused at once
+        for name in self.names if len(self.twins[0]) else ():
+            self.values(name, self.patches[0], np.zeros(1, np.int64), np.zeros((1, self.twins[0].shape.dimension)))
+
     @property
     def boxes(self) -> list[Boxes]:
         """(n, 6) boxes of the elements of each patch."""
