@@ -107,7 +107,6 @@ def test_every_kind_of_view(render, view):
             (*PLANE, "--field", "vorticity"),
             "elvis: error: expression 'vorticity': character 1: vorticity needs a velocity",
         ),
-        ((), "elvis: error: 3D data need a cut plane, such as --plane 0,0,0:0,0,1, or other objects, such as --faces"),
         (("--plane", "0,0,7:0,0,1"), "elvis: error: the picture is empty: nothing of the plane through (0, 0, 7)"),
         ((*PLANE, "--camera", "5,5,5:6,6,6:0,0,1:10"), "elvis: error: the picture is empty: nothing of the plane"),
         ((*PLANE, "--camera", "1,1,1:1,1,1"), "elvis: error: the view of the camera (at - eye) must be a direction"),
@@ -197,9 +196,20 @@ def test_a_mesh_alone_and_a_field_alone(elvis, shared_files, tmp_path):
 def test_quasi_3d_data_are_cut(render, device_name):
     plane = ("--plane", "0.5,0.5,0.5:1,0.2,0.1", "--size", "60x50")
     assert render("chan3dh1d", *plane, "--device", device_name)[:2] == (0, "")
-    status, err, _ = render("chan3dh1d", "--device", device_name)
-    assert status == 1
-    assert err.startswith("elvis: error: 3D data need a cut plane")
+
+
+@pytest.mark.parametrize("device_name", ["vulkan", "reference"])
+@pytest.mark.parametrize("case_name", [CUBE, "chan3dh1d"])
+def test_3d_data_alone_show_their_outer_faces(render, case_name, device_name, tmp_path):
+    """And say so in a line."""
+    options = ("--size", "40x30", "--device", device_name)
+    status, err, _ = render(case_name, *options)
+    assert (status, err.count("\n")) == (0, 1)
+    assert err.startswith("elvis: warning: nothing says what to draw, such as --plane or --cut: all outer faces are")
+    assert render(case_name, *options, "--faces", "all", outputs=("b.npz",))[:2] == (0, "")
+    one, other = (dict(np.load(tmp_path / name)) for name in ("a.npz", "b.npz"))
+    assert (one["element"] >= 0).any()
+    assert all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)
 
 
 @pytest.mark.parametrize(

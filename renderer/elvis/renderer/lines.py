@@ -33,6 +33,8 @@ UNITS = 1 << 26
 NOTHING = 0xFFFFFFFF
 #: an element to be searched around a pixel, as in shaders/line.slang
 PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32)])
+#: lanes of a wave where lanes share what they read (native_data.slang)
+WAVE = 8
 #: lines from the centre of a reference shape that look for its facets
 _DIRECTIONS = 512
 
@@ -135,21 +137,21 @@ class Lines:
         quantity: str | None = None,
         **size: float,
     ) -> None:
-        """A stage over pieces, once for each part."""
-        if not len(pieces):
-            return
+        """A stage over the pieces of each part, sorted by element."""
+        pieces = _waves(pieces, layer.owner[pieces["base"]])
+        ends = np.searchsorted(layer.owner[pieces["base"]], self._loaded.first)
         gathered = "reference" not in layer.held
-        references = self._device.buffer(layer.reference[pieces["base"]]) if gathered else layer.held["reference"]
-        shared = {**buffers, "pieces": self._device.buffer(pieces), "references": references}
-        size |= {"count": len(pieces), "gathered": gathered, "flat": layer.flat is not None}
         for number, part in enumerate(self._loaded.parts):
+            own = pieces[ends[number] : ends[number + 1]]
+            if not len(own):
+                continue
             kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
-            place = {"first": self._loaded.first[number], "elements": len(part), "facets": len(facets)}
-            own = {
-                "facets": self._device.buffer(facets),
-                "view": self._device.buffer(sight(kernel, view, **place, **size)),
-            }
-            kernel(len(pieces), {**self._loaded.bound(number, quantity), **shared, **own})
+            place = {"first": self._loaded.first[number], "count": len(own), "facets": len(facets)}
+            record = sight(kernel, view, **place, **size, gathered=gathered, flat=layer.flat is not None)
+            references = self._device.buffer(layer.reference[own["base"]]) if gathered else layer.held["reference"]
+            data = {"pieces": own, "facets": facets, "view": record}
+            data = {name: self._device.buffer(some) for name, some in data.items()}
+            kernel(len(own), {**self._loaded.bound(number, quantity), **buffers, **data, "references": references})
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""
@@ -162,6 +164,19 @@ class Lines:
             rows = rows[np.abs(rows[:, :3]).max(axis=1) > 0.0]
             self._facets[number] = rows[np.unique(np.round(rows, 9), axis=0, return_index=True)[1]]
         return self._facets[number]
+
+
+def _waves(pieces: NDArray[Any], element: NDArray[np.uint32]) -> NDArray[Any]:
+    """Pieces by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
+    order = np.argsort(element, kind="stable")
+    pieces, element = pieces[order], element[order]
+    first = np.flatnonzero(np.diff(element.astype(np.int64), prepend=-1))
+    counts = np.diff(np.append(first, len(element)))
+    rooms = -(-counts // WAVE) * WAVE
+    filled = np.repeat(pieces[first], rooms)
+    filled["pixel"] = NOBODY
+    filled[np.arange(len(pieces)) + np.repeat(np.cumsum(rooms - counts) - (rooms - counts), counts)] = pieces
+    return filled
 
 
 def sight(kernel: Kernel, view: View, **rest: float) -> NDArray[Any]:

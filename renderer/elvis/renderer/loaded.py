@@ -41,15 +41,15 @@ class Loaded:
         return {**self.buffers[number], **own}
 
     def bounds(self, quantity: str | None = None) -> slangpy.Buffer:
-        """On the device, by running number of elements, the certified bounds of a quantity, widened by rounding."""
+        """On the device, by running number of elements, the certified bounds of a quantity (see ends)."""
         if quantity not in self._bounds:
-            every = np.concatenate([self._ends(part, quantity) for part in self.parts])
+            every = np.concatenate([self.ends(part, quantity) for part in self.parts])
             self._bounds[quantity] = self.device.buffer(every)
             self.bytes += every.nbytes
         return self._bounds[quantity]
 
-    def _ends(self, part: Part, quantity: str | None) -> Floats:
-        """(n, 2) least and greatest values of a part's elements, infinite where none are known."""
+    def ends(self, part: Part, quantity: str | None) -> Floats:
+        """(n, 2) least and greatest values of a part's elements, widened by rounding; infinite where none are known."""
         known = part.bounds if quantity is None else part.quantities[quantity].bounds
         if known is None:
             return np.tile([-np.inf, np.inf], (len(part), 1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from time import perf_counter
@@ -62,29 +62,27 @@ def render(
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device, progress)
-    scene = completed(dataset, scene)
+    asked, scene = scene, completed(dataset, scene)
     if dimension_of(dataset) == 1 and device not in plugins("elvis.devices"):
         return draw_curves(dataset, scene)
     if device in plugins("elvis.devices"):
-        return cast(Drawing, load("elvis.devices", device))(dataset, scene)
+        return _noted(cast(Drawing, load("elvis.devices", device))(dataset, scene), asked)
     with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
-        return renderer.render(scene, references=_is_exact(scene))
+        return _noted(renderer.render(scene, references=_is_exact(scene)), asked)
 
 
 def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
     """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
     scene = _with_quantity(scene, opened)
     volume = volume_of(opened, quantities(scene))
-    scene = _with_plane(scene, volume.dimension)
+    asked, scene = scene, _with_plane(scene, volume.dimension)
     if device in plugins("elvis.devices"):
-        return cast(Drawing, load("elvis.devices", device))(opened, scene)
+        return _noted(cast(Drawing, load("elvis.devices", device))(opened, scene), asked)
     with Renderer(device, progress) as renderer:
         remarks = check_on_device(renderer.device, opened.name, volume)
         renderer.show(volume, opened)
-        frame = renderer.render(scene, references=_is_exact(scene))
-    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ())]
-    return frame
+        return _noted(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
 
 
 def _is_exact(scene: Scene) -> bool:
@@ -127,7 +125,7 @@ def _with_quantity(scene: Scene, data: Dataset | Opened) -> Scene:
 
 
 def _with_plane(scene: Scene, dimension: int) -> Scene:
-    """The scene with its objects: the elements of 2D data, in their plane; else they must be given."""
+    """The scene with its objects: where none are given, 2D data in their plane and all outer faces of 3D data."""
     if dimension == 2:
         ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
         if not scene.every_object:
@@ -136,9 +134,16 @@ def _with_plane(scene: Scene, dimension: int) -> Scene:
             raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
         objects = (CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects)
         return replace(scene, objects=tuple(objects))
-    if not scene.every_object:
-        raise SceneError("3D data need a cut plane, such as --plane 0,0,0:0,0,1, or other objects, such as --faces all")
-    return scene
+    return scene if scene.every_object else replace(scene, objects=(Faces(),))
+
+
+def _noted(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
+    """The frame of a scene with remarks in its statistics: also that all faces stand in where nothing was asked for."""
+    shown = frame.scene.objects
+    if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
+        remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
+    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ())]
+    return frame
 
 
 class Renderer:

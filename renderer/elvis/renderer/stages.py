@@ -13,7 +13,6 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.bounding import quantity_range
-from elvis.formats.ranges import Range
 from elvis.formats.shapes import Shape
 from elvis.formats.validity import Verdict, validity
 from elvis.plugins.faces import faces_of
@@ -77,7 +76,7 @@ class Stages:
 
     def __init__(self, loaded: Loaded, volume: Volume, data: Dataset | Opened | None) -> None:
         self.loaded, self.volume = loaded, volume
-        self._ranges: dict[str, Range | None] = {}
+        self._ranges: dict[str, tuple[float, float]] = {}
         self.dataset = data if isinstance(data, Dataset) else None
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
@@ -132,13 +131,20 @@ class Stages:
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""
-        data = self.dataset
-        if data and name not in self._ranges:
-            self._ranges[name] = quantity_range(data, Expression.of(data, name))
-        found = self._ranges.get(name)
-        if found is None or not np.isfinite((found.lower, found.upper)).all():
+        if name not in self._ranges:
+            data = self.dataset
+            known = quantity_range(data, Expression.of(data, name)) if data else None
+            self._ranges[name] = (known.lower, known.upper) if known else self._of_parts(name)
+        if not np.isfinite(self._ranges[name]).all():
             raise SceneError(f"no bounds of {name!r} over all data are known: give two values for the range, or seen")
-        return found.lower, found.upper
+        return self._ranges[name]
+
+    def _of_parts(self, name: str) -> tuple[float, float]:
+        """The range that the parts' own bounds give; not finite where one has none."""
+        ends = [self.loaded.ends(part, name if name in part.quantities else None) for part in self.loaded.parts]
+        every = np.concatenate(ends)
+        every = every[~np.isnan(every).any(axis=1)]
+        return float(every[:, 0].min(initial=np.inf)), float(every[:, 1].max(initial=-np.inf))
 
     def named(self, name: str | None, scene: Scene) -> str | None:
         """The parts' quantity that a name in a scene means; None is the parts' own field, the scene's."""
