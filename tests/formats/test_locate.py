@@ -11,6 +11,7 @@ from elvis.formats.arrays import frozen_floats, frozen_ints
 from elvis.formats.bases import Basis
 from elvis.formats.connectivity import connected
 from elvis.formats.dataset import Block, Dataset, Expansion, Field, Homogeneous
+from elvis.formats.enclosure import hulls
 from elvis.formats.errors import ElvisError
 from elvis.formats.inverse import Status, invert
 from elvis.formats.locate import Locator, locate
@@ -56,6 +57,34 @@ def test_every_element_finds_its_own_points(dimension):
         np.testing.assert_array_equal(found.row, rows)
         np.testing.assert_allclose(found.reference, own, rtol=0, atol=1e-9)
         np.testing.assert_allclose(found.margin, margins(patch.shape, own), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_parts_of_elements_hold_them(dimension):
+    """Every point of an element is in the box of a part of it, and parts are smaller than the element."""
+    for patch in patches(bent_mesh(dimension)):
+        points = scattered(patch.shape, 200, seed=1)
+        corners = np.concatenate([points[margins(patch.shape, points) >= 0], patch.shape.vertices])
+        low, high = hulls(patch, 0, 4)
+        world = positions(patch, np.zeros(len(corners), int), corners)[:, None]
+        assert ((world >= low - 1e-12) & (world <= high + 1e-12)).all(axis=2).any(axis=1).all()
+        whole = high.max(axis=0) - low.min(axis=0)
+        assert ((high - low)[:, :dimension] < 0.75 * whole[:dimension]).all()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_elements_that_are_cut_hold_the_same_points(dimension, monkeypatch):
+    parts = patches(bent_mesh(dimension))
+    box = np.concatenate([positions(p, np.arange(len(p)), np.zeros((len(p), dimension))) for p in parts])
+    points = np.random.default_rng(0).uniform(box.min(axis=0) - 0.7, box.max(axis=0) + 0.7, (3000, 3))
+    points[:, dimension:] = 0.0
+    answers = []
+    for worth in (1, 10**9):
+        monkeypatch.setattr("elvis.formats.locate._WORTH", worth)
+        answers.append(Locator(parts).locate(points, all=True))
+    for name in ("point", "element_id", "status", "reference"):
+        np.testing.assert_array_equal(getattr(answers[0], name), getattr(answers[1], name))
+    assert (answers[0].status == Status.INSIDE).sum() > 100
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

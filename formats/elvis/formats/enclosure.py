@@ -20,6 +20,7 @@ from elvis.formats.dataset import Expansion
 from elvis.formats.margins import TOLERANCE, margins
 from elvis.formats.newton import Targets, newton
 from elvis.formats.orientation import chunks
+from elvis.formats.patch import Patch
 from elvis.formats.shapes import Shape
 from elvis.formats.tangents import duals
 
@@ -44,6 +45,24 @@ def search(targets: Targets) -> tuple[Floats, Bools, Bools]:
         run = _Search(targets.part(np.arange(part.start, part.stop)))
         reference[part], found[part], undecided[part] = run.reference, run.found, run.undecided
     return reference, found, undecided
+
+
+def hulls(patch: Patch, row: int, count: int) -> tuple[Floats, Floats]:
+    """Low and high corners (k, 3) of boxes that together hold an element, in ``count`` parts in each direction."""
+    matrix, degrees = _matrix(patch.geometry)
+    nets = (patch.geometry_coefficients[[row]] @ matrix).reshape(1, 3, *(degree + 1 for degree in degrees[::-1]))
+    ends = np.linspace(-TOLERANCE, 1 + TOLERANCE, count + 1)
+    low = np.empty((1, 0))
+    for i, degree in enumerate(degrees):
+        own = np.tile(np.eye(degree + 1), (count, 1, 1))
+        own = _left_of(_right_of(own, -1, ends[:-1]), -1, np.diff(ends) / (1 - ends[:-1]))
+        parts = np.einsum("...i,sij->s...j", np.moveaxis(nets, -1 - i, -1), own, optimize=True)
+        nets = np.moveaxis(parts, -1, -1 - i).reshape(-1, *nets.shape[1:])
+        low = np.column_stack([np.tile(low, (count, 1)), np.repeat(ends[:-1], len(low))])
+    if patch.shape in _SIMPLEX:
+        nets = nets[low[:, _SIMPLEX[patch.shape]].sum(axis=1) <= 1 + 1e-9]
+    axes = tuple(range(2, nets.ndim))
+    return nets.min(axis=axes), nets.max(axis=axes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.boxes import MARGIN, BoxTree
+from elvis.formats.boxes import MARGIN, BoxTree, outward
 from elvis.formats.dataset import Dataset
+from elvis.formats.enclosure import hulls
 from elvis.formats.errors import ElvisError
 from elvis.formats.inverse import DISTANCE, Roots, Status, decide, invert
 from elvis.formats.orientation import chunks
@@ -18,6 +19,8 @@ from elvis.formats.patch import Patch, patches
 
 #: points located together
 _BATCH = 1 << 15
+#: pairs of an element and a point from which it pays to cut the element, and into how many parts in each direction
+_WORTH, _PARTS = 400, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,7 @@ class Locator:
         self.patches, self.distance = tuple(patches), distance
         flat = any(patch.shape.dimension < 3 for patch in self.patches)
         self.tree = BoxTree.over(self.patches, margin=max(MARGIN, distance) if flat else MARGIN)
+        self._boxes: dict[int, BoxTree] = {}
         self._starts = np.cumsum([0] + [len(patch) for patch in self.patches])
         self._ids = np.concatenate([np.empty(0, np.int64), *(patch.element_ids for patch in self.patches)])
         self._periods = next((patch.periods for patch in self.patches if patch.periods), ())
@@ -101,6 +105,8 @@ class Locator:
         """Answers for the points of ``part``."""
         point, element = self.tree.candidates(world[part])
         point += part.start
+        near = ~self._beside(world, point, element)
+        point, element = point[near], element[near]
         roots = self._inverted(world, point, element, every)
         doubtful = np.zeros(len(world), bool)
         doubtful[point[roots.status == Status.FAILED]] = True
@@ -112,6 +118,27 @@ class Locator:
             hits = hits[np.diff(point[hits], prepend=-1) != 0]
         missed = np.setdiff1d(np.arange(part.start, part.stop), point[hits])
         return _joined([self._hits(point[hits], element[hits], roots, hits), self._nowhere(missed, doubtful[missed])])
+
+    def _beside(self, world: Floats, point: Ints, element: Ints) -> Bools:
+        """(k,) pairs of a point and an element that certainly doesn't hold it; only of elements with many pairs.
+
+        Such elements are cut into parts once: beside the boxes of all parts there is none of it.
+        """
+        result = np.zeros(len(point), bool)
+        for number in np.flatnonzero(np.bincount(element, minlength=1) >= _WORTH):
+            here = np.flatnonzero(element == number)
+            result[here] = True
+            result[here[self._parts(int(number)).candidates(world[point[here]])[0]]] = False
+        return result
+
+    def _parts(self, element: int) -> BoxTree:
+        """Boxes that hold the parts of an element."""
+        if element not in self._boxes:
+            patch = int(np.searchsorted(self._starts, element, side="right")) - 1
+            low, high = hulls(self.patches[patch], element - int(self._starts[patch]), _PARTS)
+            extra = max(MARGIN, self.distance) * np.linalg.norm(high.max(axis=0) - low.min(axis=0))
+            self._boxes[element] = BoxTree.build(outward(low - extra, high + extra, MARGIN))
+        return self._boxes[element]
 
     def _inverted(self, world: Floats, point: Ints, element: Ints, every: bool) -> Roots:
         """Roots for all pairs; those in doubt are searched where it matters."""
