@@ -17,12 +17,19 @@ def make(request, monkeypatch):
 
 
 def test_the_table_is_made_of_the_summaries(make):
-    """Every case has its row; numbers of a summary come out as the page has them."""
-    rivals = [{"key": f"n{n}", "off": 123.4 / 2**n, "contour_max": None if n == 0 else 2.0 / n} for n in range(4)]
-    data = {"elements_drawn": 1234, "degrees": [3, 3], "bytes": 1.5e6}
-    rows = make.table_rows("delta", {"data": data, "rivals": rivals, "next": {"bytes": 2e9}})
-    assert rows[0] == "| delta | 1,234 | 3 | off | 123 % | 62 % | 31 % | 15 % | – | 2000 MB | 1.5 MB |"
-    assert rows[1] == "|  |  |  | contours | – | 2 px | 1 px | 0.67 px | – |  |  |"
+    """Every case has its rows; numbers of a summary come out as the page has them."""
+    counts = {"bytes": 2.5e6, "needed": 7e6}
+    rivals = [
+        {"key": f"n{n}", "off": 123.4 / 2**n, "contour_max": 2.0 / n if n else None, "counts": counts} for n in range(4)
+    ]
+    rivals.append({"key": "n4", "counts": {"needed": 2e9}})
+    times = {"exact": {"exact": 1.5}, "n0": {"mesh": 0.1, "draw": 0.2}}
+    rows = make.table_rows("delta", {"data": {"bytes": 1.5e6}, "rivals": rivals}, times)
+    assert rows[0] == "| delta | off | 123 % | 62 % | 31 % | 15 % | – |  |  |  |"
+    assert rows[1] == "|  | contours | – | 2 px | 1 px | 0.67 px | – |  |  |  |"
+    assert rows[2] == "|  | memory | 2.5 MB | 2.5 MB | 2.5 MB | 2.5 MB | needs 2000 MB |  |  | 1.5 MB |"
+    assert rows[3] == "|  | time | 0.3 s | – | – | – | – |  |  | 1.5 s |"
+    assert len(rows) == 4
     page = make.PAGE.read_text()
     assert set(re.findall(r"^\| (\w+) \|", page, re.M)) - {"case"} == set(make.CASES)
     assert page.startswith(make.HEAD.split("{size}")[0])
@@ -41,7 +48,7 @@ def test_one_case_is_made(make, block_files, monkeypatch, tmp_path, capfd):
     for file, name in zip(block_files, ("delta.xml", "delta.fld"), strict=True):
         (data / name).write_bytes(file.read_bytes())
     monkeypatch.setattr(make, "ROOT", tmp_path)
-    monkeypatch.setitem(make.CASES, "delta", ("--plane 1.5,0.5,0.45:0.1,0.2,1", "the blocks in its place"))
+    monkeypatch.setitem(make.CASES, "delta", ("delta", "--plane 1.5,0.5,0.45:0.1,0.2,1", "the blocks in its place"))
     options = ["--size", "40x30", "--device", "reference", "--judge", "0", "--refinements", "0,1"]
     assert make.main(["delta", "--", *options]) == 0
     told = json.loads((tmp_path / "out" / "reports" / "delta" / "summary.json").read_text())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
-from elvis.reference.metrics import Place, extent, value_errors, value_range, worst
+from elvis.reference.metrics import Place, extent, not_narrow, value_errors, value_range, worst
 from elvis.reference.record import Record
 from elvis.renderer.frame import Status
 
@@ -51,7 +51,7 @@ def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, 
     size = diagonal or extent(exact)
     moved = np.linalg.norm(other.position - exact.position, axis=2) / size
     gone = (exact.status == Status.FAILED) | (other.status == Status.FAILED)
-    values = np.where(same, value_errors(exact, other, ends or value_range(exact)), 0.0)
+    values = np.where(same, value_errors(exact, other, not_narrow(ends) if ends else value_range(exact)), 0.0)
     return [
         _measured("field value", VALUE, values, exact, other),
         _measured("position", POSITION, np.where(same, moved, 0.0), exact, other),

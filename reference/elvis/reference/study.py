@@ -235,9 +235,9 @@ class Rivals:
         except ElvisError as error:
             return [Rival("vtk", name, skipped=str(error))]
         found = errors(self.exact, record, self.ends, self.contours, _pixel(self.view))
-        return [Rival("vtk", name, None, record, found, made.counts, made.seconds)]
+        return [Rival("vtk", name, None, record, found, made.counts, made.seconds, self._surfaces(made))]
 
-    def _surfaces(self, made: Baseline) -> dict[str, SurfaceDistance | None]:
+    def _surfaces(self, made: Baseline | VtkBaseline) -> dict[str, SurfaceDistance | None]:
         """How far each isosurface is from the exact one."""
         return {
             name: surface_distance(exact, made.triangles(shown, self.scene.field))
