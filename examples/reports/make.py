@@ -62,9 +62,9 @@ own Lagrange cells through its own filters.
 
 The picture is made by `python examples/reports/shoot.py twist`.
 
-Linear pictures of mild fields on many elements are right to within one pixel after 3 refinements, with 70 to 80 times the
-memory of the coefficients; those of few elements of high order after 5, with hundreds of times the memory, or not at all:
-of order 7 they are still 1.5 pixels off, and 6 refinements would need 22 GB.
+Linear pictures of mild fields on many elements are right to within one pixel after 3 refinements, with 70 to 85 times
+the memory of the coefficients; of few, curved elements after 5, with thousands of times. Of order 7 they are 1.5 pixels
+off even then, and 6 refinements would need 22 GB; an isosurface with cracks is not right after 3.
 
 | case | | n = 0 | n = 1 | n = 2 | n = 3 | n = 4 | n = 5 | VTK | exact |
 |---|---|---|---|---|---|---|---|---|---|
