@@ -22,6 +22,7 @@ import million
 import orders
 import pictures
 import scenes
+import sharing
 import shown
 import starting
 from tables import Table
@@ -70,11 +71,10 @@ def isosurface(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 
 def volume(options: argparse.Namespace) -> tuple[Any, list[Table]]:
-    """Volumes of the delta wing, and everything in one picture."""
+    """Everything in one picture of the delta wing, its volume among it, and what is saved by sharing."""
     side, rounds = (60, 1) if options.quick else (1000, 2)
-    kinds = ("cut", "faces", "isosurface", "volume", "together")
-    found = scenes.compare(kinds, shown.DELTA, options.device, side, rounds, 0, options.quick)
-    return found, [scenes.sharing(found)]
+    found = sharing.measure(shown.DELTA, options.device, side, rounds, options.quick)
+    return found, [sharing.table(found)]
 
 
 def order(options: argparse.Namespace) -> tuple[Any, list[Table]]:

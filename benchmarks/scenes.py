@@ -221,17 +221,3 @@ def growth_table(numbers: dict[str, Any]) -> list[Table]:
 
 def _exponent(counts: Sequence[int], times: Sequence[float]) -> str:
     return f"{log(times[-1] / times[0]) / log(counts[-1] / counts[0]):.2f}"
-
-
-def sharing(numbers: dict[str, Any]) -> Table:
-    """The scene of everything at once beside the sum of its parts."""
-    shown = Table("Everything in one picture", ["picture", "best s", "CPU s"])
-    kinds = numbers["kinds"]
-    parts = ["cut", "faces", "isosurface", "volume"]
-    for key in [*parts, "together"]:
-        ours = kinds[key]["overview"]["exact"]
-        shown.rows.append([WORDS[key], seconds(ours["best"]), seconds(ours["processor"])])
-    sums = [sum(kinds[key]["overview"]["exact"][name] for key in parts) for name in ("best", "processor")]
-    shown.rows.append(["sum of the parts", *map(seconds, sums)])
-    shown.notes = ["The cut of the parts is seen straight, in the whole from the side like everything else."]
-    return shown

@@ -103,7 +103,7 @@ class Canvas:
         """Record and paint one band."""
         self.painter.note(drawn)
         shape, rows = (band.view.height, band.view.width), band.rows
-        record = record_of(drawn, band.view)
+        record = record_of(drawn, band.view, whole=self.records)
         self.undefined += int(np.count_nonzero(~np.isfinite(record.field) & (record.owner != NOBODY)))
 
         def inner(values: Any) -> Any:

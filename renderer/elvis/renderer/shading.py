@@ -29,8 +29,11 @@ Key: TypeAlias = tuple[str, str, object]
 Drawn: TypeAlias = list[tuple[Sheet, Layer]]
 
 
-def record_of(drawn: Drawn, view: View) -> Layer:
-    """The surface that counts at each pixel: of the most opaque ones the nearest; a failed search anywhere is told."""
+def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> Layer:
+    """The surface that counts at each pixel: of the most opaque ones the nearest; a failed search anywhere is told.
+
+    whole  whether reference coordinates and normals are wanted too
+    """
     if len(drawn) == 1:
         return drawn[0][1]
     best, opacity = Layer.empty(view.count), np.zeros(view.count)
@@ -41,7 +44,7 @@ def record_of(drawn: Drawn, view: View) -> Layer:
         nearer = (sheet.style.opacity == opacity) & (layer.depth < best.depth)
         better = np.flatnonzero((layer.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
         opacity[better] = sheet.style.opacity
-        for name in ("owner", "field", "reference", "depth", "normal", "status"):
+        for name in ("owner", "field", "depth", "status", *(("reference", "normal") if whole else ())):
             getattr(best, name)[better] = getattr(layer, name)[better]
     best.status[doubt & (best.owner == NOBODY)] = Status.AMBIGUOUS
     best.status[failed] = Status.FAILED
@@ -103,8 +106,8 @@ class Painter:
             painted: Floats = self._brush.over(view, drawn[0][1], look, self.scene.background, whole=whole)
             return painted
         coats = [self._brush.coat(view, layer, self._look(view, sheet, layer)) for sheet, layer in drawn]
-        colors = np.tile(np.asarray(self.scene.background, dtype=np.float64), (view.count, 1))
-        colors = composite(coats, self.scene.background) if coats else colors
+        background = self.scene.background
+        colors = composite(coats, background) if coats else np.tile(np.asarray(background, float), (view.count, 1))
         return self._fogged(view, volumes, coats, colors) if volumes else colors
 
     def _fogged(self, view: View, volumes: Sequence[VolumeRendering], coats: Sequence[Coat], colors: Floats) -> Floats:
