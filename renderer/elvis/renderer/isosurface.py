@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 SPLIT, CLEAR, TINY, FLAT, UNDEFINED = range(5)
 #: pieces that are halved at once; beyond it nothing more is proved
 MOST_PIECES = 1 << 19
-#: rounds of halving
-_ROUNDS = 48
+#: rounds of halving, and pieces that a dispatch halves
+_ROUNDS, _BATCH = 48, 1 << 14
 
 
 class IsosurfaceDrawer:
@@ -107,19 +108,38 @@ class IsosurfaceDrawer:
         parents["element"], parents["half"] = elements, 1.0
         degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
-        fixed = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
+        buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
         done = [parents[:0]]
         for level in range(_ROUNDS):
-            last = len(parents) > MOST_PIECES or level == _ROUNDS - 1
-            ask = self._ask(split, view, number, value, count=len(parents), last=last)
-            buffers = {**fixed, "ask": ask, "parents": self.device.buffer(parents)}
-            kernel = split if level else start
-            found = self.device.listed("pieces", kernel, partial(_dispatched, kernel, len(parents), buffers, level > 0))
-            done.append(found[found["fate"] != SPLIT])
-            parents = found[found["fate"] == SPLIT]
+            ask = partial(
+                self._ask, split, view, number, value, last=len(parents) > MOST_PIECES or level == _ROUNDS - 1
+            )
+            batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
+            found = [self._kept(split if level else start, batch, level > 0, buffers, ask) for batch in batches]
+            done += [pieces[pieces["fate"] != SPLIT] for pieces in found]
+            parents = np.concatenate([parents[:0], *(pieces[pieces["fate"] == SPLIT] for pieces in found)])
             if not len(parents):
                 break
         return self._sorted(np.concatenate(done))
+
+    def _kept(
+        self,
+        kernel: Kernel,
+        parents: NDArray[Any],
+        halved: bool,
+        buffers: dict[str, slangpy.Buffer],
+        ask: Callable[..., slangpy.Buffer],
+    ) -> NDArray[Any]:
+        """What is left of some pieces, halved thrice or as they are."""
+        lists = {
+            "ask": ask(count=len(parents)),
+            "parents": self.device.buffer(parents),
+            "pieces": self.device.empty(parents.dtype, (8 if halved else 1) * len(parents)),
+            "count": self.device.buffer(np.zeros(1, np.uint32)),
+        }
+        kernel(len(parents), {**buffers, **lists}, groups=halved)
+        count = int(self.device.read(lists["count"], np.uint32)[0])
+        return self.device.read(lists["pieces"], parents.dtype)[:count].copy()
 
     def _sorted(self, pieces: NDArray[Any]) -> NDArray[Any]:
         for name, fate in (("flat", FLAT), ("undefined", UNDEFINED)):
@@ -165,12 +185,6 @@ class IsosurfaceDrawer:
         for name, number_of in other.items():
             record[name] = number_of
         return self.device.buffer(record)
-
-
-def _dispatched(
-    kernel: Kernel, count: int, buffers: dict[str, slangpy.Buffer], groups: bool, lists: dict[str, slangpy.Buffer]
-) -> None:
-    kernel(count, {**buffers, **lists}, groups=groups)
 
 
 def _series(degree: int) -> tuple[Floats, Floats]:
