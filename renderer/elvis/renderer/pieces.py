@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import reduce
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.orientation import chunks
@@ -98,7 +100,7 @@ def _divided(space: FaceSpace, screen: Floats, face: Ints, view: View) -> Iterat
         level, face, place, screen = stack.pop()
         seen = _seen(screen, view)
         face, place, screen = face[seen], place[seen], screen[seen]
-        front, last = (screen[..., 2] > 0.0).all(axis=1), level == _LEVELS
+        front, last = _least(screen[..., 2]) > 0.0, level == _LEVELS
         thin = np.zeros(len(face), bool)
         thin[front] = _ends(_flat(screen[front]))[1] < THIN
         tame, way, spread = _examined(space, screen, front, view)
@@ -126,12 +128,12 @@ def _seen(screen: Floats, view: View) -> Bools:
         (view.height - 1 + THIN) * w - y,
         screen[..., 3],
     )
-    seen = np.isfinite(screen).all(axis=(1, 2))
+    seen = np.isfinite(_most(_most(np.abs(screen), 2), 1))
     for side in sides:
-        seen &= side.max(axis=1, initial=-np.inf) > 0.0
-    front = np.flatnonzero(seen & (w > 0.0).all(axis=1))
+        seen &= _most(side) > 0.0
+    front = np.flatnonzero(seen & (_least(w) > 0.0))
     least, most = _pixels(_bounds(screen[front]), view)
-    seen[front] = (least <= most).all(axis=1)
+    seen[front] = _least(most - least) >= 0
     front = front[seen[front]]
     seen[front] = _may_hold(_flat(screen[front]))
     return np.asarray(seen)
@@ -145,12 +147,12 @@ def _may_hold(points: Floats) -> Bools:
     (x0, y0), (x1, y1) = (np.where(steep[:, None], some[:, ::-1], some).T for some in (start, end))
 
     # the columns that they reach over, rows where they are steep
-    first, last = np.ceil(turned.min(axis=1) - THIN), np.floor(turned.max(axis=1) + THIN)
+    first, last = np.ceil(_least(turned) - THIN), np.floor(_most(turned) + THIN)
     x = first[:, None] + np.arange(_COLUMNS)
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
     y = y0[:, None] + slope[:, None] * (x - x0[:, None])
     held = (np.abs(y - np.rint(y)) <= 1.5 * width[:, None] + 2 * THIN) & (x <= last[:, None])
-    return np.asarray(held.any(axis=1) | (last - first >= _COLUMNS))
+    return np.asarray(_most(held) | (last - first >= _COLUMNS))
 
 
 def _flat(screen: Floats) -> Floats:
@@ -162,7 +164,7 @@ def _bounds(screen: Floats) -> Floats:
     """(2, n, 4) least and greatest x, y, x + y and x - y of pieces in front of the eye."""
     x, y = np.moveaxis(_flat(screen), -1, 0)
     every = np.stack([x, y, x + y, x - y], axis=-1)
-    return np.stack([every.min(axis=1), every.max(axis=1)])
+    return np.stack([_least(every), _most(every)])
 
 
 def _pixels(bounds: Floats, view: View) -> Ints:
@@ -177,9 +179,11 @@ def _pixels(bounds: Floats, view: View) -> Ints:
 def _ends(points: Floats) -> tuple[Floats, Floats]:
     """(2, n, 2) two points of each hull (n, count, 2) far apart, and (n,) how far others lie from the line between."""
     offsets = points - points[:, :1]
-    farthest = np.take_along_axis(offsets, (offsets**2).sum(axis=2).argmax(axis=1)[:, None, None], axis=1)
+    farthest = np.take_along_axis(
+        offsets, (offsets[..., 0] ** 2 + offsets[..., 1] ** 2).argmax(axis=1)[:, None, None], axis=1
+    )
     length = np.hypot(*farthest[:, 0].T)
-    across = np.abs(offsets[..., 0] * farthest[..., 1] - offsets[..., 1] * farthest[..., 0]).max(axis=1)
+    across = _most(np.abs(offsets[..., 0] * farthest[..., 1] - offsets[..., 1] * farthest[..., 0]))
     width = np.divide(across, length, out=np.zeros_like(across), where=length > THIN)
     return np.stack([points[:, 0], points[:, 0] + farthest[:, 0]]), width
 
@@ -197,7 +201,7 @@ def _examined(space: FaceSpace, screen: Floats, front: Bools, view: View) -> tup
     middle, half = 0.5 * (low + high)[:, None], 0.5 * (high - low)[:, None]
     slopes = np.stack([matrix @ screen[..., [0, 1, 2, 4]] for matrix in space.slopes])
     plane = slopes[..., :2] - middle * slopes[..., 2:3]
-    mean, weight = plane.mean(axis=2), slopes[..., 2:3].mean(axis=2)
+    mean, weight = _mean(plane), _mean(slopes[..., 2:3])
 
     with np.errstate(all="ignore"):
         # M, and the row sums of what it makes of all changes
@@ -205,20 +209,38 @@ def _examined(space: FaceSpace, screen: Floats, front: Bools, view: View) -> tup
         inverse = np.stack([np.stack([yt, -ys], -1), np.stack([-xt, xs], -1)], 1) / (xs * yt - xt * ys)[:, None, None]
         own = np.abs((plane - mean[:, :, None]) @ inverse)
         other = half * np.abs(slopes[..., 2:3] - weight[:, :, None]) @ np.abs(inverse)
-        b = (own + other).max(axis=2).sum(axis=0).max(axis=1)
+        b = _most(_most(own + other, 2).sum(axis=0))
         g = (half[:, 0] * np.abs(weight))[:, :, None] @ np.abs(inverse)
         b += _weighted(screen[..., 4], slopes[..., 3])
-        tame = front & ((b <= TAME * (1.0 - g.sum(axis=(0, 2)).max(axis=1))) | (b <= 1e-9))
+        tame = front & ((b <= TAME * (1.0 - _most(g.sum(axis=(0, 2))))) | (b <= 1e-9))
 
     # the greatest speed along each side, for any pixel
     speeds = np.concatenate([plane, half * slopes[..., 2:3]], axis=-1)
     sides = [*speeds, speeds[1] - speeds[0]] if len(space.halves) == 3 else [*speeds]
-    way = np.argmax([np.square(side).sum(axis=2).max(axis=1) for side in sides], axis=0)
-    return tame, way, np.abs(inverse).sum(axis=1).max(axis=1)
+    way = np.argmax([_most(sum(np.moveaxis(np.square(side), 2, 0))) for side in sides], axis=0)
+    return tame, way, _most(np.abs(inverse).sum(axis=1))
 
 
 def _weighted(w: Floats, slopes: Floats) -> Floats:
     """(n,) what dividing by the weights w (n, count) of rational maps adds to the change of their Jacobians."""
-    least = w.min(axis=1)
-    total = 2.5 * np.abs(slopes).max(axis=2).sum(axis=0) + 0.5 * (w.max(axis=1) - least)
+    least = _least(w)
+    total = 2.5 * _most(np.abs(slopes), 2).sum(axis=0) + 0.5 * (_most(w) - least)
     return np.asarray(total / least)
+
+
+# NumPy goes slowly along short axes: these go along the long ones.
+
+
+def _most(values: NDArray[Any], axis: int = 1) -> NDArray[Any]:
+    """The greatest along an axis."""
+    return np.asarray(reduce(np.maximum, np.moveaxis(values, axis, 0)))
+
+
+def _least(values: NDArray[Any], axis: int = 1) -> NDArray[Any]:
+    """The least along an axis."""
+    return np.asarray(reduce(np.minimum, np.moveaxis(values, axis, 0)))
+
+
+def _mean(values: Floats) -> Floats:
+    """The mean along the third axis."""
+    return np.asarray(reduce(np.add, np.moveaxis(values, 2, 0)) / values.shape[2])
