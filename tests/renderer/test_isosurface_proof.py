@@ -126,8 +126,8 @@ def test_inverted_elements_are_drawn_like_others(iso, shape, bend):
     assert np.isfinite(one.depth).mean() > 0.05
     assert np.array_equal(np.isfinite(one.depth), np.isfinite(other.depth))
     hit = np.isfinite(one.depth)
-    assert np.abs(one.depth - other.depth)[hit].max() < 1e-10
-    assert np.abs(one.normal - other.normal)[hit].max() < 1e-8
+    assert np.abs(one.depth[hit] - other.depth[hit]).max() < 1e-10
+    assert np.abs(one.normal[hit] - other.normal[hit]).max() < 1e-8
 
 
 def test_values_out_of_range_are_refused_with_the_range(draw, linear):
