@@ -76,8 +76,22 @@ def test_chords_of_curved_elements(gather, shape):
     assert not light.lost.any()
 
 
+def layered(points):
+    """Layers over z = 0 that swell and slide where they are not on the cube's border, which stays."""
+    x, y, z = points.T
+    hill = x * (1 - x) * y * (1 - y)
+    return points + np.stack([0.4 * hill, -0.4 * hill, 0.8 * hill * z * (1 - z)], axis=1)
+
+
+def jostled(points):
+    """Each cell of a grid of 3 x 3 x 3 is moved within itself, so that it remains the same cube."""
+    inner = 3 * points - np.floor(3 * points + 1e-9)
+    return points + 0.1 * inner * (1 - inner) * (1 + np.roll(points, 1, axis=1))
+
+
+@pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
-def test_boundary_layers_of_aspect_a_hundred_thousand(gather, shape):
+def test_boundary_layers_of_aspect_a_hundred_thousand(gather, shape, bent):
     """Cells that shrink to 1e-5 of their width towards z = 0."""
 
     def squeezed(points):
@@ -85,23 +99,26 @@ def test_boundary_layers_of_aspect_a_hundred_thousand(gather, shape):
 
     mesh = grid(shape, 3)
     mesh = replace(mesh, vertices=squeezed(mesh.vertices))
+    mesh = curved(mesh, layered, 3) if bent else mesh
     for camera in (*VIEWS.values(), Camera((3.0, 0.37, 0.1), (0.5, 0.5, 0.003), height=0.02)):
         view = View.through(camera, SIZE)
-        light = gather(with_field(mesh, lambda p: p[:, 0], 2), view, EVEN)
+        light = gather(with_field(mesh, lambda p: p[:, 0], 3 if bent else 2), view, EVEN)
         assert np.abs(light.length - chord(view)).max() < 1e-9
         assert not light.lost.any()
 
 
+@pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
-def test_holes_and_separate_parts(gather, shape):
+def test_holes_and_separate_parts(gather, shape, bent):
     """Of 3 x 3 x 3 cells, those with an even sum of their numbers are left: they touch at edges alone."""
     mesh, side = grid(shape, 3), np.arange(27)
+    mesh = curved(mesh, jostled, 3) if bent else mesh
     cells = np.flatnonzero((side % 3 + side // 3 % 3 + side // 9) % 2 == 0)
     per = 6 if shape is Shape.TETRAHEDRON else 1
     chosen = (cells[:, None] * per + np.arange(per)).reshape(-1)
     mesh = replace(mesh, composites=(Composite(0, ((shape.tag, chosen),)),), domains={0: (0,)})
     view = View.through(VIEWS["parallel"], SIZE)
-    light = gather(with_field(mesh, lambda p: p[:, 0], 2), view, EVEN)
+    light = gather(with_field(mesh, lambda p: p[:, 0], 3 if bent else 2), view, EVEN)
     expected = np.zeros(view.count)
     for cell in cells:
         low = np.array([cell % 3, cell // 3 % 3, cell // 9]) / 3
