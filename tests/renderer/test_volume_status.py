@@ -9,10 +9,13 @@ from elvis.formats.connectivity import connected
 from elvis.formats.dataset import Dataset
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid
+from elvis.formats.writing import write
+from elvis.plugins import command
 from elvis.renderer import Camera, SceneError, Status
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.scene import Transfer, VolumeRendering
 from elvis.renderer.view import View
+from elvis.renderer.volume_rendering import _March
 
 CAMERA = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 SIZE = (36, 30)
@@ -80,11 +83,36 @@ def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
     ]
 
 
-def test_the_time_limit_ends_a_march(gather, draw):
-    """Between bands of tiles, not only after the picture."""
+def test_the_time_limit_ends_a_march(draw, monkeypatch):
+    """Before its first band, not only after the picture."""
+    bands = []
+    monkeypatch.setattr(_March, "_band", lambda *some: bands.append(some))
     data = with_field(grid(Shape.TETRAHEDRON, 2))
     with pytest.raises(SceneError, match="the time limit: nothing is written"):
         draw(data, camera=CAMERA, size=SIZE, objects=(FOG,), timeout=1e-9)
+    assert not bands
+
+
+@pytest.mark.parametrize(
+    ("asked", "status", "sentence"),
+    [
+        (("--volume", "0:1,-1:4"), 2, "values of a transfer function: expected ascending finite numbers"),
+        (("--volume", ","), 2, "expected 2 numbers"),
+        (("--volume", "0:1,1:-4"), 2, "densities of a transfer function: expected a finite number of 0 or more"),
+        (("--volume", "0:1e308,1:1e308"), 1, "densities of a volume: 1e+308 overflows"),
+        (("--volume", "0:1,1:2", "--timeout", "1e-6"), 1, "the picture was not done after 1e-06 s"),
+    ],
+)
+def test_bad_volumes_are_one_sentence_and_no_file(renderer, tmp_path, capfd, asked, status, sentence):
+    renderer("vulkan")
+    files = [tmp_path / "cube.xml", tmp_path / "cube.fld"]
+    write(with_field(grid(Shape.TETRAHEDRON, 1)), *files)
+    with pytest.raises(SystemExit) as ended:
+        command.main(["render", *map(str, files), *asked, "--size", "20x16", "-o", str(tmp_path / "a.png")])
+    said = capfd.readouterr().err
+    assert (ended.value.code, said.count("\n")) == (status, 1)
+    assert sentence in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cube.fld", "cube.xml"]
 
 
 def test_volume_integrals_converge_with_the_error_asked_for(gather):
