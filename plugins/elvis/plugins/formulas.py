@@ -97,7 +97,10 @@ class Formula:
         """The chain rule over the leaves; by differences where their own slopes aren't at hand."""
         root = self.expression.root
         moving = [leaf for leaf in leaves(root) if not (leaf.op == "attribute" and is_constant(leaf.name))]
-        if any((leaf.op == "attribute" and not target_of(leaf.name)) or len(leaf.axes) > (leaf.op == "coordinate") for leaf in moving):
+        if any(
+            (leaf.op == "attribute" and not target_of(leaf.name)) or len(leaf.axes) > (leaf.op == "coordinate")
+            for leaf in moving
+        ):
             yield "return differences<V, Given>(element, r);"
             return
         parts = {leaf: partial(root, leaf) for leaf in moving}

@@ -41,7 +41,9 @@ def boundaries(mesh: Mesh) -> dict[str, Ints]:
     """Composites of the elements' sides by name and by id: rows of faces of volumes, or of edges of plane elements."""
     if mesh.dimension < 2:
         return {}
-    tags, shapes = (("E", "S"), (Shape.SEGMENT,)) if mesh.dimension == 2 else (("F", "T", "Q"), tuple(_KINDS.values())[1:])
+    tags, shapes = (
+        (("E", "S"), (Shape.SEGMENT,)) if mesh.dimension == 2 else (("F", "T", "Q"), tuple(_KINDS.values())[1:])
+    )
     every = np.concatenate([mesh.of(shape).ids for shape in shapes])
     found: dict[str, Ints] = {}
     for composite in mesh.composites:

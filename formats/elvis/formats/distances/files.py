@@ -13,7 +13,9 @@ from elvis.formats.errors import FormatError
 
 #: suffixes of files that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb")
-_NAMED = re.compile(rf"(\bdistance\(\s*[\"'])([^\"']*(?:{'|'.join(map(re.escape, SUFFIXES))}))([\"']\s*\))", re.IGNORECASE)
+_NAMED = re.compile(
+    rf"(\bdistance\(\s*[\"'])([^\"']*(?:{'|'.join(map(re.escape, SUFFIXES))}))([\"']\s*\))", re.IGNORECASE
+)
 
 
 def renamed(expression: str, change: Callable[[str], str]) -> str:
@@ -35,7 +37,9 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
     try:
         corners = np.asarray(trimesh.load_mesh(name, process=False).triangles, dtype=np.float64)
     except Exception as error:
-        raise FormatError(f"expected a triangle mesh, found none that can be read: {_words(error)}", file=name) from error
+        raise FormatError(
+            f"expected a triangle mesh, found none that can be read: {_words(error)}", file=name
+        ) from error
     if not len(corners):
         raise FormatError("expected triangles, found none", file=name)
     if not np.isfinite(corners).all():

@@ -71,7 +71,7 @@ class Parts:
             owner.append(own)
             middle.append(np.tile((first + last) / 2, (len(own), 1)))
             frame.append(np.tile(np.stack([(last - first) / 2, np.zeros(2)], axis=1), (len(own), 1, 1)))
-        made = Parts(2, *map(np.concatenate, (row, middle, frame)), depth=1)
+        made = Parts(2, np.concatenate(row), np.concatenate(middle), np.concatenate(frame), 1)
         return made, np.concatenate(owner)
 
 

@@ -5,8 +5,8 @@ line      2        (-1, 0), (1, 0)
 triangle  3        (-1, -1), (1, -1), (-1, 1)
 square    4        (-1, -1), (1, -1), (1, 1), (-1, 1)
 
-Side k runs from corner k to the next one; those of a line are its two ends.  A part of a domain lies at a + h s, with s a
-point of the whole: those of a triangle's four parts are three of its size 1/2 and one of size -1/2.
+Side k runs from corner k to the next one; those of a line are its two ends.  A part of a domain lies at a + h s, with
+s a point of the whole: of a triangle's four parts three have the size h = 1/2 and one has -1/2.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Pieces:
         return self.corners < 4 and self.coefficients.shape[2] == 2
 
     def at(self, points: Floats, rows: Ints, along: int = 0, across: int = 0) -> Floats:
-        """(n, 3) positions at points (n, 2) of pieces ``rows`` (n,), or derivatives of them: how often along s and t."""
+        """(n, 3) positions at points (n, 2) of pieces ``rows`` (n,), or derivatives: how often along s and t."""
         s, t = points.T
         m, k = self.coefficients.shape[1:3]
         powers_s = np.stack([perm(i, along) * s ** max(i - along, 0) for i in range(k)], axis=1)
@@ -147,10 +147,7 @@ def divided(corners: int) -> tuple[tuple[Floats, float], ...]:
 def _moved(count: int, middle: float, half: float) -> Floats:
     """(count, count) from coefficients of powers of s to those of r, s = middle + half r; from the right."""
     return frozen_floats(
-        [
-            [comb(i, a) * middle ** (i - a) * half**a if a <= i else 0.0 for a in range(count)]
-            for i in range(count)
-        ]
+        [[comb(i, a) * middle ** (i - a) * half**a if a <= i else 0.0 for a in range(count)] for i in range(count)]
     )
 
 

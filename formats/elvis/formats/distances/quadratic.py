@@ -49,4 +49,4 @@ def _times(bend: Floats, points: Floats) -> Floats:
 def _holds(corners: int, points: Floats) -> Bools:
     s, t = points.T
     inside = (s >= -1) & (t >= -1)
-    return inside & ((s + t <= 0) if corners == 3 else (s <= 1) & (t <= 1))
+    return np.asarray(inside & ((s + t <= 0) if corners == 3 else (s <= 1) & (t <= 1)))

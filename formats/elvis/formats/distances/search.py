@@ -23,7 +23,7 @@ EQUAL = 1e-12
 _ROUNDS, _MOST = 26, 1 << 17
 _STEPS = 12
 #: points at once
-_BATCH = 1 << 13
+_BATCH = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +62,9 @@ class _Search:
         self._first = np.cumsum([0, *map(len, surface.groups)])
         self._bounds = [group.bounds for group in surface.groups]
         self._found: list[tuple[Ints, Floats, Floats, Ints, Ints]] = []
-        point, piece = self._closest_corners()
-        self._look(point, piece)
-        first = piece
-        for point, piece in self._candidates():
+        first = self._closest_corners()
+        self._look(np.arange(len(points)), first)
+        for point, piece in self._candidates(self._unsettled()):
             others = np.flatnonzero(first[point] != piece)
             self._look(point[others], piece[others])
 
@@ -78,32 +77,33 @@ class _Search:
         equal = equal[np.unique(np.stack([point[equal], piece[equal]]), axis=1, return_index=True)[1]]
         sides = self.surface.sides[face[equal]]
         total = np.bincount(point[equal], side[equal] * (sides[:, 0] - sides[:, 1]), len(self.points))
-        sign = np.where(total >= 0, 1, -1)
+        sign = np.where(total >= 0, 1.0, -1.0)
         same = sides[:, 0] == sides[:, 1]
         sign[point[equal[same]]] = sides[same, 0]
         return np.asarray(self.distance * sign)
 
-    def _closest_corners(self) -> tuple[Ints, Ints]:
-        """For each point a piece that is near to it."""
+    def _closest_corners(self) -> Ints:
+        """(n,) for each point the piece whose corners' triangles are nearest: of flat pieces, the nearest one."""
         import igl
 
-        triangles, numbers = [], []
-        for group, first in zip(self.surface.groups, self._first, strict=False):
-            vertices = group.vertices
-            for k in range(1, max(group.corners - 1, 2)):
-                triangles.append(vertices[:, [0, k, min(k + 1, group.corners - 1)]])
-                numbers.append(first + np.arange(len(group)))
-        soup = np.concatenate(triangles)
-        ends = np.arange(3 * len(soup)).reshape(-1, 3)
-        found = igl.point_mesh_squared_distance(self.points, np.ascontiguousarray(soup.reshape(-1, 3)), ends)[1]
-        return np.arange(len(self.points)), np.concatenate(numbers)[np.asarray(found)]
+        corners, piece = self.surface.corners
+        ends = np.arange(len(corners)).reshape(-1, 3)
+        found = np.asarray(igl.point_mesh_squared_distance(self.points, corners, ends)[1])
+        return np.asarray(piece[found])
 
-    def _candidates(self) -> list[tuple[Ints, Ints]]:
+    def _unsettled(self) -> Ints:
+        """Points that other pieces have to be looked at for: not those within the flat piece that is nearest."""
+        if not all(group.is_flat for group in self.surface.groups):
+            return np.arange(len(self.points))
+        border = [point[np.abs(side) < _WITHIN / 2] for point, _, side, _, _ in self._found]
+        return np.concatenate([np.empty(0, np.int64), *border])
+
+    def _candidates(self, point: Ints) -> list[tuple[Ints, Ints]]:
         """Pairs of a point and a piece whose box is as near as what has been found."""
-        tree, point, node = self.surface.tree, np.arange(len(self.points)), np.zeros(len(self.points), np.int64)
+        tree, node = self.surface.tree, np.zeros_like(point)
         while node[0] < tree.leaves - 1 if len(node) else False:
             near = self._reaches(point, tree.nodes[node])
-            point, node = np.repeat(point[near], 2), (2 * node[near, None] + [1, 2]).reshape(-1)
+            point, node = np.repeat(point[near], 2), (2 * node[near, None] + np.array([1, 2])).reshape(-1)
         slots = (node[:, None] - (tree.leaves - 1)) * LEAF + np.arange(LEAF)
         point, slots = np.repeat(point, LEAF), slots.reshape(-1)
         point, slots = point[slots < len(tree.order)], slots[slots < len(tree.order)]
@@ -142,7 +142,7 @@ class _Search:
             start[convex] = self._polished(pieces, model.taken(np.flatnonzero(convex)), start[convex])
             self._keep(number, point, parts.row, parts.places(start))
 
-            # where D has no stationary point it is least on the sides; those within the face belong to other pieces, too
+            # where D has no stationary point it is least on the sides; those within the face are other pieces', too
             cut = np.flatnonzero(~convex & ~model.is_steady(bounds))
             whole = np.flatnonzero(~convex) if parts.depth == 0 and parts.corners > 2 else cut[:0]
             if len(cut) and parts.depth < _ROUNDS and len(cut) <= _MOST:
@@ -193,7 +193,7 @@ _ON, _WITHIN = 1e-9, 100.0
 
 
 def _angle(pieces: Pieces, row: Ints, where: Floats, s: Floats, t: Floats) -> Floats:
-    """(n,) the angle at which a face leaves a point of its border, or what this piece has of it; `_WITHIN` elsewhere."""
+    """(n,) the angle at which a face leaves a point of its border, or the piece's part of it; `_WITHIN` elsewhere."""
     angle, corners = np.full(len(row), _WITHIN), CORNERS[pieces.corners]
     on = np.stack([_beside(pieces.corners, k, where) for k in range(pieces.corners)], axis=1)
     sides, ends = ((pieces.outer[row, None] >> (shift + np.arange(pieces.corners))) & 1 == 1 for shift in (0, 4))

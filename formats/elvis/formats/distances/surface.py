@@ -11,7 +11,7 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.formats.boxes import BoxTree, outward
 from elvis.formats.dataset import Dataset
-from elvis.formats.distances.boundaries import boundaries, faces_of
+from elvis.formats.distances.boundaries import ALL, boundaries, faces_of
 from elvis.formats.distances.files import SUFFIXES, triangles_of
 from elvis.formats.distances.pieces import WHOLE, Pieces
 from elvis.formats.distances.sides import is_closed, sides_of_faces, sides_of_triangles
@@ -27,13 +27,14 @@ class Surface:
     groups     by kind and degree; faces are numbered through all groups
     sides      (faces, 2) the signs that distances have before and behind each face: both 1 where it is not closed
     is_closed  whether distances have a sign
+    encloses   whether all points of the data are inside or on it
     is_planar  whether it is made of curves in the plane z = 0, the third coordinate of points being of no account
-    faces      number of faces
     """
 
     groups: Sequence[Pieces]
     sides: Ints
     is_closed: bool
+    encloses: bool = False
     is_planar: bool = False
 
     @property
@@ -45,6 +46,17 @@ class Surface:
     def boxes(self) -> Floats:
         """(n, 6) low and high corners of boxes that hold the pieces, group after group."""
         return frozen_floats(np.concatenate([group.boxes for group in self.groups]))
+
+    @cached_property
+    def corners(self) -> tuple[Floats, Ints]:
+        """Triangles (3 n, 3) between the corners of all pieces, and the piece (n,) that each belongs to."""
+        triangles: list[Floats] = []
+        pieces: list[Ints] = []
+        for group, first in zip(self.groups, np.cumsum([0, *map(len, self.groups)]), strict=False):
+            for k in range(1, max(group.corners - 1, 2)):
+                triangles.append(group.vertices[:, [0, k, min(k + 1, group.corners - 1)]])
+                pieces.append(first + np.arange(len(group)))
+        return frozen_floats(np.concatenate(triangles).reshape(-1, 3)), frozen_ints(np.concatenate(pieces))
 
     @cached_property
     def scale(self) -> float:
@@ -89,4 +101,4 @@ def _from_boundary(dataset: Dataset, name: str) -> Surface:
     planar = dataset.mesh.space == 2
     closed = (planar or dataset.mesh.dimension == 3) and is_closed(loops)
     sides = sides_of_faces(loops, pieces) if closed else np.ones((first[-1], 2), np.int64)
-    return Surface(tuple(pieces), frozen_ints(sides), closed, planar)
+    return Surface(tuple(pieces), frozen_ints(sides), closed, closed and name == ALL, planar)

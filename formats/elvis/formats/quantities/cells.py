@@ -106,11 +106,12 @@ class Cells:
         return {"quality": (0.0, 1.0), "scaled_jacobian": (-1.0, 1.0)}.get(name, i.ENTIRE)
 
     def _distance(self, surface: Surface) -> Interval:
-        """The distance of the middle, and half a box's diagonal: distances grow no faster than the way that one goes."""
-        low, high = (np.stack(corners, axis=1) for corners in zip(*(i.ends(self.nets["x", axis]) for axis in range(3)), strict=True))
+        """What is known of distances: they grow no faster than the way that one goes from a box's middle."""
+        low, high = np.stack([i.ends(self.nets["x", axis]) for axis in range(3)], axis=2)
         reach = np.linalg.norm((high - low)[:, : 2 if surface.is_planar else 3], axis=1) / 2
         middle = nearest(surface, (low + high) / 2).distance
-        return middle - reach, middle + reach
+        least, greatest = 0.0 if not surface.is_closed else -np.inf, 0.0 if surface.encloses else np.inf
+        return np.maximum(middle - reach, least), np.minimum(middle + reach, greatest)
 
     @property
     def _is_solid(self) -> bool:

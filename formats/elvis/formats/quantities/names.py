@@ -72,7 +72,9 @@ class Names:
         if target not in self.boundaries:
             if not target.lower().endswith(SUFFIXES):
                 known = f"; there are {', '.join(self.boundaries)}" if self.boundaries else ""
-                raise ElvisError(f"there is no boundary {target!r}{known}; files of triangles end in {', '.join(SUFFIXES)}")
+                raise ElvisError(
+                    f"there is no boundary {target!r}{known}; files of triangles end in {', '.join(SUFFIXES)}"
+                )
             check_file(target)
         return attribute(f"distance({target})")
 

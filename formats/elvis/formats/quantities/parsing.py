@@ -8,8 +8,8 @@ operand  = number | name | function "(" sum ("," sum)* ")" | "(" sum ")"
 
 A name that is no word stands in quotes.  Beside the functions of `functions` there are d(f, x), the partial derivative,
 grad(f), the length of the gradient, laplacian(f), jump(u), the greatest jump of a field across an element's faces, and
-distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name stands in
-quotes.
+distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name stands
+in quotes.
 """
 
 from __future__ import annotations

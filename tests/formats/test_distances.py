@@ -1,0 +1,272 @@
+"""Distances to curved boundaries and triangle files: against closed forms, subdivision, libigl, and one another."""
+
+from dataclasses import replace
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+from elvis.formats import Dataset
+from elvis.formats.distances import nearest, surface_of
+from elvis.formats.errors import ElvisError
+from elvis.formats.inverse import Status
+from elvis.formats.mesh import Composite
+from elvis.formats.quantities import Expression, Names
+from elvis.formats.quantities.bounding import quantity_range
+from elvis.formats.quantities.sampling import Sampler
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume
+
+LINEAR = {2: [(0, 1, 1)], 3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)]}
+
+
+def wavy(points):
+    """Points moved along by waves, in the plane where they are."""
+    x, y, z = points.T
+    return points + 0.08 * np.stack([np.sin(3 * y), np.cos(x + 2 * y), z * np.sin(3 * x * y)], axis=1)
+
+
+def to_triangles(corners, point):
+    """(n,) distances of a point to triangles (n, 3, 3): to their planes above and below them, else to their edges."""
+    found, inside = np.full(len(corners), np.inf), np.full(len(corners), True)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        way, gap = corners[:, b] - corners[:, a], point - corners[:, a]
+        square = (way**2).sum(axis=1)
+        part = np.clip((gap * way).sum(axis=1) / np.where(square > 0, square, 1.0), 0, 1)
+        found = np.minimum(found, np.linalg.norm(gap - part[:, None] * way, axis=1))
+        inside &= (np.cross(normal, way) * gap).sum(axis=1) > 0
+    size = np.linalg.norm(normal, axis=1)
+    height = np.abs((normal * (point - corners[:, 0])).sum(axis=1)) / np.where(size > 0, size, 1.0)
+    return np.where(inside & (size > 0), height, found)
+
+
+def subdivided(surface, point, goal=1e-13):
+    """The distance by cutting alone: pieces go that are farther, by their linear part less their bend, than corners."""
+    best, waiting = np.inf, list(surface.groups)
+    for _ in range(40):
+        least = []
+        for group in waiting:
+            best = min(best, np.linalg.norm(group.vertices - point, axis=2).min())
+            own = group.coefficients
+            across = own[:, 1, 0] if group.corners > 2 else 0 * own[:, 0, 0]
+            ways = {2: [(-1, 0), (1, 0)], 3: [(-1, -1), (1, -1), (-1, 1)], 4: [(-1, -1), (1, -1), (1, 1), (-1, 1)]}
+            flat = np.stack([own[:, 0, 0] + s * own[:, 0, 1] + t * across for s, t in ways[group.corners]], axis=1)
+            near = [to_triangles(flat[:, list(of)], point) for of in LINEAR[group.corners]]
+            least.append(np.min(near, axis=0) - group.bounds[:, 9])
+        if best - min(map(np.min, least)) < goal:
+            return best
+        kept = [group.taken(np.flatnonzero(low <= best)) for group, low in zip(waiting, least, strict=True)]
+        waiting = [group.parts() for group in kept if len(group)]
+    raise AssertionError("expected subdivision to settle")
+
+
+@pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
+def test_distances_to_curved_boundaries_are_those_of_subdivision(mesh):
+    dataset = Dataset(curved(mesh(seed=1), wavy, 4))
+    surface = surface_of(dataset, "all")
+    low, high = surface.boxes[:, :3].min(axis=0), surface.boxes[:, 3:].max(axis=0)
+    points = np.random.default_rng(2).uniform(low - 0.5, high + 0.5, (25, 3))
+    points[:, dataset.mesh.dimension :] = 0.0
+    found = nearest(surface, points)
+    truth = [subdivided(surface, point) for point in points]
+    assert np.abs(np.abs(found.distance) - truth).max() < 1e-11 * np.linalg.norm(high - low)
+    gap = np.linalg.norm(points - found.place, axis=1)
+    assert np.abs(gap - np.abs(found.distance)).max() < 1e-15
+
+
+@pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
+def test_distances_to_closed_boundaries_are_negative_inside(mesh):
+    dataset = Dataset(curved(mesh(seed=3), wavy, 4))
+    surface = surface_of(dataset, "all")
+    low, high = surface.boxes[:, :3].min(axis=0), surface.boxes[:, 3:].max(axis=0)
+    points = np.random.default_rng(4).uniform(low - 0.3, high + 0.3, (1500, 3))
+    points[:, dataset.mesh.dimension :] = 0.0
+    inside = Sampler(dataset, []).sample(points).location.status == Status.INSIDE
+    assert surface.is_closed
+    assert 100 < inside.sum() < 1400
+    assert ((nearest(surface, points).distance < 0) == inside).all()
+
+
+def shell(points):
+    """The unit cube as a part of a shell, from radius 1 to 2."""
+    r, a, b = 1 + points[:, 0], points[:, 1] - 0.5, points[:, 2] - 0.5
+    return r[:, None] * np.stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), np.sin(b)], axis=1)
+
+
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.PRISM])
+def test_the_distance_to_a_sphere_is_off_by_no_more_than_the_mesh(shape):
+    mesh = with_sphere(curved(grid(shape, 2), shell, 6))
+    surface = surface_of(Dataset(mesh), "sphere")
+    spots = np.random.default_rng(5).uniform(-1, 1, (200, 2))
+    off = 0.0
+    for group in surface.groups:
+        inner = spots if group.corners == 4 else spots[spots.sum(axis=1) <= 0]
+        radii = [
+            np.linalg.norm(group.at(np.tile(spot, (len(group), 1)), np.arange(len(group))), axis=1) for spot in inner
+        ]
+        off = max(off, np.abs(np.array(radii) - 1).max())
+    points = shell(np.random.default_rng(6).uniform([0, 0.1, 0.1], [1, 0.9, 0.9], (500, 3)))
+    error = np.abs(nearest(surface, points).distance - (np.linalg.norm(points, axis=1) - 1)).max()
+    assert off < 1e-4
+    assert error < 1.5 * off
+    assert not surface.is_closed
+
+
+def with_sphere(mesh):
+    """The mesh with its faces of radius 1 as a boundary."""
+    (outer,) = (own for own in mesh.composites if own.name == "boundary")
+    chosen = []
+    for tag, ids in outer.parts:
+        own = [i for i in ids if np.allclose(np.linalg.norm(face_points(mesh, i), axis=1), 1)]
+        chosen.append((tag, np.array(own, dtype=np.int64)))
+    return replace(mesh, composites=(*mesh.composites, Composite(7, tuple(chosen), "sphere")))
+
+
+def face_points(mesh, face):
+    """The vertices of the face with this id."""
+    for shape in (Shape.TRIANGLE, Shape.QUADRILATERAL):
+        rows = np.flatnonzero(mesh.of(shape).ids == face)
+        if len(rows):
+            edges = mesh.of(shape).members[rows[0]]
+            return mesh.vertices[np.unique(mesh.of(Shape.SEGMENT).members[edges])]
+    raise AssertionError(face)
+
+
+def test_distances_to_planes_are_coordinates():
+    dataset = Dataset(grid(Shape.PRISM, 2))
+    points = np.random.default_rng(7).uniform(0, 1, (300, 3))
+    truth = -np.minimum(points, 1 - points).min(axis=1)
+    for name in ("all", "boundary", "1"):
+        assert np.abs(nearest(surface_of(dataset, name), points).distance - truth).max() < 1e-15
+    outside = 1 + np.random.default_rng(8).uniform(0, 1, (300, 3))
+    assert np.allclose(
+        nearest(surface_of(dataset, "all"), outside).distance, np.linalg.norm(outside - 1, axis=1), rtol=1e-14
+    )
+
+
+def saved(folder, mesh, name="surface.stl"):
+    """The name of a file with a mesh."""
+    mesh.export(folder / name)
+    return str(folder / name)
+
+
+def test_the_distance_to_a_cube_is_known(tmp_path):
+    surface = surface_of(None, saved(tmp_path, trimesh.creation.box((2, 2, 2))))
+    points = np.random.default_rng(1).uniform(-2, 2, (2000, 3))
+    points[:300] = np.round(points[:300])
+    beyond = np.abs(points) - 1
+    truth = np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
+    assert np.abs(nearest(surface, points).distance - truth).max() < 1e-15
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "glb"])
+def test_distances_to_files_are_those_of_libigl(tmp_path, suffix):
+    ball = trimesh.creation.icosphere(2)
+    spikes = ball.copy()
+    spikes.vertices *= 1 + 0.9 * (np.arange(len(ball.vertices)) % 5 == 0)[:, None]
+    file = saved(tmp_path, spikes, f"spikes.{suffix}")
+    surface, points = surface_of(None, file), np.random.default_rng(2).uniform(-2, 2, (3000, 3))
+    read = trimesh.load_mesh(file)
+    vertices, faces = np.asarray(read.vertices, np.float64), np.asarray(read.faces, np.int64)
+    truth = igl.signed_distance(points, vertices, faces, sign_type=igl.SIGNED_DISTANCE_TYPE_WINDING_NUMBER)[0]
+    found = nearest(surface, points).distance
+    assert surface.is_closed
+    assert np.abs(found - truth).max() < 1e-13
+
+
+def test_hollow_turned_and_crossing_bodies_have_the_sign_of_the_winding_number(tmp_path):
+    ball, small = trimesh.creation.icosphere(2), trimesh.creation.icosphere(2, radius=0.5)
+    hollow = trimesh.util.concatenate([ball, trimesh.Trimesh(small.vertices, small.faces[:, ::-1])])
+    turned = trimesh.Trimesh(ball.vertices, ball.faces[:, ::-1])
+    confused = trimesh.Trimesh(ball.vertices, np.where(np.arange(320)[:, None] % 3, ball.faces, ball.faces[:, ::-1]))
+    pair = trimesh.util.concatenate([ball, ball.copy().apply_translation((1, 0, 0))])
+    points = np.random.default_rng(3).uniform(-1.4, 2.4, (3000, 3))
+    radius = np.linalg.norm(points, axis=1)
+    clear = (np.abs(radius - 1) > 0.03) & (np.abs(radius - 0.5) > 0.03)
+    clear &= np.abs(np.linalg.norm(points - (1, 0, 0), axis=1) - 1) > 0.03
+    for name, mesh, inside in (
+        ("hollow", hollow, (radius < 1) & (radius > 0.5)),
+        ("turned", turned, radius < 1),
+        ("confused", confused, radius < 1),
+        ("pair", pair, (radius < 1) | (np.linalg.norm(points - (1, 0, 0), axis=1) < 1)),
+    ):
+        found = nearest(surface_of(None, saved(tmp_path, mesh, f"{name}.stl")), points).distance
+        assert ((found < 0) == inside)[clear].all(), name
+
+
+def test_open_surfaces_have_no_sign(tmp_path):
+    box = trimesh.creation.box((2, 2, 2))
+    surface = surface_of(None, saved(tmp_path, trimesh.Trimesh(box.vertices, box.faces[1:])))
+    assert not surface.is_closed
+    assert (nearest(surface, np.random.default_rng(1).uniform(-2, 2, (200, 3))).distance >= 0).all()
+
+
+def with_field(mesh):
+    """A dataset with the field u = x."""
+    bare = Dataset(mesh)
+    return Dataset(mesh, (approximated(bare, "u", lambda p: p[:, 0], 3),))
+
+
+def test_bounds_hold_all_distances_and_are_tight():
+    dataset = with_field(curved(mixed_plane(seed=1), wavy, 4))
+    for text in ("distance(all)", "min(distance(all) + 0.2, u) - 0.06"):
+        expression = Expression.of(dataset, text)
+        found = quantity_range(dataset, expression)
+        points = np.random.default_rng(3).uniform(-0.5, 3.5, (3000, 3)) * (1, 1, 0)
+        values = Sampler(dataset, [expression]).sample(points).values[:, 0]
+        assert found.lower <= np.nanmin(values)
+        assert np.nanmax(values) <= found.upper
+        assert found.upper - found.lower < 1.3 * (found.greatest - found.least)
+        assert np.isfinite(values).any()
+
+
+def test_distances_differ_by_no_more_than_the_way_between_points():
+    surface = surface_of(Dataset(curved(mixed_volume(seed=1), wavy, 4)), "all")
+    points = np.random.default_rng(9).uniform(-0.5, 3.5, (400, 3))
+    step = 1e-3 * np.random.default_rng(10).normal(size=points.shape)
+    change = nearest(surface, points + step).distance - nearest(surface, points).distance
+    assert (np.abs(change) <= np.linalg.norm(step, axis=1) + 1e-14).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("distance(wng)", "there is no boundary 'wng'; there are all, boundary, 1; files of triangles end in .stl"),
+        ("distance('none.stl')", "none.stl: expected a file of triangles, found none"),
+        ("distance(none.stl)", "there is no boundary 'none'"),
+        ("distance('a.vtk')", "there is no boundary 'a.vtk'"),
+        ("distance()", "expected a boundary, or a file in quotes, found ')'"),
+        ("distance(u, 2)", "there is no boundary 'u'"),
+        ("distance(all, 2)", "expected ) after a boundary"),
+        ("d(distance(all), x)", "there is no derivative of distance(all)"),
+    ],
+)
+def test_what_says_no_distance_is_refused(text, sentence):
+    with pytest.raises(ElvisError) as found:
+        Expression.of(with_field(grid(Shape.HEXAHEDRON, 1)), text)
+    assert sentence in str(found.value)
+
+
+@pytest.mark.parametrize("content", ["", "solid\nendsolid\n", "nothing of the kind", "solid x\n facet normal"])
+def test_files_without_triangles_are_refused_in_a_sentence(tmp_path, content):
+    file = tmp_path / "broken.stl"
+    file.write_text(content)
+    with pytest.raises(ElvisError, match=r"broken\.stl: expected"):
+        surface_of(None, str(file))
+
+
+def test_a_field_named_distance_stays_one():
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    field = approximated(Dataset(mesh), "distance", lambda p: p[:, 0], 3)
+    names = Names.of(Dataset(mesh, (field,)))
+    assert Expression.parse("distance", names).is_field
+    assert Expression.parse("distance + distance(all)", names).fields == ("distance",)
+
+
+def test_points_that_are_nowhere_have_no_distance():
+    surface = surface_of(Dataset(grid(Shape.HEXAHEDRON, 1)), "all")
+    found = nearest(surface, np.array([[np.nan, 0, 0], [np.inf, 0, 0], [2.0, 0.5, 0.5]])).distance
+    assert np.isnan(found[:2]).all()
+    assert found[2] == 1.0
