@@ -205,13 +205,8 @@ class _March:
         self.curved = [[n for n in parts if not self.traversal.is_straight(n, own)] for own in self.quantities]
         self.degree = max(self.traversal.degree(n, own) or STAND_IN for n in parts for own in self.quantities)
         self.chosen = [[self._counts(own, n) for n in parts] for own in self.quantities]
-        self.bent = np.concatenate(
-            [
-                np.any([own[n] for own, curved in zip(self.chosen, self.curved, strict=True) if n in curved], axis=0)
-                & np.ones(len(self.loaded.parts[n]), bool)
-                for n in parts
-            ]
-        )
+        bent = [[own[n] & (n in at) for own, at in zip(self.chosen, self.curved, strict=True)] for n in parts]
+        self.bent = np.concatenate([np.any(some, axis=0) for some in bent])
         self.march = self.device.kernel("volume_march", line_degree=self.degree, media=len(media))
         self.lights = np.zeros(view.count, self.march.dtype("lights"))
         self.lost = np.zeros(view.count, np.int64)
