@@ -233,7 +233,7 @@ def test_the_reference_shows_the_same(draw, order):
     hues = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
     scene = {
         "camera": VIEWS["perspective"],
-        "size": (24, 20),
+        "size": (16, 13),
         "background": (0.2, 0.2, 0.2),
         "objects": (
             VolumeRendering(Transfer((0.02, 0.2, 0.6), (0.0, 6.0, 1.0), hues), error=1e-5),
