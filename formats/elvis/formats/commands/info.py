@@ -35,6 +35,7 @@ Examples:
   elvis info --strict wing.xml wing.fld
   elvis info --jacobian wing.xml
   elvis info wing.xml wing.fld --field vorticity
+  elvis info wing.xml wing.fld --field "distance(wall)"
 """
 
 
@@ -86,7 +87,9 @@ def info(
     with stage("measuring"):
         facts = summary(dataset)
         if quantities:
-            facts["quantities"] = {each.text: _range(dataset, each) for each in expressions(dataset, quantities)}
+            asked = expressions(dataset, quantities)
+            facts["quantities"] = {each.text: _range(dataset, each) for each in asked}
+            facts["distances"] = _distances(dataset, asked)
     _tell(facts, as_json, lambda: _print(facts, many))
 
 
@@ -125,6 +128,16 @@ def _range(dataset: Dataset, expression: Expression) -> Facts | None:
 
     found = quantity_range(dataset, expression)
     return None if found is None else asdict(found)
+
+
+def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
+    """What distances are measured to: how many faces, and whether they are closed, so that distances have a sign."""
+    from elvis.formats.distances import surface_of
+    from elvis.formats.quantities.attributes import target_of
+
+    targets = {target for each in asked for name in each.attributes if (target := target_of(name)) is not None}
+    found = {target: surface_of(dataset, target) for target in sorted(targets)}
+    return {target: {"faces": own.faces, "closed": own.is_closed} for target, own in found.items()}
 
 
 def _check(data: tuple[Path, ...], as_json: bool) -> None:
@@ -193,12 +206,16 @@ def _print(facts: Facts, many: int | None) -> None:
     composites = [_composite_row(composite) for composite in facts["composites"]]
     metadata = list(facts["metadata"].items())
     ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
+    targets: list[tuple[object, ...]] = [
+        (name, each["faces"], _sign(each)) for name, each in facts.get("distances", {}).items()
+    ]
 
     print_table(("", ""), _overview(facts))
     tables = [
         (("map of", "elements", "bases", "modes (order + 1)"), maps),
         (("field", "elements", "lower bound", "upper bound", "state"), fields),
         (("quantity", "lower bound", "upper bound", "least found", "greatest found"), ranges),
+        (("distance to", "faces", "sign"), targets),
         (("fields", "on", "elements", "bases", "modes (order + 1)"), _cut(orders, many)),
         (("composite", "name", "holds"), _cut(composites, many)),
         (("metadata", "value"), _cut(metadata, many)),
@@ -253,6 +270,10 @@ def _range_row(text: str, found: Facts | None) -> tuple[object, ...]:
 
 def _number(found: Facts | None, key: str) -> str:
     return "-" if found is None or found[key] is None else f"{found[key]:.10g}"
+
+
+def _sign(surface: Facts) -> str:
+    return "negative inside: it is closed" if surface["closed"] else "none: it is open"
 
 
 def _state(field: Facts) -> str:

@@ -44,7 +44,7 @@ def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
     search = _Search(evaluator, expression)
     if not np.isfinite(search.greatest):
         return None
-    upper, lower = search.bound(1), -search.bound(-1)
+    upper, lower = search.bound(1), 0.0 - search.bound(-1)
     return Range(min(lower, search.least), max(upper, search.greatest), search.least, search.greatest)
 
 

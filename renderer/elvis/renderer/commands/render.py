@@ -25,6 +25,7 @@ Examples:
   elvis render wing.xml wing.fld --faces wall --mesh-lines --cut sphere:0,0,0:0.5 --camera iso -o wall.png
   elvis render wing.xml wing.fld --isosurface 0.2,0.4 --opacity 0.5 --clip plane:0,0,0:0,1,0 -o iso.png
   elvis render wing.xml --field "sin(x)*exp(y)" --plane 0,0,0:0,0,1 -o waves.png
+  elvis render wing.xml --field "distance('body.stl')" --isosurface 0.1 --camera iso -o near.png
   elvis render mine.dat --plugin my_plugin.py --plane 0,0,0:0,0,1 -o mine.png
   elvis render wing.xml wing.fld --field p --plane 0,0,0:0,0,1 --camera 3,-4,2:0,0,0:0,0,1:30 -o view.png
   elvis render wing.xml wing.fld --faces all --save-scene wing.toml -o wing.png
