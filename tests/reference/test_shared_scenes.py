@@ -1,5 +1,6 @@
 """Faces and isosurfaces of the solver's own data: hits lie where the map says, and have the value that is asked for."""
 
+from dataclasses import replace
 from time import process_time
 
 import numpy as np
@@ -116,3 +117,19 @@ def scaled(item, span):
         case VolumeRendering(transfer=own):
             return VolumeRendering(Transfer(tuple(low + wide * value for value in own.values), own.densities))
     return item
+
+
+@pytest.mark.parametrize("options", [{"samples": 2}, {"samples": 3, "range": "all"}])
+def test_colours_of_samples_and_of_whole_ranges_are_the_devices(nektar, options):
+    """Means over the points of a pixel, and maps from bound to bound of a field: the same colours on both."""
+    data = read(*(path for path in (nektar / "tet_small").iterdir() if path.suffix in (".xml", ".fld")))
+    style = Style(opacity=0.5, quantity="u^2+v^2")
+    scene = Scene(
+        data.fields[0].name, camera="iso", size=(40, 36), objects=(Faces(), Faces(("inner",), style)), **options
+    )
+    found = draw(data, scene)
+    true = render(data, replace(scene, camera=found.view.camera))
+    plain = render(data, Scene(scene.field, camera=found.view.camera, size=(40, 36), objects=scene.objects))
+    assert np.abs(true.color - found.color).max() < 1e-9
+    assert np.abs(true.color - plain.color).max() > 0.05
+    assert np.array_equal(true.element, plain.element)

@@ -26,6 +26,7 @@ from elvis.formats.pointwise import values
 from elvis.plugins.opening import Opened
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
+from elvis.reference.settling import ranged, sampled
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame, Status
@@ -41,6 +42,9 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     global id.  What a plugin has opened is drawn where it describes its elements in NumPy.
     Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
     """
+    scene = ranged(dataset, scene)
+    if scene.samples > 1:
+        return sampled(render, dataset, scene)
     if isinstance(dataset, Opened):
         return draw(dataset, scene)
     _check(dataset, scene)

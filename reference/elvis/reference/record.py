@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -53,7 +55,9 @@ class Record:
         try:
             with np.load(path, allow_pickle=False) as archive:
                 found = {name: archive[name] for name in CHANNELS if name in archive.files}
-        except (OSError, ValueError, EOFError) as error:
+        except FileNotFoundError as error:
+            raise FormatError("expected a record that elvis render writes as .npz, found no file", file=path) from error
+        except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
             raise FormatError(
                 f"expected a record that elvis render writes as .npz, found {error}", file=path
             ) from error

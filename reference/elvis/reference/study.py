@@ -24,7 +24,7 @@ from elvis.reference.metrics import Errors, check_comparable, errors, not_narrow
 from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
-from elvis.renderer.frame import Frame
+from elvis.renderer.frame import Frame, Status
 from elvis.renderer.scene import CutSurface, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
 from elvis.renderer.view import View
 
@@ -62,11 +62,15 @@ class Rival:
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """The bars for a picture against the reference, at a size of (width, height) pixels."""
+    """The bars for a picture against the reference, at a size of (width, height) pixels.
+
+    ambiguous  pixels that one of the two calls so: these may differ
+    """
 
     size: tuple[int, int]
     bars: Sequence[Bar]
     device: str
+    ambiguous: int = 0
 
     @property
     def passed(self) -> bool:
@@ -107,7 +111,7 @@ def compare_records(exact: Record, other: Record, name: str) -> Study:
     check_comparable(exact, other)
     found = errors(exact, other, contours=spread(exact.field))
     rival = Rival("other", name, record=other, errors=found)
-    judgement = Judgement((exact.shape[1], exact.shape[0]), bars(exact, other), name)
+    judgement = Judgement((exact.shape[1], exact.shape[0]), bars(exact, other), name, _ambiguous(exact, other))
     return Study(exact, [rival], found.range, [own.value for own in found.contours], judgement=judgement)
 
 
@@ -285,8 +289,14 @@ def _judged(dataset: Dataset, scene: Scene, draw: Callable[..., Frame], longest:
     size = (max(1, round(width * part)), max(1, round(height * part)))
     small = replace(scene, size=size, samples=1)
     frame, true = draw(dataset, small, device=scene.device), draw(dataset, small, device="reference")
-    judge = Record.of(true)
-    return Judgement(size, bars(judge, Record.of(frame)), str(frame.stats.get("device", {}).get("label", "")))
+    judge, drawn = Record.of(true), Record.of(frame)
+    label = str(frame.stats.get("device", {}).get("label", ""))
+    return Judgement(size, bars(judge, drawn), label, _ambiguous(judge, drawn))
+
+
+def _ambiguous(exact: Record, other: Record) -> int:
+    """Pixels that either record calls ambiguous."""
+    return int(((exact.status == Status.AMBIGUOUS) | (other.status == Status.AMBIGUOUS)).sum())
 
 
 def _contours(scene: Scene, exact: Record, ends: tuple[float, float]) -> tuple[float, ...]:

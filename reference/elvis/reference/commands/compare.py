@@ -160,7 +160,9 @@ def _check(require: str | None, study: Study) -> None:
     if require is None:
         return
     if study.judgement is None:
-        raise ElvisError("--require pixel-exact: nothing was judged: draw with another device than the reference")
+        raise ElvisError(
+            "--require pixel-exact: nothing was judged: draw on a device other than the reference, with --judge"
+        )
     for bar in study.judgement.bars:
         if not bar.passed:
             raise ElvisError(f"--require pixel-exact: {failure(bar)}")

@@ -28,7 +28,12 @@ def summary(study: Study) -> dict[str, Any]:
             "contours": list(study.contours),
         },
         "judgement": judgement
-        and {"size": list(judgement.size), "passed": judgement.passed, "bars": [bar_facts(b) for b in judgement.bars]},
+        and {
+            "size": list(judgement.size),
+            "passed": judgement.passed,
+            "ambiguous": judgement.ambiguous,
+            "bars": [bar_facts(b) for b in judgement.bars],
+        },
         "rivals": [rival_facts(rival) for rival in study.rivals],
         "next": study.next and {"level": study.next[0], "bytes": study.next[1]},
         "remarks": list(study.remarks),

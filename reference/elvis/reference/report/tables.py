@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from elvis.reference.bars import Bar
-from elvis.reference.report.words import size, some
+from elvis.reference.report.words import counted, size, some
 from elvis.reference.study import Rival, Study
 
 Table = dict[str, Any]
@@ -127,7 +127,7 @@ def _costs(study: Study) -> Table:
     """Elements and memory, also of pictures that were not drawn."""
     rows = [[rival.name, *_cost(rival), rival.skipped or "drawn"] for rival in study.rivals if rival.counts]
     if study.next and rows:
-        rows.append([f"{study.next[0]} refinements", "", "", "", size(study.next[1]), "not asked for"])
+        rows.append([counted(study.next[0], "refinement"), "", "", "", size(study.next[1]), "not asked for"])
     if rows:
         rows.insert(0, ["exact", "", "", size(study.stored), "", "drawn"])
     heads = ["picture", "simplices", "points", "memory of the mesh", "memory while it is made and drawn", ""]

@@ -10,6 +10,8 @@ from elvis.reference.study import Rival, Study
 
 #: a linear picture is right where no contour is off by more pixels, and no more percent of the pixels by a colour step
 PIXELS, PERCENT = 1.0, 0.1
+#: pixels within which contours are the same
+ROUNDING = 1e-6
 
 
 def is_right(rival: Rival) -> bool:
@@ -41,7 +43,9 @@ def _judged(study: Study) -> str:
     width, height = study.judgement.size
     failed = [bar for bar in study.judgement.bars if not bar.passed]
     if not failed:
-        return f"Exact: all {width * height:,} pixels pass every bar."
+        doubt = study.judgement.ambiguous
+        aside = f" but for {counted(doubt, 'ambiguous pixel')}" if doubt else ""
+        return f"Exact: all {width * height:,} pixels pass every bar{aside}."
     return "Not exact: " + "; ".join(map(failure, failed)) + "."
 
 
@@ -70,7 +74,9 @@ def _linear(study: Study, levels: Sequence[Rival]) -> str:
     said = f"Linear elements after {drawn[-1].name}: {how_wrong(drawn[-1])}"
     if skipped:
         return f"{said}; {_cost(skipped[0])}."
-    return f"{said}; {study.next[0]} refinements would need {size(study.next[1])}." if study.next else f"{said}."
+    if study.next is None:
+        return f"{said}."
+    return f"{said}; {counted(study.next[0], 'refinement')} would need {size(study.next[1])}."
 
 
 def _cost(rival: Rival) -> str:
@@ -86,7 +92,7 @@ def how_wrong(rival: Rival) -> str:
     said = []
     if found.lost:
         said.append(f"{counted(found.lost, 'contour')} lost or invented")
-    if found.contour_max:
+    if found.contour_max and found.contour_max > ROUNDING:
         far = some(found.contour_max)
         said.append(f"contours off by up to {far} pixel{'s' * (far != '1')}")
     if found.off:

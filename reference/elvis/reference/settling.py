@@ -1,0 +1,65 @@
+"""What a scene asks for beyond a plain picture: colour ranges of whole fields, several samples a pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.quantities import Expression
+from elvis.formats.quantities.bounding import quantity_range
+from elvis.plugins.opening import Opened
+from elvis.renderer.errors import SceneError
+from elvis.renderer.frame import Drawing, Frame
+from elvis.renderer.palette import automatic_range
+from elvis.renderer.scene import Scene, SceneObject, VolumeRendering
+
+Draw = Callable[[Dataset | Opened, Scene], Frame]
+
+
+def ranged(data: Dataset | Opened, scene: Scene) -> Scene:
+    """The scene with two values in place of the range ``all``: certified bounds; SceneError where there are none."""
+    if scene.range != "all":
+        return scene
+
+    def styled(item: SceneObject) -> SceneObject:
+        if isinstance(item, VolumeRendering) or item.style.quantity is None or item.style.range is not None:
+            return item
+        return replace(item, style=replace(item.style, range=_bounds(data, item.style.quantity)))
+
+    return replace(scene, range=_bounds(data, scene.field), objects=tuple(map(styled, scene.objects)))
+
+
+def _bounds(data: Dataset | Opened, name: str) -> tuple[float, float]:
+    found = None if isinstance(data, Opened) else quantity_range(data, Expression.of(data, name))
+    if found is None or not np.isfinite((found.lower, found.upper)).all():
+        raise SceneError(f"no bounds of {name!r} over all data are known: give two values for the range, or seen")
+    return automatic_range(np.array([found.lower, found.upper]))
+
+
+def sampled(draw: Draw, data: Dataset | Opened, scene: Scene) -> Frame:
+    """The picture with colours that are means over n x n points of each pixel; records are those of its centre."""
+    frame, n = draw(data, replace(scene, samples=1)), scene.samples
+    height, width = frame.status.shape
+    fine = replace(_finer(frame.scene, n), camera=frame.view.camera, size=(n * width, n * height))
+    color = draw(data, replace(fine, range=frame.range)).color
+    mean = color.reshape(height, n, width, n, 3).mean(axis=(1, 3))
+    drawing = Drawing(frame.depth, frame.normal, mean, frame.legends)
+    return replace(frame, scene=replace(frame.scene, samples=n), drawing=drawing)
+
+
+def _finer(scene: Scene, n: int) -> Scene:
+    """The scene for pictures with n times the pixels each way: lines are as many times wider in pixels."""
+
+    def widened(item: SceneObject) -> SceneObject:
+        if isinstance(item, VolumeRendering):
+            return item
+        style, kept = item.style, {}
+        for name in ("contours", "mesh_lines"):
+            lines = getattr(style, name)
+            kept[name] = lines and replace(lines, width=n * lines.width)
+        return replace(item, style=replace(style, **kept))
+
+    return replace(scene, objects=tuple(map(widened, scene.objects)))
