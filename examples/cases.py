@@ -9,8 +9,8 @@ hemisphere   about 440 quadratic tetrahedra of half a ball, a cubic wave
 folded       one quadratic tetrahedron whose node (0.5, 0, 0) was moved to (0.5, 0, 0.6): it intersects itself.  Its
              field is its Jacobian determinant in parts of that of the straight one, 1 - 2.4 x' at reference points x'
 twist        about 800 tetrahedra of a bent and twisted bar, maps of order 4, a field of order 7 that varies strongly
-distance     the mesh of delta with cubics that approximate the distance to the wing, right (distance; the scene draws the exact
-             one) and with a planted bug (careless)
+distance     the mesh of delta with cubics that approximate the distance to the wing, right (distance; figure 9 draws
+             the exact one instead) and with a planted bug (careless)
 
 Running it again gives the same bytes.
 """

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
+from elvis.formats.distances import Surface, nearest, surface_of
 from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import Expression
-from elvis.formats.quantities.attributes import from_ideal
+from elvis.formats.quantities.attributes import from_ideal, target_of
 from elvis.formats.quantities.functions import function
 from elvis.formats.quantities.tree import Node, folded
 from elvis.formats.shapes import Shape
@@ -112,6 +113,9 @@ def expressed(expression: Expression, twins: Mapping[str, Twin], rows: Ints, poi
             return node.value
         if node.op == "coordinate":
             return np.asarray(found(next(iter(twins)))[0][:, node.axes[0]])
+        target = target_of(node.name)
+        if target is not None:
+            return nearest(_surface(target), found(next(iter(twins)))[0]).distance
         if node.op == "attribute":
             return _attribute(node.name, first, rows, jacobians)
         if len(node.axes) > 1:
@@ -124,6 +128,12 @@ def expressed(expression: Expression, twins: Mapping[str, Twin], rows: Ints, poi
     with np.errstate(all="ignore"):
         values = folded(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
     return np.broadcast_to(np.asarray(values, np.float64), len(rows))
+
+
+@lru_cache(maxsize=4)
+def _surface(target: str) -> Surface:
+    """The triangles of a file."""
+    return surface_of(None, target)
 
 
 def _attribute(name: str, twin: Twin, rows: Ints, jacobians: Callable[[], Floats]) -> Floats | float:
