@@ -69,7 +69,7 @@ def test_the_surface_at_a_distance_of_a_plane_is_parallel_to_it(tmp_path, render
         camera=Camera((0.5, 0.5, 4.0), (0.5, 0.5, 0.5), up=(0, 1, 0), height=0.8),
         size=(24, 20),
     )
-    frame = render(with_field(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.03), n=3)), scene)
+    frame = render(with_field(grid(Shape.TETRAHEDRON, 1)), scene)
     hit = np.isfinite(frame.depth)
     assert hit.all()
     height = (frame.position[hit] - corners[0]) @ normal
