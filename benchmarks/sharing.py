@@ -107,7 +107,7 @@ def table(numbers: dict[str, Any]) -> Table:
     shown.notes = [
         f"{numbers['pixels']}^2 pixels, all from one camera. Pictures without a sharing differ by "
         f"{max(numbers['off'].values()):.1e} of colour at most; marches go on where surfaces let 0.2 % through.",
-        "Lists of segments that isosurface and volume would share are not: finding the isosurface takes "
-        f"{seconds(numbers['level'])} CPU s in all, as bounds leave few elements, others than those of the volume.",
+        "Isosurface and volume list segments each for itself: they look at the elements that bounds leave to each. "
+        f"Finding the isosurface takes {seconds(numbers['level'])} CPU s in all, the most that a common list could save.",
     ]
     return shown
