@@ -108,6 +108,6 @@ def table(numbers: dict[str, Any]) -> Table:
         f"{numbers['pixels']}^2 pixels, all from one camera. Pictures without a sharing differ by "
         f"{max(numbers['off'].values()):.1e} of colour at most; marches go on where surfaces let 0.2 % through.",
         "Isosurface and volume list segments each for itself: they look at the elements that bounds leave to each. "
-        f"Finding the isosurface takes {seconds(numbers['level'])} CPU s in all, the most that a common list could save.",
+        f"Finding the isosurface takes {seconds(numbers['level'])} CPU s, the most that a common list could save.",
     ]
     return shown
