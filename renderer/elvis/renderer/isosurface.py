@@ -117,10 +117,10 @@ class IsosurfaceDrawer:
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
             found = [self._kept(split if level else start, batch, level > 0, buffers, ask) for batch in batches]
             done += [pieces[pieces["fate"] != SPLIT] for pieces in found]
-            parents = np.concatenate([parents[:0], *(pieces[pieces["fate"] == SPLIT] for pieces in found)])
+            parents = _joined([parents[:0], *(pieces[pieces["fate"] == SPLIT] for pieces in found)])
             if not len(parents):
                 break
-        return self._sorted(np.concatenate(done))
+        return self._sorted(_joined(done))
 
     def _kept(
         self,
@@ -185,6 +185,11 @@ class IsosurfaceDrawer:
         for name, number_of in other.items():
             record[name] = number_of
         return self.device.buffer(record)
+
+
+def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
+    """Pieces of all lists, in the layout of the kernels, which may have gaps."""
+    return np.concatenate(pieces, dtype=pieces[0].dtype)
 
 
 def _series(degree: int) -> tuple[Floats, Floats]:
