@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 SHADERS = Path(__file__).parent / "shaders"
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw", "iso_line", "volume_list", "line_draw")
+#: stages that hold many copies of an element's code, as formulas do: loops compile sooner
+COMPACT = ("line_draw",)
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
 #: groups of a row, as in shaders/dispatch.slang
@@ -166,7 +168,7 @@ class Device:
         if part is not None:
             chosen = part if quantity is None else part.quantities[quantity]
             name = f"{stage}_{part.module}_{chosen.type}"
-            source += _of_type(part, chosen, line_degree or chosen.degree or STAND_IN, together=stage in TOGETHER)
+            source += _of_type(stage, part, chosen, line_degree)
         else:
             source += f"export static const int line_degree = {line_degree or STAND_IN};"
         key = (str(self._folders[-1]), stage, name, source)
@@ -246,13 +248,15 @@ def working() -> Iterator[None]:
         raise DeviceLostError(f"the device failed: {' '.join(str(error).split()) or 'it was lost'}") from error
 
 
-def _of_type(part: Part, chosen: Part | Quantity, line_degree: int, *, together: bool) -> str:
+def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) -> str:
     """Slang text that makes a type a stage's ``TheVolume``."""
+    together, compact = stage in TOGETHER, stage in COMPACT or chosen.type.startswith("Expressed<")
     return (
         f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
         f"export static const bool lanes_together = {str(together).lower()};"
+        f"export static const bool compact = {str(compact).lower()};"
         f"export static const int cube_degree = {chosen.degree or STAND_IN};"
-        f"export static const int line_degree = {line_degree};"
+        f"export static const int line_degree = {line_degree or chosen.degree or STAND_IN};"
         f"export static const bool cube_collapsed = {str(part.collapsed).lower()};"
     )
 
