@@ -52,7 +52,7 @@ def cases() -> dict[str, tuple[Path, ...]]:
                 found[folder.name] = (meshes[0], fields[0])
     for folder in sorted((SHARED / "solvers").iterdir()):
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-            found |= {path.name: files for files in _source(path)}
+            found.update((path.name, files) for files in _source(path))
     return found
 
 
