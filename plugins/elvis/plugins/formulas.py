@@ -117,9 +117,10 @@ class Formula:
         framed = placed or any(leaf.axes for leaf in used)
         if framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used):
             yield "Frame frame = V(element).frame(r);"
-        for target in sorted({target for leaf in (*used, *moved) if (target := target_of(leaf.name)) is not None}):
-            k = self.targets.index(target)
-            yield f"Near near{k} = nearest({k}u, frame.position);"
+        if any(target_of(leaf.name) is not None for leaf in (*used, *moved)):
+            count = len(self.targets)
+            yield f"Near nears[{count}];"
+            yield f"[loop] for (uint k = 0u; k < {count}u; ++k) nears[k] = nearest(k, frame.position);"
         valued = [leaf.name for leaf in used if leaf.op == "field" and not leaf.axes]
         sloped = [leaf.name for leaf in used if leaf.op == "field" and len(leaf.axes) == 1]
         risen = [leaf.name for leaf in moved if leaf.op == "field"]
@@ -152,7 +153,7 @@ class Formula:
             axis = "xyz"[leaf.axes[0]]
             return f"double3(frame.dx.{axis}, frame.dy.{axis}, frame.dz.{axis})"
         if leaf.op == "attribute":
-            return f"in_reference(frame, near{self.targets.index(str(target_of(leaf.name)))}.gradient)"
+            return f"in_reference(frame, nears[{self.targets.index(str(target_of(leaf.name)))}].gradient)"
         return f"slope{self.fields.index(leaf.name)}"
 
     def _statements(self, *roots: Node) -> Iterator[str]:
@@ -184,7 +185,7 @@ class Formula:
     def _attribute(self, name: str) -> str:
         target = target_of(name)
         if target is not None:
-            return f"near{self.targets.index(target)}.distance"
+            return f"nears[{self.targets.index(target)}].distance"
         if is_constant(name):
             names = self.constants
             return f"element_constants[element * {len(names)}u + {names.index(name)}u]"
