@@ -15,6 +15,7 @@ from elvis.renderer import Camera, Plane
 from elvis.renderer.cut import NOBODY, Cutter
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.gaps import beside
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Lines, covered, levels
 from elvis.renderer.loaded import Loaded
@@ -376,6 +377,37 @@ def test_contours_on_faces_run_over_the_edges_of_a_cube(renderer):
     sides = [np.insert(np.column_stack([part, np.full_like(part, k / 2)])[:, ::turn], fixed, 1.0, axis=1)
              for fixed in range(3) for k in range(3) for turn in (1, -1)]  # fmt: skip
     check(layer, Lines(loaded).mesh(view, layer, 1.5).coverage, distances(view, np.concatenate(sides)), 1.5)
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
+@pytest.mark.parametrize("camera", ["oblique", "perspective"])
+def test_contours_on_curved_faces_are_those_of_the_face_itself(renderer, shape, camera):
+    # two fields with the same values on the bent upper face, of which one rises steeply towards it from below
+    mesh, view = curved(grid(shape, 2), bent_volume, 3), View.through(CAMERAS[camera], SIZE)
+    drawn = []
+    for rise in (0.0, 100.0):
+
+        def field(points, rise=rise):
+            straight = straightened_volume(points)
+            return straight[:, 0] + rise * (straight[:, 2] - 1)
+
+        dataset = with_field(mesh, field, 4)
+        volume = NativeVolume.of(dataset, "u")
+        loaded = Loaded(renderer("vulkan").device, volume)
+        layer = FaceDrawer(loaded, faces_of(dataset, volume)).draw(view)
+        above = layer.normal[:, 2] > 0.5
+        drawn.append((above, Lines(loaded).contours(view, layer, np.array([0.2, 0.45, 0.8]), 1.5).coverage))
+    inner = _inside(drawn[0][0].reshape(view.height, view.width), 2).ravel()
+    assert inner.sum() > 1500
+    assert (drawn[0][1][inner] > 0.5).sum() > 100
+    assert np.abs(drawn[0][1] - drawn[1][1])[inner].max() < CLOSE
+
+
+def _inside(mask, steps):
+    """Pixels all around which, so many steps far, the mask holds."""
+    for _ in range(steps):
+        mask = mask & ~beside(~mask)
+    return mask
 
 
 def test_nothing_is_drawn_of_what_is_not_a_number(cut):
