@@ -19,7 +19,7 @@ demo: $(READY)
 
 test: lint
 	@sh tools/browser.sh
-	@$(RUN) -m pytest
+	@$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 lint: $(READY)
 	@$(RUN) -m ruff check

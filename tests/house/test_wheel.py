@@ -9,7 +9,14 @@ import zipfile
 import pytest
 
 #: tests to repeat on the installed modules: quick ones that reach every area
-AGAINST_THE_WHEEL = ("tests/plugins", "tests/formats/commands", "tests/formats/test_points.py")
+AGAINST_THE_WHEEL = (
+    "tests/formats/commands",
+    "tests/formats/test_points.py",
+    "tests/plugins/test_command.py",
+    "tests/plugins/test_registry.py",
+    "tests/plugins/test_conversion.py",
+    "tests/plugins/test_runtime_tutorial.py",
+)
 
 
 def run(command, **options):

@@ -79,7 +79,9 @@ def test_colours_go_through_the_table_in_equal_steps():
 
 
 def test_unknown_colour_maps_are_refused():
-    with pytest.raises(SceneError, match="unknown colour map 'rainbowish': expected a name of the cmap catalogue"):
+    with pytest.raises(
+        SceneError, match="unknown colour map 'rainbowish': expected an .xml file or a name of the cmap"
+    ):
         Palette.named("rainbowish", 0, 1)
 
 

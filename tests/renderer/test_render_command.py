@@ -217,7 +217,6 @@ def test_3d_data_alone_show_their_outer_faces(render, case_name, device_name, tm
     [
         ("line_1d", ("--device", "reference"), "pictures are made of 2D data"),
         ("line_1d", ("--plane", "0,0,0:0,0,1"), "1D data show themselves: leave cuts, isosurfaces and volumes out"),
-        ("naca_h1d_line", (), "pictures of lines with Fourier directions can't be made"),
     ],
 )
 def test_data_without_pictures(render, case_name, options, sentence):
