@@ -116,7 +116,7 @@ def lattice(cells: int, order: int, nodes: Floats) -> tuple[Floats, Ints]:
     nodes  (m, 3) reference coordinates in [0, 1] of an element's nodes
     """
     mesh, side = grid(Shape.TETRAHEDRON, cells), order * cells + 1
-    from elvis.formats.orientation import local_vertices
+    from elvis.formats.mapping.orientation import local_vertices
 
     corners = mesh.vertices[local_vertices(mesh, Shape.TETRAHEDRON)]
     weights = np.column_stack([1 - nodes.sum(axis=1), nodes])

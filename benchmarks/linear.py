@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from elvis.formats import Dataset
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.expansion import values
 from elvis.formats.patch import Patch, patches
+from elvis.formats.polynomials.expansion import values
 from elvis.renderer import Plane
 from elvis.renderer.view import View
 

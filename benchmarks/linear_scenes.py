@@ -10,8 +10,8 @@ from measuring import Timing
 
 from elvis.formats import Dataset, Shape
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.expansion import values
 from elvis.formats.patch import patches
+from elvis.formats.polynomials.expansion import values
 from elvis.plugins.faces import native_faces
 from elvis.renderer import CutSurface, Faces, Isosurface, Plane, Scene
 from elvis.renderer.frame import Frame

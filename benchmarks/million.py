@@ -22,7 +22,7 @@ from tables import Table, mebibytes, seconds
 
 from elvis.formats import Dataset, read, write
 from elvis.formats.arrays import Floats
-from elvis.formats.boxes import BoxTree
+from elvis.formats.mapping.boxes import BoxTree
 from elvis.formats.patch import patches
 
 T = TypeVar("T")

@@ -30,12 +30,12 @@ from meshing import meshed, name_sides, session
 
 from elvis.formats import Block, Dataset, Field, Shape, write
 from elvis.formats.arrays import Floats
-from elvis.formats.connectivity import connected
-from elvis.formats.expansion import values
 from elvis.formats.geometry import geometry
-from elvis.formats.interpolation import modified
+from elvis.formats.judging.validity import Verdict, validity
+from elvis.formats.mapping.connectivity import connected
+from elvis.formats.polynomials.expansion import values
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.testing import approximated, curved
-from elvis.formats.validity import Verdict, validity
 
 ROOT = Path(__file__).resolve().parent.parent
 Function = Callable[[Floats], Floats]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elvis.formats import ElvisError, FormatError, read
-from elvis.formats.quadrature import gll
+from elvis.formats.polynomials.quadrature import gll
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import grid
 from elvis.plugins.discovery import Candidate, chosen, in_file, installed
@@ -40,7 +40,7 @@ def plugin(tmp_path):
 @pytest.fixture
 def case(tmp_path):
     """A file of the solver that the page speaks of: eight bent hexahedra of order 3."""
-    from elvis.formats.orientation import local_vertices
+    from elvis.formats.mapping.orientation import local_vertices
 
     mesh = grid(Shape.HEXAHEDRON, 2)
     corners = local_vertices(mesh, Shape.HEXAHEDRON)

@@ -13,8 +13,8 @@ from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_export import VtkTarget
 from elvis.formats import ElvisError, read, write
 from elvis.formats.dataset import Dataset
-from elvis.formats.evaluation import evaluate
 from elvis.formats.patch import patches
+from elvis.formats.polynomials.evaluation import evaluate
 from elvis.formats.sampling import sample
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled

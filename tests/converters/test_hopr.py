@@ -68,7 +68,7 @@ def test_all_shapes_of_a_mesh_alone(folder):
 
 def test_sides_lie_where_their_names_say(folder):
     dataset = convert(Hopr([folder / "cavity4x4x4_mesh.h5"])).dataset
-    from elvis.formats.orientation import polygon_vertices
+    from elvis.formats.mapping.orientation import polygon_vertices
     from elvis.formats.shapes import Shape
 
     faces = dataset.mesh.vertices[polygon_vertices(dataset.mesh, Shape.QUADRILATERAL)]

@@ -9,9 +9,9 @@ import pytest
 from elvis.converters.native import Native
 from elvis.formats import Basis, ElvisError, read, write
 from elvis.formats.dataset import Dataset, Field, Homogeneous
+from elvis.formats.judging.strict import findings
 from elvis.formats.norms import norms
 from elvis.formats.sampling import sample
-from elvis.formats.strict import findings
 from elvis.formats.testing import approximated, curved, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert

@@ -7,7 +7,7 @@ import pytest
 
 from elvis.converters.nek import Nek
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.quadrature import lobatto
+from elvis.formats.polynomials.quadrature import lobatto
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

@@ -11,10 +11,10 @@ import pytest
 
 from elvis.formats import read
 from elvis.formats.geometry import geometry
+from elvis.formats.judging.validity import Verdict, validity
+from elvis.formats.mapping.pointwise import determinants, positions, values
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import determinants, positions, values
 from elvis.formats.testing.meshes import scattered
-from elvis.formats.validity import Verdict, validity
 
 pytest.importorskip("gmsh")
 

@@ -7,8 +7,10 @@ from math import comb, factorial
 import numpy as np
 import pytest
 
-from elvis.formats.bases import Basis
-from elvis.formats.bernstein import (
+from elvis.formats.dataset import Expansion, Homogeneous
+from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,
     bernstein_space,
@@ -19,13 +21,11 @@ from elvis.formats.bernstein import (
     gradient_nets,
     to_bernstein,
 )
-from elvis.formats.collapse import collapse, uncollapse
-from elvis.formats.dataset import Expansion, Homogeneous
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.expansion import FAMILIES, mode_count, values, values_and_gradients
-from elvis.formats.factors import JacobiFactors, ortho_a
-from elvis.formats.forms import elevations
-from elvis.formats.jacobi import jacobi
+from elvis.formats.polynomials.collapse import collapse, uncollapse
+from elvis.formats.polynomials.expansion import FAMILIES, mode_count, values, values_and_gradients
+from elvis.formats.polynomials.factors import JacobiFactors, ortho_a
+from elvis.formats.polynomials.forms import elevations
+from elvis.formats.polynomials.jacobi import jacobi
 from elvis.formats.shapes import Shape
 
 FOURIER = (Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from elvis.formats.boxes import BoxTree, element_boxes
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Dataset
+from elvis.formats.mapping.boxes import BoxTree, element_boxes
+from elvis.formats.mapping.pointwise import positions
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import positions
+from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, mixed_volume, one_element, ripple
 

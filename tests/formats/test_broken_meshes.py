@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elvis.formats.arrays import frozen_ints
-from elvis.formats.connectivity import connected
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import FormatError
 from elvis.formats.geometry import geometry
+from elvis.formats.mapping.connectivity import connected
 from elvis.formats.mesh import Curves, Entities
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, mixed_plane, one_element, ripple

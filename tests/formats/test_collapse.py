@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.collapse import collapse, collapse_jacobian, uncollapse
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.collapse import collapse, collapse_jacobian, uncollapse
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 
 VOLUMES = {

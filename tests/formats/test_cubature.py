@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from elvis.formats.bases import Basis
-from elvis.formats.bernstein import BernsteinSpace, bernstein_values
-from elvis.formats.cubature import cubature, field_cubature, rule_cubature
 from elvis.formats.dataset import Expansion, ExpansionRule
 from elvis.formats.errors import FormatError
-from elvis.formats.interpolation import modified
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.formats.polynomials.cubature import cubature, field_cubature, rule_cubature
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.shapes import Shape
 
 VOLUMES = {

@@ -10,7 +10,7 @@ import trimesh
 from elvis.formats import Dataset
 from elvis.formats.distances import nearest, surface_of
 from elvis.formats.errors import ElvisError
-from elvis.formats.inverse import Status
+from elvis.formats.mapping.inverse import Status
 from elvis.formats.mesh import Composite
 from elvis.formats.quantities import Expression, Names
 from elvis.formats.quantities.bounding import quantity_range

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.formats import evaluation
-from elvis.formats.bases import Basis
 from elvis.formats.dataset import Expansion
-from elvis.formats.expansion import mode_count, values, values_and_gradients
+from elvis.formats.polynomials import evaluation
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.expansion import mode_count, values, values_and_gradients
 from elvis.formats.shapes import Shape
 
 EXPANSIONS = [

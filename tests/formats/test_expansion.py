@@ -5,13 +5,20 @@ import itertools
 import numpy as np
 import pytest
 
-from elvis.formats.bases import Basis
-from elvis.formats.collapse import collapse_jacobian, uncollapse
 from elvis.formats.dataset import Expansion, Homogeneous
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.expansion import FAMILIES, dimension, mode_count, mode_indices, values, values_and_gradients
-from elvis.formats.factors import lagrange_nodes
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.formats.polynomials.expansion import (
+    FAMILIES,
+    dimension,
+    mode_count,
+    mode_indices,
+    values,
+    values_and_gradients,
+)
+from elvis.formats.polynomials.factors import lagrange_nodes
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 
 A, B, C = Basis.MODIFIED_A, Basis.MODIFIED_B, Basis.MODIFIED_C

@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.collapse import collapse_jacobian, uncollapse
 from elvis.formats.dataset import Dataset
-from elvis.formats.evaluation import evaluate, evaluate_with_gradients
 from elvis.formats.geometry import geometry
-from elvis.formats.orientation import local_vertices
+from elvis.formats.mapping.orientation import local_vertices
+from elvis.formats.mapping.pointwise import gradients, jacobians, positions, values
+from elvis.formats.mapping.tangents import determinants
 from elvis.formats.patch import patches
-from elvis.formats.points import PointsType, nodes, triangle_nodes
-from elvis.formats.pointwise import gradients, jacobians, positions, values
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.formats.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
-from elvis.formats.tangents import determinants
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple, shuffled
 
 LINES = (PointsType.LOBATTO_LEGENDRE, PointsType.POLY_EVENLY_SPACED)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from elvis.formats import ElvisError, read
-from elvis.formats.evaluation import evaluate
 from elvis.formats.patch import patches
+from elvis.formats.polynomials.evaluation import evaluate
 
 ROUNDS = 200
 SECONDS_EACH = 10.0

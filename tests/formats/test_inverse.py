@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elvis.formats.collapse import collapse_jacobian, uncollapse
 from elvis.formats.dataset import Dataset
-from elvis.formats.enclosure import search
-from elvis.formats.inverse import Status, invert
-from elvis.formats.margins import TOLERANCE, drawn_in, facets, heights, margins
-from elvis.formats.newton import Targets
+from elvis.formats.mapping.enclosure import search
+from elvis.formats.mapping.inverse import Status, invert
+from elvis.formats.mapping.margins import TOLERANCE, drawn_in, facets, heights, margins
+from elvis.formats.mapping.newton import Targets
+from elvis.formats.mapping.pointwise import determinants, jacobians, positions
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import determinants, jacobians, positions
+from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import (
     curved,

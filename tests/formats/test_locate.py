@@ -8,16 +8,16 @@ import pytest
 
 from elvis.formats import read
 from elvis.formats.arrays import frozen_floats, frozen_ints
-from elvis.formats.bases import Basis
-from elvis.formats.connectivity import connected
 from elvis.formats.dataset import Block, Dataset, Expansion, Field, Homogeneous
-from elvis.formats.enclosure import hulls
 from elvis.formats.errors import ElvisError
-from elvis.formats.inverse import Status, invert
-from elvis.formats.locate import Locator, locate
-from elvis.formats.margins import TOLERANCE, margins
+from elvis.formats.mapping.connectivity import connected
+from elvis.formats.mapping.enclosure import hulls
+from elvis.formats.mapping.inverse import Status, invert
+from elvis.formats.mapping.locate import Locator, locate
+from elvis.formats.mapping.margins import TOLERANCE, margins
+from elvis.formats.mapping.pointwise import determinants, gradients, positions, values
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import determinants, gradients, positions, values
+from elvis.formats.polynomials.bases import Basis
 from elvis.formats.sampling import Sampler, sample
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import (
@@ -80,7 +80,7 @@ def test_elements_that_are_cut_hold_the_same_points(dimension, monkeypatch):
     points[:, dimension:] = 0.0
     answers = []
     for worth in (1, 10**9):
-        monkeypatch.setattr("elvis.formats.locate._WORTH", worth)
+        monkeypatch.setattr("elvis.formats.mapping.locate._WORTH", worth)
         answers.append(Locator(parts).locate(points, all=True))
     for name in ("point", "element_id", "status", "reference"):
         np.testing.assert_array_equal(getattr(answers[0], name), getattr(answers[1], name))

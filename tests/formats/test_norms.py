@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from elvis.formats.bases import Basis
-from elvis.formats.connectivity import connected
 from elvis.formats.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
 from elvis.formats.errors import ElvisError
-from elvis.formats.expansion import mode_count, values
-from elvis.formats.interpolation import modified
+from elvis.formats.mapping.connectivity import connected
 from elvis.formats.norms import norms
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.expansion import mode_count, values
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.shapes import Shape
 
 #: integral of (xi1)^2 over the reference shape

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.formats.errors import FormatError
-from elvis.formats.points import PointsType, nodes, triangle_nodes
+from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
 
 TABLE = Path(__file__).parents[2] / ".." / "shared" / "data" / "nektar" / "nodal-tri-points.json"
 LINE = [family for family in PointsType if family in range(1, 13) or family in (17, 18)]

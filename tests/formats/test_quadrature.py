@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from elvis.formats.errors import FormatError
-from elvis.formats.jacobi import jacobi
-from elvis.formats.quadrature import (
+from elvis.formats.polynomials.jacobi import jacobi
+from elvis.formats.polynomials.quadrature import (
     FAMILIES,
     gauss,
     gll,

@@ -70,7 +70,7 @@ MESHES = {
 
 def places(evaluator, count=50):
     """Patches with rows, reference points away from where pyramids end, and world points."""
-    from elvis.formats.pointwise import positions
+    from elvis.formats.mapping.pointwise import positions
 
     for patch in evaluator.patches:
         reference = scattered(patch.shape, count)
@@ -291,7 +291,7 @@ def test_the_sign_of_jacobians_is_the_proved_one():
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 0])
 def test_ideal_elements_have_quality_one(shape):
-    from elvis.formats.connectivity import connected
+    from elvis.formats.mapping.connectivity import connected
     from elvis.formats.quantities.attributes import from_ideal
 
     corners = (shape.vertices + 1) / 2 @ np.linalg.inv(from_ideal(shape)).T

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from elvis.formats.bases import Basis
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Expansion, Homogeneous
-from elvis.formats.evaluation import evaluate
-from elvis.formats.expansion import mode_count
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.evaluation import evaluate
+from elvis.formats.polynomials.expansion import mode_count
 from elvis.formats.ranges import value_range
 from elvis.formats.shapes import Shape
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from elvis.formats import ElvisError, FormatError, Shape, read, write
-from elvis.formats.expansion import mode_count
+from elvis.formats.polynomials.expansion import mode_count
 
 SQUARE = """<?xml version="1.0" encoding="utf-8" ?>
 <NEKTAR>

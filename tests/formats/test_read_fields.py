@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from elvis.formats import Basis, Block, Dataset, Expansion, Field, FormatError, Homogeneous, Shape, read, write
-from elvis.formats.expansion import mode_count
 from elvis.formats.nektar.counts import coefficient_counts
+from elvis.formats.polynomials.expansion import mode_count
 
 
 def test_uniform_data_are_views_of_one_array(case_files):

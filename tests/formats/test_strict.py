@@ -12,8 +12,8 @@ from elvis.formats import read, write
 from elvis.formats.commands.info import info
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
+from elvis.formats.judging.strict import findings
 from elvis.formats.shapes import Shape
-from elvis.formats.strict import findings
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 
 

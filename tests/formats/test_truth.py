@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from elvis.formats import read
-from elvis.formats.evaluation import evaluate_at, evaluate_with_gradients
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.norms import norms
-from elvis.formats.orientation import local_vertices
 from elvis.formats.patch import patches
+from elvis.formats.polynomials.evaluation import evaluate_at, evaluate_with_gradients
 from elvis.formats.shapes import Shape
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data" / "nektar"

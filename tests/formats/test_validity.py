@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from elvis.formats import Dataset, Shape
-from elvis.formats.bernstein import bernstein_values
-from elvis.formats.collapse import uncollapse
-from elvis.formats.connectivity import connected
-from elvis.formats.determinants import determinant
-from elvis.formats.evaluation import evaluate_at, evaluate_with_gradients
-from elvis.formats.expansion import values
 from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.interpolation import modified
+from elvis.formats.judging.determinants import determinant
+from elvis.formats.judging.validity import Verdict, validity, verdicts
+from elvis.formats.mapping.connectivity import connected
+from elvis.formats.polynomials.bernstein import bernstein_values
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.evaluation import evaluate_at, evaluate_with_gradients
+from elvis.formats.polynomials.expansion import values
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.testing import approximated, curved, grid, mixed_volume, one_element, ripple
-from elvis.formats.validity import Verdict, validity, verdicts
 
 EVERY_MAP = [(shape, nodes) for shape in Shape for nodes in (2, 3, 5)]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elvis.formats import Basis, Shape, read, write
-from elvis.formats.locate import locate
-from elvis.formats.orientation import polygon_vertices
+from elvis.formats.mapping.locate import locate
+from elvis.formats.mapping.orientation import polygon_vertices
+from elvis.formats.mapping.pointwise import values
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import values
 from elvis.formats.testing import grid, mixed_plane, mixed_volume, ripple
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert

@@ -29,8 +29,8 @@ class Nodes(Converter):
         return False
 
     def table(self, block, points):
-        from elvis.formats.expansion import values
-        from elvis.formats.interpolation import modified
+        from elvis.formats.polynomials.expansion import values
+        from elvis.formats.polynomials.interpolation import modified
         from elvis.plugins.projection.entities import entities
 
         linear = values(modified(block.shape, (2,) * block.shape.dimension), points)
@@ -44,7 +44,7 @@ class Nodes(Converter):
 
 
 def corners_of(mesh, shape):
-    from elvis.formats.orientation import local_vertices
+    from elvis.formats.mapping.orientation import local_vertices
 
     return mesh.vertices[local_vertices(mesh, shape)]
 

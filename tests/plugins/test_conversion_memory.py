@@ -5,7 +5,7 @@ import tracemalloc
 
 import numpy as np
 
-from elvis.formats.orientation import local_vertices
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import grid
 from elvis.plugins.conversion import Converter, Elements, SourceField

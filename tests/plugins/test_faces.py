@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from elvis.formats.bernstein import bernstein_values
 from elvis.formats.dataset import Dataset, Field
 from elvis.formats.errors import ElvisError
-from elvis.formats.expansion import values
 from elvis.formats.geometry import geometry
-from elvis.formats.margins import margins
+from elvis.formats.mapping.margins import margins
+from elvis.formats.polynomials.bernstein import bernstein_values
+from elvis.formats.polynomials.expansion import values
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
 from elvis.plugins.faces import native_faces

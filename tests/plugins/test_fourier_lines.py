@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from elvis.formats import Dataset, Field, read
-from elvis.formats.bases import Basis
 from elvis.formats.dataset import Block, Homogeneous
 from elvis.formats.errors import ElvisError
+from elvis.formats.polynomials.bases import Basis
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.sampling import Evaluator
 from elvis.formats.shapes import Shape

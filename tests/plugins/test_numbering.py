@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from elvis.formats import Shape
-from elvis.formats.connectivity import connected
-from elvis.formats.orientation import local_vertices
+from elvis.formats.mapping.connectivity import connected
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.testing import grid, mixed_volume
 from elvis.plugins.converting import convert
 from elvis.plugins.projection.frames import MIRRORED, PROPER, affine, source_points

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elvis.formats import Dataset, read
-from elvis.formats.bases import Basis
 from elvis.formats.dataset import Homogeneous
 from elvis.formats.errors import ElvisError
-from elvis.formats.factors import fourier
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.factors import fourier
 from elvis.formats.quantities.functions import FUNCTIONS
 from elvis.formats.testing import curved, mixed_volume, ripple
 from elvis.plugins.fourier import FourierBox, write_box

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.formats import Dataset
-from elvis.formats.evaluation import evaluate_at_with_gradients
+from elvis.formats.polynomials.evaluation import evaluate_at_with_gradients
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, mixed_plane, mixed_volume, ripple, scattered
 from elvis.plugins.native import NativeVolume

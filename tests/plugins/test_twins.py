@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.formats.errors import ElvisError
-from elvis.formats.margins import drawn_in
+from elvis.formats.mapping.margins import drawn_in
 from elvis.formats.quantities import Expression
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import scattered

@@ -6,8 +6,8 @@ import pytest
 from elvis.formats.dataset import Block, Dataset, Field
 from elvis.formats.errors import ElvisError
 from elvis.formats.geometry import geometry
-from elvis.formats.locate import Locator
-from elvis.formats.margins import TOLERANCE
+from elvis.formats.mapping.locate import Locator
+from elvis.formats.mapping.margins import TOLERANCE
 from elvis.formats.patch import patches
 from elvis.formats.reading import read
 from elvis.formats.shapes import Shape

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from elvis.formats import Dataset
-from elvis.formats.bases import Basis
 from elvis.formats.dataset import Homogeneous
+from elvis.formats.polynomials.bases import Basis
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, ripple
 from elvis.reference.baseline.drawing import Baseline

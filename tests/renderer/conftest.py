@@ -9,7 +9,7 @@ import pytest
 
 from elvis.formats.dataset import Block, Dataset, Field
 from elvis.formats.geometry import geometry
-from elvis.formats.margins import margins
+from elvis.formats.mapping.margins import margins
 from elvis.formats.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis.formats.dataset import Dataset
-from elvis.formats.orientation import local_vertices
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.renderer import Camera, Plane, Status

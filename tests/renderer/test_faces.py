@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.bernstein import bernstein_values
 from elvis.formats.dataset import Dataset, Field
+from elvis.formats.polynomials.bernstein import bernstein_values
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of

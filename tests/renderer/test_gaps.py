@@ -7,7 +7,7 @@ import pytest
 
 from elvis.formats.arrays import frozen_floats
 from elvis.formats.dataset import Dataset
-from elvis.formats.locate import locate
+from elvis.formats.mapping.locate import locate
 from elvis.formats.patch import patches
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, ripple

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from elvis.formats.dataset import Dataset
-from elvis.formats.margins import margins
+from elvis.formats.mapping.margins import margins
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from elvis.formats.arrays import frozen_floats
-from elvis.formats.connectivity import connected
 from elvis.formats.dataset import Block, Dataset, Field
 from elvis.formats.geometry import geometry
+from elvis.formats.mapping.connectivity import connected
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, mixed_volume, ripple
 from elvis.renderer import Plane, Scene, SceneError, Status
@@ -97,13 +97,13 @@ def test_elements_in_one_place_do_not_mix(draw, shape):
 
 
 def corners_of(mesh, shape):
-    from elvis.formats.orientation import local_vertices
+    from elvis.formats.mapping.orientation import local_vertices
 
     return local_vertices(mesh, shape)
 
 
 def vertex_values(block):
-    from elvis.formats.expansion import values
+    from elvis.formats.polynomials.expansion import values
 
     return values(block.expansion, block.expansion.shape.vertices)
 

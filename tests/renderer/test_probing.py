@@ -7,11 +7,11 @@ import pytest
 
 from elvis.formats.dataset import Field
 from elvis.formats.errors import ElvisError
-from elvis.formats.inverse import Status as Verdict
-from elvis.formats.locate import locate
-from elvis.formats.margins import margins
+from elvis.formats.mapping.inverse import Status as Verdict
+from elvis.formats.mapping.locate import locate
+from elvis.formats.mapping.margins import margins
+from elvis.formats.mapping.pointwise import positions, values
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import positions, values
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, mixed_volume, ripple
 from elvis.renderer import Renderer, SceneError, Status

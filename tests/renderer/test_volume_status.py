@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.connectivity import connected
 from elvis.formats.dataset import Dataset
+from elvis.formats.mapping.connectivity import connected
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import approximated, curved, grid
 from elvis.formats.writing import write

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.collapse import collapse
 from elvis.formats.errors import FormatError
-from elvis.formats.jacobi import jacobi
+from elvis.formats.polynomials.collapse import collapse
+from elvis.formats.polynomials.jacobi import jacobi
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Converter, Elements, SourceField
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.formats.arrays import Floats
-from elvis.formats.bases import Basis
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Dataset, Expansion
 from elvis.formats.errors import ElvisError
-from elvis.formats.evaluation import evaluate
 from elvis.formats.geometry import MAP_FIELDS
 from elvis.formats.patch import Patch, patches
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.evaluation import evaluate
 from elvis.formats.shapes import Shape
 from elvis.plugins.projection.frames import affine_between
 

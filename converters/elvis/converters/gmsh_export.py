@@ -11,8 +11,8 @@ import numpy as np
 from elvis.converters.exporting import Cell, Export, Piece, Target, moved
 from elvis.converters.gmsh_mesh import CORNERS, session
 from elvis.formats.arrays import Floats, Ints
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Mesh
-from elvis.formats.orientation import local_vertices
 from elvis.formats.output import replacing
 from elvis.formats.shapes import Shape
 

@@ -15,9 +15,9 @@ import numpy as np
 from elvis.converters.gmsh_binary import check
 from elvis.converters.gmsh_data import MAGIC, Contents
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.collapse import uncollapse
 from elvis.formats.errors import FormatError
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import native_points, space_values, tensor_nodes

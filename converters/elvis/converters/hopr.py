@@ -17,7 +17,7 @@ from elvis.converters.hdf5 import attribute, holds, opened, require, text
 from elvis.converters.subcells import SubCells
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
-from elvis.formats.quadrature import gauss, lobatto
+from elvis.formats.polynomials.quadrature import gauss, lobatto
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis

@@ -13,16 +13,16 @@ import numpy as np
 from elvis.converters.hdf5 import holds
 from elvis.formats import read
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bases import Basis
 from elvis.formats.dataset import Dataset, Expansion
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.evaluation import evaluate
-from elvis.formats.expansion import mode_count
 from elvis.formats.geometry import MAP_FIELDS
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Composite, Mesh
 from elvis.formats.nektar.sources import GZIP_SIGNATURE, HDF5_SIGNATURE
-from elvis.formats.orientation import local_vertices
 from elvis.formats.patch import Patch, patches
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.evaluation import evaluate
+from elvis.formats.polynomials.expansion import mode_count
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 

@@ -14,7 +14,7 @@ import numpy as np
 from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, read_boundaries, read_header
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.quadrature import lobatto
+from elvis.formats.polynomials.quadrature import lobatto
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, SourceField
 from elvis.plugins.nodal import NodalBasis, tensor_nodes

@@ -19,7 +19,7 @@ import numpy as np
 from elvis.converters.hdf5 import require, text
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.quadrature import gauss, lobatto
+from elvis.formats.polynomials.quadrature import gauss, lobatto
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]

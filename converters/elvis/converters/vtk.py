@@ -17,7 +17,7 @@ from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, kind_of, read
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.quadrature import lobatto
+from elvis.formats.polynomials.quadrature import lobatto
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Converter, Elements, Option, SourceField
 

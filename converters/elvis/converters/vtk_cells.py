@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.collapse import collapse
 from elvis.formats.errors import FormatError
-from elvis.formats.quadrature import lobatto
+from elvis.formats.polynomials.collapse import collapse
+from elvis.formats.polynomials.quadrature import lobatto
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis

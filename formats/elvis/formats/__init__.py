@@ -12,10 +12,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from elvis.formats.bases import Basis
     from elvis.formats.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
     from elvis.formats.errors import ElvisError, FormatError
     from elvis.formats.mesh import Composite, Curves, Entities, Mesh
+    from elvis.formats.polynomials.bases import Basis
     from elvis.formats.reading import read
     from elvis.formats.shapes import Shape
     from elvis.formats.writing import write

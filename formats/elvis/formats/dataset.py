@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from dataclasses import field as default
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bases import Basis
 from elvis.formats.mesh import Mesh
+from elvis.formats.polynomials.bases import Basis
 from elvis.formats.shapes import Shape
 
 

@@ -14,13 +14,13 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.formats.dataset import Dataset, Expansion
 from elvis.formats.errors import FormatError
-from elvis.formats.expansion import mode_count, mode_indices
-from elvis.formats.grouping import Group, grouped
-from elvis.formats.interpolation import modified
-from elvis.formats.orientation import chunks, solid_vertices
+from elvis.formats.mapping.orientation import chunks, solid_vertices
+from elvis.formats.mapping.skeleton import Skeleton
+from elvis.formats.mapping.solids import solid_modes, solid_orders
+from elvis.formats.polynomials.expansion import mode_count, mode_indices
+from elvis.formats.polynomials.grouping import Group, grouped
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.shapes import Shape
-from elvis.formats.skeleton import Skeleton
-from elvis.formats.solids import solid_modes, solid_orders
 
 #: fields that hold the mapping where the metadata names none
 MAP_FIELDS = ("map_x", "map_y", "map_z")

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.bases import Basis
-from elvis.formats.cubature import Cubature, field_cubature, rule_cubature
 from elvis.formats.dataset import Dataset, Expansion, ExpansionRule, Homogeneous
 from elvis.formats.errors import ElvisError
-from elvis.formats.evaluation import evaluate, evaluate_with_gradients
-from elvis.formats.expansion import mode_count
 from elvis.formats.patch import Patch, patches
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.cubature import Cubature, field_cubature, rule_cubature
+from elvis.formats.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.formats.polynomials.expansion import mode_count
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.sampling import Evaluator
 from elvis.formats.shapes import Shape

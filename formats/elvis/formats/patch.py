@@ -11,9 +11,9 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.formats.dataset import Block, Dataset, Expansion, Homogeneous
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.expansion import mode_count
 from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.grouping import Group, grouped
+from elvis.formats.polynomials.expansion import mode_count
+from elvis.formats.polynomials.grouping import Group, grouped
 from elvis.formats.shapes import Shape
 
 

@@ -1,7 +1,7 @@
 """Certified ranges of fields: Bernstein bounds, made tight by halving elements where the extremes are.
 
-The gap between the bound and the values at the corners of the boxes (`elvis.formats.boxnets`) shrinks fourfold with
-each halving.
+The gap between the bound and the values at the corners of the boxes (`elvis.formats.polynomials.boxnets`) shrinks
+fourfold with each halving.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
-from elvis.formats.bernstein import bernstein_coefficients, bernstein_space
-from elvis.formats.boxnets import box_degrees, box_nets, corners, halved
 from elvis.formats.dataset import Block, Expansion
-from elvis.formats.evaluation import evaluate
+from elvis.formats.polynomials.bernstein import bernstein_coefficients, bernstein_space
+from elvis.formats.polynomials.boxnets import box_degrees, box_nets, corners, halved
+from elvis.formats.polynomials.evaluation import evaluate
 
 _ROUNDS = 15
 _TOLERANCE = 1e-9

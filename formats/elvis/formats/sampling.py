@@ -9,10 +9,10 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
-from elvis.formats.inverse import Status
-from elvis.formats.locate import Location, Locator
+from elvis.formats.mapping.inverse import Status
+from elvis.formats.mapping.locate import Location, Locator
+from elvis.formats.mapping.pointwise import gradients, values
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import gradients, values
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Block, Dataset, Expansion, Field
-from elvis.formats.evaluation import evaluate_with_gradients
 from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.mesh import Composite, Mesh
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.evaluation import evaluate_with_gradients
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.ranges import Range, field_range, finite_rows, value_range
 from elvis.formats.shapes import Shape
 

@@ -12,15 +12,15 @@ from typing import Any, cast
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.boxes import BoxTree
 from elvis.formats.columns import Columns
-from elvis.formats.cubature import Cubature, field_cubature
 from elvis.formats.errors import ElvisError
-from elvis.formats.interpolation import modified
-from elvis.formats.margins import TOLERANCE
+from elvis.formats.mapping.boxes import BoxTree
+from elvis.formats.mapping.margins import TOLERANCE
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.norms import AXES, Norm
+from elvis.formats.polynomials.cubature import Cubature, field_cubature
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.quantities import Expression
-from elvis.formats.tangents import duals
 from elvis.plugins.examining import Examiner
 from elvis.plugins.opening import Opened, open_files
 from elvis.plugins.registry import load

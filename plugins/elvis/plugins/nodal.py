@@ -10,12 +10,12 @@ from functools import lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.bases import Basis
-from elvis.formats.collapse import collapse
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError
-from elvis.formats.expansion import mode_count, values
-from elvis.formats.jacobi import jacobi
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.collapse import collapse
+from elvis.formats.polynomials.expansion import mode_count, values
+from elvis.formats.polynomials.jacobi import jacobi
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 

@@ -14,12 +14,12 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.distances import Surface, nearest, surface_of
 from elvis.formats.errors import ElvisError
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.attributes import from_ideal, target_of
 from elvis.formats.quantities.functions import function
 from elvis.formats.quantities.tree import Node, folded
 from elvis.formats.shapes import Shape
-from elvis.formats.tangents import duals
 from elvis.plugins.volume import Part, Volume
 
 #: attributes of elements that need nothing but the map

@@ -15,14 +15,14 @@ from time import perf_counter
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
-from elvis.formats.inverse import Status as Verdict
-from elvis.formats.locate import Location, Locator
-from elvis.formats.margins import TOLERANCE
+from elvis.formats.mapping.boxes import element_boxes
+from elvis.formats.mapping.inverse import Status as Verdict
+from elvis.formats.mapping.locate import Location, Locator
+from elvis.formats.mapping.margins import TOLERANCE
+from elvis.formats.mapping.pointwise import values
 from elvis.formats.patch import Patch, patches
-from elvis.formats.pointwise import values
 from elvis.plugins.opening import Opened
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
@@ -38,8 +38,8 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene has a plane.
 
     Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
-    A point within 1e-10 of the border of elements (`elvis.formats.margins`) is ambiguous and goes to the one of lowest
-    global id.  What a plugin has opened is drawn where it describes its elements in NumPy.
+    A point within 1e-10 of the border of elements (`elvis.formats.mapping.margins`) is ambiguous and goes to the one
+    of lowest global id.  What a plugin has opened is drawn where it describes its elements in NumPy.
     Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
     """
     scene = ranged(dataset, scene)

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.formats.arrays import Floats
-from elvis.formats.inverse import Status as Verdict
-from elvis.formats.locate import Location, Locator
-from elvis.formats.margins import TOLERANCE
+from elvis.formats.mapping.inverse import Status as Verdict
+from elvis.formats.mapping.locate import Location, Locator
+from elvis.formats.mapping.margins import TOLERANCE
+from elvis.formats.mapping.pointwise import positions_and_jacobians
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.patch import Patch
-from elvis.formats.pointwise import positions_and_jacobians
-from elvis.formats.tangents import duals
 from elvis.reference.twins import TwinPatch
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.boxes import Boxes, element_boxes
 from elvis.formats.dataset import Dataset
-from elvis.formats.evaluation import evaluate, evaluate_at_with_gradients
+from elvis.formats.mapping.boxes import Boxes, element_boxes
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.sampling import Evaluator
 from elvis.renderer.frame import Frame

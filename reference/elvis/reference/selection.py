@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.mapping.orientation import first_face_row
 from elvis.formats.mesh import Composite, Mesh
-from elvis.formats.orientation import first_face_row
 from elvis.formats.patch import Patch
 from elvis.formats.shapes import Shape
 from elvis.reference.solids import faces_of, heights

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.interpolation import modified
-from elvis.formats.inverse import Status
-from elvis.formats.margins import TOLERANCE, drawn_in, margins
+from elvis.formats.mapping.inverse import Status
+from elvis.formats.mapping.margins import TOLERANCE, drawn_in, margins
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.patch import Patch
-from elvis.formats.tangents import duals
+from elvis.formats.polynomials.interpolation import modified
 from elvis.plugins.twins import Twin
 from elvis.reference.baseline.templates import template
 

@@ -8,9 +8,9 @@ from itertools import product
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.boxes import Boxes
 from elvis.formats.dataset import Dataset
-from elvis.formats.pointwise import positions
+from elvis.formats.mapping.boxes import Boxes
+from elvis.formats.mapping.pointwise import positions
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.sampling import Evaluator
 from elvis.renderer.errors import SceneError

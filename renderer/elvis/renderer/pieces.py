@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
 from elvis.renderer.view import View
 

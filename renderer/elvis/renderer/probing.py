@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.boxes import BoxTree
+from elvis.formats.mapping.boxes import BoxTree
 from elvis.plugins.volume import Volume
 from elvis.renderer.cut import BORDER, INSIDE, NOBODY, UNKNOWN
 from elvis.renderer.device import Device, Kernel

@@ -11,10 +11,10 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.geometry import GeometryBlock, geometry
+from elvis.formats.judging.validity import Verdict, validity
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.bounding import quantity_range
 from elvis.formats.shapes import Shape
-from elvis.formats.validity import Verdict, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.formats.bernstein import BernsteinSpace, bernstein_values
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.formats.shapes import Shape
 from elvis.renderer.device import Kernel
 from elvis.renderer.loaded import Loaded

@@ -143,7 +143,7 @@ def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
 def _check(data: tuple[Path, ...], as_json: bool) -> None:
     """Print the rules that the files break; ElvisError where there are any."""
     from elvis.formats.errors import ElvisError
-    from elvis.formats.strict import findings
+    from elvis.formats.judging.strict import findings
     from elvis.formats.terminal import print_json, stage
 
     with stage("checking"):
@@ -159,8 +159,8 @@ def _check(data: tuple[Path, ...], as_json: bool) -> None:
 def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
     """Print the verdict on the Jacobian of every element; ElvisError where one is not positive for certain."""
     from elvis.formats.errors import ElvisError
+    from elvis.formats.judging.validity import Verdict, validity, verdicts
     from elvis.formats.terminal import print_json, print_table, stage
-    from elvis.formats.validity import Verdict, validity, verdicts
 
     with stage("proving"):
         found = validity(dataset)

@@ -248,7 +248,7 @@ def _tell(columns: Columns) -> None:
         return
     import numpy as np
 
-    from elvis.formats.inverse import Status
+    from elvis.formats.mapping.inverse import Status
 
     point, status = columns["point"], columns["status"]
     counts = [len(np.unique(point[status == state])) for state in (Status.INSIDE, Status.OUTSIDE, Status.FAILED)]

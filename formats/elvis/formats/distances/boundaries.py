@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.bernstein import bernstein_space
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Dataset
 from elvis.formats.distances.pieces import WHOLE, Pieces
 from elvis.formats.errors import ElvisError
-from elvis.formats.expansion import values
 from elvis.formats.geometry import GeometryBlock, geometry
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Mesh
-from elvis.formats.orientation import local_vertices
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.bernstein import bernstein_space
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.expansion import values
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 
 #: what stands for all outer faces

@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.distances.pieces import Pieces
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.orientation import chunks
 
 #: part of a triangle's size by which a point lies before it
 _BEFORE = 1e-6

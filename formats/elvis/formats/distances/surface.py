@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.boxes import BoxTree, outward
 from elvis.formats.dataset import Dataset
 from elvis.formats.distances.boundaries import ALL, boundaries, faces_of
 from elvis.formats.distances.files import SUFFIXES, triangles_of
 from elvis.formats.distances.pieces import WHOLE, Pieces
 from elvis.formats.distances.sides import is_closed, sides_of_faces, sides_of_triangles
+from elvis.formats.mapping.boxes import BoxTree, outward
 
 #: pieces in a leaf of the tree
 LEAF = 2

@@ -9,7 +9,7 @@ from elvis.formats.errors import FormatError
 from elvis.formats.mesh import Composite, Curves, Entities, Mesh
 from elvis.formats.nektar.lookup import Lookup
 from elvis.formats.nektar.raw import RawCurves, RawGeometry
-from elvis.formats.points import PointsType
+from elvis.formats.polynomials.points import PointsType
 from elvis.formats.shapes import Shape
 
 #: dimension of what the tags name that stand for no one shape

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from elvis.formats.arrays import Ints
-from elvis.formats.bases import Basis
 from elvis.formats.errors import FormatError
+from elvis.formats.polynomials.bases import Basis
 from elvis.formats.shapes import Shape
 
 #: more modes in one direction than any solver uses; a bound on what a damaged file can ask for

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Ints
-from elvis.formats.bases import Basis
 from elvis.formats.errors import FormatError
 from elvis.formats.nektar import hdf5
 from elvis.formats.nektar.fields_xml import list_of_ints
 from elvis.formats.nektar.sections import Section, Space, read_space
+from elvis.formats.polynomials.bases import Basis
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]

@@ -12,7 +12,7 @@ from elvis.formats.nektar.composites import format_tokens
 from elvis.formats.nektar.domain import written_composites
 from elvis.formats.nektar.idlist import format_ids
 from elvis.formats.nektar.output_xml import COMPRESSED, Writer
-from elvis.formats.points import PointsType
+from elvis.formats.polynomials.points import PointsType
 from elvis.formats.shapes import Shape
 
 _ROWS_AT_ONCE = 1 << 16

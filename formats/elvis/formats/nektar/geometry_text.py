@@ -12,7 +12,7 @@ from elvis.formats.errors import FormatError
 from elvis.formats.nektar import numbers
 from elvis.formats.nektar.raw import RawCurves
 from elvis.formats.nektar.xml import Element
-from elvis.formats.points import PointsType
+from elvis.formats.polynomials.points import PointsType
 
 #: tag of a curve -> the attribute that names its edge or face
 _ENTITY = {"E": "EDGEID", "F": "FACEID"}

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bases import Basis
 from elvis.formats.dataset import Expansion, Homogeneous
 from elvis.formats.errors import FormatError
 from elvis.formats.nektar.counts import check_bases, coefficient_counts
 from elvis.formats.nektar.expansions import split
+from elvis.formats.polynomials.bases import Basis
 from elvis.formats.shapes import Shape
 
 _SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bases import Basis
 from elvis.formats.dataset import Block, Dataset, Expansion, Homogeneous
 from elvis.formats.errors import ElvisError
+from elvis.formats.polynomials.bases import Basis
 from elvis.formats.shapes import Shape
 
 

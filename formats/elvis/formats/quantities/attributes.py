@@ -19,15 +19,15 @@ from functools import cache
 
 import numpy as np
 
-from elvis.formats import pointwise
 from elvis.formats.arrays import Floats, Ints, frozen_floats
 from elvis.formats.dataset import Block, Dataset
 from elvis.formats.distances import Surface, nearest, surface_of
 from elvis.formats.geometry import GeometryBlock, geometry
+from elvis.formats.judging.validity import validity
+from elvis.formats.mapping import pointwise
 from elvis.formats.patch import Patch
 from elvis.formats.quantities.jumps import jumps
 from elvis.formats.shapes import Shape
-from elvis.formats.validity import validity
 
 #: those that are one number throughout an element, beside jump(...)
 CONSTANT = ("element", "order", "shape", "jacobian_sign")

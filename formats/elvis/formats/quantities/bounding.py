@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Dataset
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.orientation import chunks
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.quantities.cells import Cells
 from elvis.formats.quantities.expression import Expression
 from elvis.formats.quantities.intervals import Interval

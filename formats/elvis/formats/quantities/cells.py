@@ -10,11 +10,11 @@ from math import comb
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.formats.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
-from elvis.formats.boxnets import box_nets, halved
 from elvis.formats.dataset import Expansion
 from elvis.formats.distances import Surface, nearest
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
+from elvis.formats.polynomials.boxnets import box_nets, halved
 from elvis.formats.quantities import intervals as i
 from elvis.formats.quantities.attributes import Attributes, is_constant, target_of
 from elvis.formats.quantities.functions import function

@@ -14,9 +14,9 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints, frozen_floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
-from elvis.formats.evaluation import evaluate
-from elvis.formats.orientation import local_vertices
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.patch import Patch, patches
+from elvis.formats.polynomials.evaluation import evaluate
 from elvis.formats.shapes import Shape
 
 #: a side's points: its row among all sides, the row of the element and the values at the points

@@ -1,4 +1,4 @@
-"""Values of expressions at reference points, an element for each point, as in `elvis.formats.pointwise`."""
+"""Values of expressions at reference points, an element for each point, as in `elvis.formats.mapping.pointwise`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 
-from elvis.formats import pointwise, tangents
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.curvature import hessians_at
 from elvis.formats.errors import ElvisError
+from elvis.formats.mapping import pointwise, tangents
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.curvature import hessians_at
 from elvis.formats.quantities.attributes import Attributes
 from elvis.formats.quantities.expression import Expression
 from elvis.formats.quantities.functions import function

@@ -8,8 +8,8 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
-from elvis.formats.inverse import Status
-from elvis.formats.locate import Location, Locator
+from elvis.formats.mapping.inverse import Status
+from elvis.formats.mapping.locate import Location, Locator
 from elvis.formats.patch import Patch, patches
 from elvis.formats.quantities import pointwise
 from elvis.formats.quantities.attributes import Attributes

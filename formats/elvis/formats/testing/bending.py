@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.formats.mapping.orientation import polygon_vertices
 from elvis.formats.mesh import Curves, Entities, Mesh
-from elvis.formats.orientation import polygon_vertices
-from elvis.formats.points import PointsType, nodes, triangle_nodes
+from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
 from elvis.formats.shapes import Shape
 
 Warp = Callable[[Floats], Floats]

@@ -8,13 +8,13 @@ from functools import cache
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.collapse import collapse_jacobian, uncollapse
 from elvis.formats.dataset import Block, Dataset, Expansion, Field
-from elvis.formats.expansion import mode_count, values
 from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.interpolation import modified
-from elvis.formats.orientation import chunks
-from elvis.formats.quadrature import gauss
+from elvis.formats.mapping.orientation import chunks
+from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.formats.polynomials.expansion import mode_count, values
+from elvis.formats.polynomials.interpolation import modified
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 
 #: elements sampled at once

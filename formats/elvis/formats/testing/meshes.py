@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.collapse import uncollapse
-from elvis.formats.connectivity import connected
+from elvis.formats.mapping.connectivity import connected
 from elvis.formats.mesh import Mesh
+from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.shapes import Shape
 
 #: proper rotations of the shapes that keep the collapsed vertex or edge, as generators: local vertex j becomes row[j]

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bernstein import bernstein_values
 from elvis.formats.errors import ElvisError
-from elvis.formats.orientation import face_shape
+from elvis.formats.mapping.orientation import face_shape
+from elvis.formats.polynomials.bernstein import bernstein_values
 from elvis.formats.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.native import frames

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bernstein import bernstein_space
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
-from elvis.formats.expansion import values
 from elvis.formats.geometry import GeometryBlock, geometry
+from elvis.formats.polynomials.bernstein import bernstein_space
+from elvis.formats.polynomials.expansion import values
 from elvis.formats.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.hexahedra import Hexahedra, hexahedron_faces, vertices_at

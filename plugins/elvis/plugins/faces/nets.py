@@ -1,7 +1,7 @@
 """Bernstein nets of face maps: how they are found, bounded, differentiated and cut into pieces.
 
-A net holds homogeneous control points (w x, w y, w z, w) in the order of `elvis.formats.bernstein`, over the reference
-triangle or the reference square.
+A net holds homogeneous control points (w x, w y, w z, w) in the order of `elvis.formats.polynomials.bernstein`, over
+the reference triangle or the reference square.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import TypeAlias
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats
-from elvis.formats.bernstein import BernsteinSpace, bernstein_values, gradient_nets
-from elvis.formats.collapse import uncollapse
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 
 #: rows (n,) of elements and reference points (k, 3) to homogeneous world points (n, k, 4): w x, w y, w z, w

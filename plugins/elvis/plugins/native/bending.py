@@ -15,11 +15,11 @@ from functools import cache
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.expansion import values_and_gradients
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.orientation import chunks
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.expansion import values_and_gradients
 from elvis.formats.shapes import Shape
-from elvis.formats.tangents import duals
 
 #: greatest b of a map that counts as affine
 _AFFINE = 1e-9

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
-from elvis.formats.boxes import element_boxes
 from elvis.formats.dataset import Homogeneous
+from elvis.formats.mapping.boxes import element_boxes
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
 from elvis.formats.quantities import Expression, pointwise
 from elvis.formats.quantities.attributes import Attributes, from_ideal, is_constant
 from elvis.formats.quantities.cells import Cells

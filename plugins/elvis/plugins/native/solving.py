@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.inverse import Status, invert
+from elvis.formats.mapping.inverse import Status, invert
 from elvis.formats.patch import Patch
 from elvis.plugins.native.bending import bends
 from elvis.plugins.volume import Solution

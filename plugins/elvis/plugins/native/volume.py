@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
-from elvis.formats.bernstein import BernsteinSpace
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.patch import Patch, patches
+from elvis.formats.polynomials.bernstein import BernsteinSpace
 from elvis.formats.quantities import Expression
 from elvis.formats.quantities.attributes import Attributes
 from elvis.plugins.native.elements import Elements, field_space, map_space

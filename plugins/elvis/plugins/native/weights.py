@@ -8,7 +8,7 @@ from math import comb
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.bernstein import BernsteinSpace
+from elvis.formats.polynomials.bernstein import BernsteinSpace
 from elvis.formats.shapes import Shape
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
-from elvis.formats.quadrature import gauss, gll
+from elvis.formats.polynomials.quadrature import gauss, gll
 from elvis.formats.shapes import Shape
 from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
 from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes

@@ -12,11 +12,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.expansion import values
-from elvis.formats.interpolation import modified
-from elvis.formats.inverse import Status, invert
+from elvis.formats.mapping.inverse import Status, invert
 from elvis.formats.patch import Patch
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.expansion import values
+from elvis.formats.polynomials.interpolation import modified
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 from elvis.plugins.native.bending import bends
 from elvis.plugins.nurbs.bezier import bernstein

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.evaluation import evaluate
+from elvis.formats.polynomials.evaluation import evaluate
 from elvis.formats.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock

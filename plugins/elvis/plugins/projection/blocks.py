@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.collapse import collapse
 from elvis.formats.dataset import Expansion
-from elvis.formats.interpolation import modified
+from elvis.formats.polynomials.collapse import collapse
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Elements
 from elvis.plugins.nodal import orthonormal

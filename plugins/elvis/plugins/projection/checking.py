@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.collapse import uncollapse
+from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.shapes import Shape
 
 #: points inside, in all and at least and at most an element

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.collapse import uncollapse
-from elvis.formats.expansion import mode_indices, values
-from elvis.formats.interpolation import modified
+from elvis.formats.mapping.orientation import chunks, first_face_row
 from elvis.formats.mesh import Curves, Mesh
-from elvis.formats.orientation import chunks, first_face_row
-from elvis.formats.points import PointsType, nodes, triangle_nodes
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.expansion import mode_indices, values
+from elvis.formats.polynomials.interpolation import modified
+from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
 from elvis.formats.shapes import Shape
 from elvis.plugins.projection.traces import Skins
 

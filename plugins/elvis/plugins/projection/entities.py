@@ -12,10 +12,10 @@ from functools import lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Ints, frozen_ints
-from elvis.formats.expansion import mode_indices
-from elvis.formats.interpolation import modified
+from elvis.formats.mapping.solids import volume_modes
+from elvis.formats.polynomials.expansion import mode_indices
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.shapes import Shape
-from elvis.formats.solids import volume_modes
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Expansion
-from elvis.formats.expansion import mode_count, mode_indices
-from elvis.formats.interpolation import modified
+from elvis.formats.polynomials.expansion import mode_count, mode_indices
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock

@@ -13,8 +13,8 @@ from itertools import permutations
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.collapse import uncollapse
 from elvis.formats.errors import ElvisError
+from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.shapes import Shape
 
 

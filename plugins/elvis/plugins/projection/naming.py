@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from elvis.formats.arrays import Ints, frozen_ints
+from elvis.formats.mapping.orientation import first_face_row, polygon_vertices
 from elvis.formats.mesh import Composite, Mesh
-from elvis.formats.orientation import first_face_row, polygon_vertices
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter
 from elvis.plugins.projection.blocks import NativeBlock

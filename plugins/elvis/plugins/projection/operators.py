@@ -15,11 +15,11 @@ from functools import lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError
-from elvis.formats.expansion import mode_count, mode_indices, values
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.expansion import mode_count, mode_indices, values
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 from elvis.plugins.projection.entities import entities
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
-from elvis.formats.evaluation import evaluate_with_gradients
-from elvis.formats.tangents import determinants, duals
+from elvis.formats.mapping.tangents import determinants, duals
+from elvis.formats.polynomials.evaluation import evaluate_with_gradients
 from elvis.formats.terminal import track
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count

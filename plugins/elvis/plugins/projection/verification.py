@@ -9,10 +9,10 @@ import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
-from elvis.formats.evaluation import evaluate, evaluate_with_gradients
 from elvis.formats.geometry import parts
+from elvis.formats.mapping.tangents import determinants
+from elvis.formats.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.formats.shapes import Shape
-from elvis.formats.tangents import determinants
 from elvis.formats.terminal import track
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count

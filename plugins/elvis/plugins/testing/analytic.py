@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.expansion import values
-from elvis.formats.interpolation import modified
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Mesh
-from elvis.formats.orientation import local_vertices
+from elvis.formats.polynomials.expansion import values
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import rotated
 from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bernstein import bernstein_values
+from elvis.formats.polynomials.bernstein import bernstein_values
 from elvis.plugins.examining import Examiner
 from elvis.plugins.faces import FaceBlock, Faces
 from elvis.plugins.volume import Volume

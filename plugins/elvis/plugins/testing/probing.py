@@ -6,8 +6,8 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
+from elvis.formats.mapping.pointwise import positions, values
 from elvis.formats.patch import patches
-from elvis.formats.pointwise import positions, values
 from elvis.formats.sampling import Sampler
 from elvis.plugins.converting import Conversion
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from elvis.formats.arrays import Ints
 from elvis.formats.dataset import Dataset
+from elvis.formats.mapping.pointwise import positions
 from elvis.formats.patch import Patch
-from elvis.formats.pointwise import positions
 from elvis.reference.baseline.drawing import Baseline
 from elvis.reference.baseline.mesh import LinearMesh, joined
 from elvis.reference.baseline.sections import section

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.inverse import Status as Verdict
-from elvis.formats.locate import Location, Locator
-from elvis.formats.margins import TOLERANCE
+from elvis.formats.mapping.inverse import Status as Verdict
+from elvis.formats.mapping.locate import Location, Locator
+from elvis.formats.mapping.margins import TOLERANCE
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings

@@ -12,7 +12,7 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
-from elvis.formats.locate import Locator
+from elvis.formats.mapping.locate import Locator
 from elvis.formats.patch import Patch
 from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.margins import TOLERANCE
+from elvis.formats.mapping.margins import TOLERANCE
 from elvis.formats.patch import Patch
 from elvis.reference.baseline.templates import pulling, template
 from elvis.reference.scenes.crossings import Crossings

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.margins import TOLERANCE
+from elvis.formats.mapping.margins import TOLERANCE
 from elvis.formats.patch import Patch
 from elvis.reference.baseline.templates import pulling
 from elvis.reference.quantities import Quantities

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.boxes import Boxes, BoxTree
 from elvis.formats.errors import ElvisError
-from elvis.formats.inverse import Status
-from elvis.formats.locate import Location, Locator
-from elvis.formats.margins import margins
+from elvis.formats.mapping.boxes import Boxes, BoxTree
+from elvis.formats.mapping.inverse import Status
+from elvis.formats.mapping.locate import Location, Locator
+from elvis.formats.mapping.margins import margins
 from elvis.formats.patch import Patch
 from elvis.formats.quantities import Expression
 from elvis.plugins.faces import Faces, faces_of
@@ -30,7 +30,7 @@ _BATCH = 1 << 13
 
 
 class TwinLocator(Locator):
-    """The elements of some patches, ready to be found; as `elvis.formats.locate.Locator`."""
+    """The elements of some patches, ready to be found; as `elvis.formats.mapping.locate.Locator`."""
 
     def __init__(self, patches: Sequence[TwinPatch]) -> None:
         self.patches = tuple(patches)

@@ -17,7 +17,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.patch import Patch
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.reference.clipping import clipped
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings

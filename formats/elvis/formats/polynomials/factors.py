@@ -18,9 +18,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats
-from elvis.formats.bases import Basis
-from elvis.formats.jacobi import jacobi, jacobi_with_derivative
-from elvis.formats.quadrature import gauss, lobatto
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.jacobi import jacobi, jacobi_with_derivative
+from elvis.formats.polynomials.quadrature import gauss, lobatto
 
 
 class Tables(NamedTuple):

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.boxes import MARGIN, BoxTree, outward
 from elvis.formats.dataset import Dataset
-from elvis.formats.enclosure import hulls
 from elvis.formats.errors import ElvisError
-from elvis.formats.inverse import DISTANCE, Roots, Status, decide, invert
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.boxes import MARGIN, BoxTree, outward
+from elvis.formats.mapping.enclosure import hulls
+from elvis.formats.mapping.inverse import DISTANCE, Roots, Status, decide, invert
+from elvis.formats.mapping.orientation import chunks
 from elvis.formats.patch import Patch, patches
 
 #: points located together

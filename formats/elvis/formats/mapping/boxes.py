@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.bernstein import bernstein_coefficients, bernstein_space
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.orientation import chunks
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import bernstein_coefficients, bernstein_space
 
 Boxes = NDArray[np.float32]
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.bernstein import bernstein_values
-from elvis.formats.boxnets import box_nets
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Dataset
-from elvis.formats.descent import TOLERANCE, least
-from elvis.formats.determinants import Polynomials, determinant
-from elvis.formats.evaluation import evaluate_at
 from elvis.formats.geometry import GeometryBlock, geometry
+from elvis.formats.judging.descent import TOLERANCE, least
+from elvis.formats.judging.determinants import Polynomials, determinant
+from elvis.formats.polynomials.bernstein import bernstein_values
+from elvis.formats.polynomials.boxnets import box_nets
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.evaluation import evaluate_at
 from elvis.formats.ranges import Range
 from elvis.formats.shapes import Shape
 

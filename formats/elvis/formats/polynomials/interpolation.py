@@ -8,13 +8,13 @@ from math import isqrt
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.bases import Basis
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import FormatError
-from elvis.formats.expansion import mode_indices, values
-from elvis.formats.points import PointsType, nodes, triangle_nodes
-from elvis.formats.quadrature import gauss
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.expansion import mode_indices, values
+from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
+from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 
 #: nodes along an edge beyond which interpolation in 64 bits has no digits left

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.boxnets import corners, halves
+from elvis.formats.polynomials.boxnets import corners, halves
 
 #: the part of a least value to which it is found, where halving can do it
 TOLERANCE = 1e-11
@@ -33,7 +33,7 @@ class Least(NamedTuple):
 
 
 def least(nets: Floats, error: Floats, goal: Floats | None = None) -> Least:
-    """The least values of polynomials with box nets (n, D1, …, Dd); see `elvis.formats.boxnets`.
+    """The least values of polynomials with box nets (n, D1, …, Dd); see `elvis.formats.polynomials.boxnets`.
 
     error  (n,)  differences not worth a search
     goal   (n,)  polynomials all of whose values are found to exceed this need not be searched further

@@ -11,10 +11,10 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
-from elvis.formats.interpolation import interpolation, nodes_along
+from elvis.formats.mapping.orientation import first_face_row, label, polygon_vertices, require
 from elvis.formats.mesh import Curves, Mesh
-from elvis.formats.orientation import first_face_row, label, polygon_vertices, require
-from elvis.formats.points import PointsType
+from elvis.formats.polynomials.interpolation import interpolation, nodes_along
+from elvis.formats.polynomials.points import PointsType
 from elvis.formats.shapes import Shape
 
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)

@@ -12,11 +12,11 @@ from functools import lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.bases import Basis
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Expansion, ExpansionRule
 from elvis.formats.errors import FormatError
-from elvis.formats.quadrature import Rule, fourier_evenly_spaced, gauss, gll, radau_minus, radau_plus
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.quadrature import Rule, fourier_evenly_spaced, gauss, gll, radau_minus, radau_plus
 from elvis.formats.shapes import Shape
 
 _GAUSS, _GLL, _GRM10, _GRM20 = (

@@ -16,12 +16,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats import factors as f
 from elvis.formats.arrays import Bools, Floats, Ints, frozen_ints
-from elvis.formats.bases import Basis
-from elvis.formats.collapse import collapse
 from elvis.formats.dataset import Expansion, Homogeneous
 from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.polynomials import factors as f
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.collapse import collapse
 from elvis.formats.shapes import Shape
 
 _FOURIER = (Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM)

@@ -11,7 +11,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Expansion
-from elvis.formats.expansion import dimension, mode_count, values, values_and_gradients
+from elvis.formats.polynomials.expansion import dimension, mode_count, values, values_and_gradients
 
 #: numbers in a table of modes
 _BATCH = 1 << 18

@@ -11,15 +11,15 @@ from pathlib import Path
 
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import FormatError
+from elvis.formats.judging.strict_fields import expansion_findings, section_findings
+from elvis.formats.judging.strict_hdf5 import field_file_findings, mesh_file_findings
+from elvis.formats.judging.strict_mesh import mesh_findings
+from elvis.formats.judging.strict_xml import geometry_findings, payload_findings
 from elvis.formats.nektar import expansions, fields_hdf5, fields_xml, geometry_hdf5, hdf5, xml
 from elvis.formats.nektar.sections import Section
 from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, load
 from elvis.formats.nektar.xml import Element
 from elvis.formats.reading import read
-from elvis.formats.strict_fields import expansion_findings, section_findings
-from elvis.formats.strict_hdf5 import field_file_findings, mesh_file_findings
-from elvis.formats.strict_mesh import mesh_findings
-from elvis.formats.strict_xml import geometry_findings, payload_findings
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Expansion
-from elvis.formats.expansion import mode_indices
-from elvis.formats.orientation import face_shape, face_turns, first_face_row, transposed, turned
+from elvis.formats.mapping.orientation import face_shape, face_turns, first_face_row, transposed, turned
+from elvis.formats.mapping.skeleton import Skeleton
+from elvis.formats.polynomials.expansion import mode_indices
 from elvis.formats.shapes import Shape
-from elvis.formats.skeleton import Skeleton
 
 #: the volume mode of face mode (p, q), by local face
 _PLACES: Mapping[Shape, tuple[str, ...]] = {

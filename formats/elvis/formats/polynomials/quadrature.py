@@ -15,7 +15,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
 from elvis.formats.errors import FormatError
-from elvis.formats.jacobi import jacobi, jacobi_with_derivative
+from elvis.formats.polynomials.jacobi import jacobi, jacobi_with_derivative
 
 Rule: TypeAlias = tuple[Floats, Floats]
 

@@ -14,7 +14,7 @@ from math import comb
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.bernstein import BernsteinSpace
+from elvis.formats.polynomials.bernstein import BernsteinSpace
 from elvis.formats.shapes import Shape
 
 #: for each direction of eta those whose powers lower the degree in it, on shapes whose spaces aren't tensor products

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bernstein import (
+from elvis.formats.dataset import Expansion
+from elvis.formats.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,
     bernstein_space,
     bernstein_values,
     differentiate,
 )
-from elvis.formats.collapse import collapse
-from elvis.formats.dataset import Expansion
+from elvis.formats.polynomials.collapse import collapse
 from elvis.formats.shapes import Shape
 
 #: numbers in the nets of the elements that are looked at together

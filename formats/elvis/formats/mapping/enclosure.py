@@ -14,15 +14,15 @@ from functools import lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.formats.bernstein import BernsteinSpace, bernstein_space, bernstein_values, to_bernstein
-from elvis.formats.collapse import uncollapse
 from elvis.formats.dataset import Expansion
-from elvis.formats.margins import TOLERANCE, margins
-from elvis.formats.newton import Targets, newton
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.margins import TOLERANCE, margins
+from elvis.formats.mapping.newton import Targets, newton
+from elvis.formats.mapping.orientation import chunks
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_space, bernstein_values, to_bernstein
+from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.shapes import Shape
-from elvis.formats.tangents import duals
 
 _ROUNDS = 200
 _BATCH = 1 << 21

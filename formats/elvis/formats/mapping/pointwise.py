@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats import tangents
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError
-from elvis.formats.evaluation import evaluate_at, evaluate_at_with_gradients
-from elvis.formats.expansion import dimension
+from elvis.formats.mapping import tangents
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.evaluation import evaluate_at, evaluate_at_with_gradients
+from elvis.formats.polynomials.expansion import dimension
 
 
 def positions(patch: Patch, rows: Ints, points: Floats) -> Floats:

@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.formats.bernstein import bernstein_coefficients, bernstein_space
-from elvis.formats.collapse import uncollapse
-from elvis.formats.enclosure import search
-from elvis.formats.expansion import values, values_and_gradients
-from elvis.formats.margins import TOLERANCE, heights, margins
-from elvis.formats.newton import Targets, newton
-from elvis.formats.orientation import chunks
+from elvis.formats.mapping.enclosure import search
+from elvis.formats.mapping.margins import TOLERANCE, heights, margins
+from elvis.formats.mapping.newton import Targets, newton
+from elvis.formats.mapping.orientation import chunks
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import bernstein_coefficients, bernstein_space
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.expansion import values, values_and_gradients
 from elvis.formats.shapes import Shape
-from elvis.formats.tangents import duals
 
 #: residual of a root, in parts of the element's size; some units in the last place of the coordinates add to it
 RESIDUAL = 1e-13

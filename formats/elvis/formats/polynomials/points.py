@@ -11,7 +11,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
 from elvis.formats.errors import FormatError
-from elvis.formats.quadrature import line_nodes
+from elvis.formats.polynomials.quadrature import line_nodes
 
 
 class PointsType(IntEnum):

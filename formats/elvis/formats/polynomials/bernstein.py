@@ -24,11 +24,11 @@ from math import comb
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.collapse import collapse
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.expansion import product_plan
-from elvis.formats.forms import elevations, form_degrees
+from elvis.formats.polynomials.collapse import collapse
+from elvis.formats.polynomials.expansion import product_plan
+from elvis.formats.polynomials.forms import elevations, form_degrees
 from elvis.formats.shapes import Shape
 
 _TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)

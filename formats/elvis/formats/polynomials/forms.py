@@ -13,9 +13,9 @@ from typing import TypeAlias
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.bases import Basis
 from elvis.formats.errors import FormatError
-from elvis.formats.factors import Factors, JacobiFactors, LineFactors, lagrange_nodes
+from elvis.formats.polynomials.bases import Basis
+from elvis.formats.polynomials.factors import Factors, JacobiFactors, LineFactors, lagrange_nodes
 
 #: integers, the common denominator, and a factor that may be irrational
 Form: TypeAlias = tuple[list[int], int, float]

@@ -11,9 +11,9 @@ from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import FormatError
 from elvis.formats.geometry import geometry
+from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Curves, Mesh
-from elvis.formats.orientation import local_vertices
-from elvis.formats.points import PointsType
+from elvis.formats.polynomials.points import PointsType
 from elvis.formats.shapes import Shape
 from elvis.formats.summary import jacobian
 

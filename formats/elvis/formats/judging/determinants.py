@@ -18,14 +18,14 @@ from math import comb
 import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.bernstein import (
+from elvis.formats.dataset import Expansion
+from elvis.formats.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,
     bernstein_space,
     differentiate,
     to_bernstein,
 )
-from elvis.formats.dataset import Expansion
 from elvis.formats.shapes import Shape
 
 _UNIT = np.finfo(np.float64).eps / 2

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.evaluation import evaluate_at_with_gradients
-from elvis.formats.margins import drawn_in
+from elvis.formats.mapping.margins import drawn_in
+from elvis.formats.mapping.tangents import duals
 from elvis.formats.patch import Patch
-from elvis.formats.tangents import duals
+from elvis.formats.polynomials.evaluation import evaluate_at_with_gradients
 
 #: how far iterates may leave the element, as a margin
 _SLACK = 0.25

@@ -1,0 +1,1 @@
+"""Bases, expansions and their values, quadrature, Bernstein bounds."""
