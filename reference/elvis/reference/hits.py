@@ -66,4 +66,4 @@ def turned(normals: Floats, directions: Floats) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     facing = np.einsum("ni,ni->n", unit, directions) > 0
-    return np.where(facing[:, None], -unit, unit)
+    return np.asarray(np.where(facing[:, None], -unit, unit))

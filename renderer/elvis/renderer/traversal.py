@@ -117,7 +117,7 @@ def seen(view: View, corners: Floats, chosen: Bools) -> NDArray[Any]:
     near = view.depth_of(points)
     kept = (sections["least"] <= sections["most"]).all(axis=1) & (near.max(axis=1) > 0)
     order = np.argsort(near.min(axis=1)[kept], kind="stable")
-    return sections[kept][order]
+    return np.asarray(sections[kept][order])
 
 
 @lru_cache(maxsize=16)

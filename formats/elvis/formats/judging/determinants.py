@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import comb
+from math import comb, prod
 
 import numpy as np
 
@@ -147,7 +147,7 @@ def _weights(space: BernsteinSpace) -> Floats:
     if space.shape is Shape.PRISM:
         rows = [_multinomial(degrees[0], [i, k]) * comb(degrees[1], j) for i, j, k in powers.tolist()]
         return frozen_floats(rows)
-    rows = [np.prod([float(comb(p, i)) for p, i in zip(degrees, row, strict=True)]) for row in powers.tolist()]
+    rows = [float(prod(comb(p, i) for p, i in zip(degrees, row, strict=True))) for row in powers.tolist()]
     return frozen_floats(rows)
 
 

@@ -139,7 +139,7 @@ def pulling(shape: Shape, cells: Ints, keys: Floats) -> Ints:
     first, parts = keys.argmin(axis=1), []
     for corner in range(cells.shape[1]):
         here = np.flatnonzero(first == corner)
-        for face in (list(face) for face in shape.faces if corner not in face):
+        for face in (np.array(face) for face in shape.faces if corner not in face):
             bases = _polygons(cells[np.ix_(here, face)], keys[np.ix_(here, face)])
             tips = np.tile(cells[here, corner], len(bases) // max(1, len(here)))
             parts.append(np.column_stack([tips, bases]))

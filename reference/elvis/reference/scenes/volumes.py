@@ -192,7 +192,8 @@ def integrated(values: Sequence[Floats], length: Floats, transfers: Sequence[Tra
     values  for each volume (k, parts * POINTS) of its quantity at Gauss points of equal parts; beyond the ends of the
             transfer function it stays as it is there, and what is no number sends out and takes up nothing
     """
-    density, light = np.zeros(values[0].shape), np.zeros((*values[0].shape, 3))
+    density = np.zeros((len(length), values[0].shape[1]))
+    light = np.zeros((*density.shape, 3))
     for own, transfer in zip(values, transfers, strict=True):
         known = np.isfinite(own)
         part = np.where(known, np.interp(own, transfer.values, transfer.densities), 0.0)
