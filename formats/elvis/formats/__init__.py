@@ -40,10 +40,10 @@ __all__ = [
 ]
 
 _MODULES = {
-    "bases": ("Basis",),
     "dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
     "errors": ("ElvisError", "FormatError"),
     "mesh": ("Composite", "Curves", "Entities", "Mesh"),
+    "polynomials.bases": ("Basis",),
     "reading": ("read",),
     "shapes": ("Shape",),
     "writing": ("write",),
