@@ -41,9 +41,9 @@ class Loaded:
         return {**self.buffers[number], **own}
 
     def bounds(self, quantity: str | None = None) -> slangpy.Buffer:
-        """On the device, by running number of elements, the certified bounds of a quantity (see ends)."""
+        """On the device, by running number of elements, the certified bounds of a quantity in single precision."""
         if quantity not in self._bounds:
-            every = np.concatenate([self.ends(part, quantity) for part in self.parts])
+            every = _outward(np.concatenate([self.ends(part, quantity) for part in self.parts]))
             self._bounds[quantity] = self.device.buffer(every)
             self.bytes += every.nbytes
         return self._bounds[quantity]
@@ -63,6 +63,12 @@ class Loaded:
                 self._brought[id(data)] = self.device.buffer(data)
                 self.bytes += data.nbytes
         return {name: self._brought[id(data)] for name, data in arrays.items()}
+
+
+def _outward(ends: Floats) -> NDArray[np.float32]:
+    """Bounds (n, 2), made wider by rounding to single precision."""
+    with np.errstate(over="ignore"):
+        return np.nextafter(ends.astype(np.float32), np.array([-np.inf, np.inf], np.float32))
 
 
 def _reach(part: Part) -> float:
