@@ -153,24 +153,65 @@ def torus(points):
     return around**2 - 4 * 0.27**2 * (x**2 + y**2)
 
 
-@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
-def test_a_torus_has_its_hole_and_its_silhouettes(iso, shape, monkeypatch):
-    monkeypatch.setitem(globals(), "straightened", lambda points: points)
-    view = View.through(PARALLEL, SIZE)
-    layer, _ = iso(cube(shape, torus, 5, curved_mesh=False), view, 0.0)
+def quartic_roots(view, function):
+    """(n, 4) depths at which a polynomial of fourth degree vanishes along rays, by five values each; NaN for others."""
     origins, ways = all_rays(view)
-
-    # the field along a ray is a quartic: from five values, its real roots
     near = view.depth_of(np.array([0.5, 0.6, 0.55]))
     places = near + np.linspace(-1, 1, 5)
-    values = np.stack([torus(origins + depth * ways) for depth in places], axis=1)
+    values = np.stack([function(origins + depth * ways) for depth in places], axis=1)
     quartics = np.linalg.solve(np.vander(places - near), values.T).T
     roots = np.full((len(quartics), 4), np.nan)
     for row, quartic in enumerate(quartics):
         found = np.roots(quartic)
         real = np.abs(found.imag) < 1e-9
         roots[row, : real.sum()] = found.real[real] + near
-    check(layer, *nearest_inside(view, roots))
+    return roots
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_a_torus_has_its_hole_and_its_silhouettes(iso, shape, monkeypatch):
+    monkeypatch.setitem(globals(), "straightened", lambda points: points)
+    view = View.through(PARALLEL, SIZE)
+    layer, _ = iso(cube(shape, torus, 5, curved_mesh=False), view, 0.0)
+    check(layer, *nearest_inside(view, quartic_roots(view, torus)))
+
+
+def ring(center, axes):
+    """A torus around a centre, in the plane of the first two axes."""
+
+    def function(points):
+        x, y, z = (points - center).T[list(axes)]
+        return (x**2 + y**2 + z**2 + 0.22**2 - 0.06**2) ** 2 - 4 * 0.22**2 * (x**2 + y**2)
+
+    return function
+
+
+def test_linked_rings_lie_before_and_behind_one_another(iso, monkeypatch):
+    monkeypatch.setitem(globals(), "straightened", lambda points: points)
+    rings = ring([0.39, 0.5, 0.5], (0, 1, 2)), ring([0.61, 0.5, 0.5], (0, 2, 1))
+    view = View.through(PARALLEL, (60, 50))
+
+    def both_rings(points):
+        return rings[0](points) * rings[1](points)
+
+    layer, _ = iso(cube(Shape.TETRAHEDRON, both_rings, 9, cells=1, curved_mesh=False), view, 0.0)
+    roots = [quartic_roots(view, each) for each in rings]
+    truth, clear = nearest_inside(view, np.hstack(roots))
+    hit = layer.owner != NOBODY
+    assert np.array_equal(hit[clear], np.isfinite(truth)[clear])
+    assert np.abs(layer.depth[hit] - truth[hit]).max() < 1e-6
+
+    # of eighth degree and steep elsewhere: the field vanishes at the hits to rounding of its range
+    origins, ways = all_rays(view)
+    corners = grid(Shape.HEXAHEDRON, 1).vertices
+    missed = both_rings(origins[hit] + layer.depth[hit, None] * ways[hit])
+    assert np.abs(missed).max() < 1e-12 * np.abs(both_rings(corners)).max()
+
+    # where both are met, now one is nearer, now the other: they are linked
+    depths = [nearest_inside(view, own)[0] for own in roots]
+    both = np.isfinite(depths[0]) & np.isfinite(depths[1])
+    assert (depths[0] < depths[1])[both].sum() > 10
+    assert (depths[1] < depths[0])[both].sum() > 10
 
 
 def test_a_blob_within_one_element_is_found(iso):
