@@ -48,7 +48,7 @@ _LINE: Mapping[str, tuple[int, Callable[[int], Rule]]] = {
 }
 
 #: power of (1 - eta)/2 in |dxi/deta|, for each direction
-_COLLAPSE: Mapping[Shape, tuple[int, ...]] = {
+COLLAPSE: Mapping[Shape, tuple[int, ...]] = {
     Shape.SEGMENT: (0,),
     Shape.TRIANGLE: (0, 1),
     Shape.QUADRILATERAL: (0, 0),
@@ -68,7 +68,7 @@ def cubature(shape: Shape, families: tuple[str, ...], counts: tuple[int, ...]) -
     FormatError where a family has no quadrature rule.
     """
     nodes, weights = [], []
-    for family, count, power in zip(families, counts, _COLLAPSE[shape], strict=True):
+    for family, count, power in zip(families, counts, COLLAPSE[shape], strict=True):
         if family not in _LINE:
             raise FormatError(f"expected a quadrature among {', '.join(_LINE)}, found {family}")
         own, rule = _LINE[family]
@@ -90,7 +90,7 @@ def field_cubature(expansion: Expansion) -> Cubature:
     One point more than modes, but not on hexahedra and in collapsed directions.
     """
     counts, families = [], []
-    for basis, modes, power in zip(expansion.bases, expansion.modes, _COLLAPSE[expansion.shape], strict=True):
+    for basis, modes, power in zip(expansion.bases, expansion.modes, COLLAPSE[expansion.shape], strict=True):
         fourier = basis is Basis.FOURIER
         more = power == 0 and not fourier and expansion.shape is not Shape.HEXAHEDRON
         counts.append(max(2, modes + more))
@@ -100,7 +100,7 @@ def field_cubature(expansion: Expansion) -> Cubature:
 
 def rule_cubature(shape: Shape, rule: ExpansionRule) -> Cubature:
     """The rule that an entry of EXPANSIONS gives to elements of a shape."""
-    powers, kind = _COLLAPSE[shape], rule.kind.upper()
+    powers, kind = COLLAPSE[shape], rule.kind.upper()
     modes = rule.modes if len(rule.modes) == len(powers) else (max(rule.modes),) * len(powers)
     if rule.points and rule.point_types:
         if len(rule.points) != len(powers) or len(rule.point_types) != len(powers):

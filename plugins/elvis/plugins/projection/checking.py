@@ -8,6 +8,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, frozen_floats
 from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.cubature import COLLAPSE
 from elvis.formats.shapes import Shape
 
 #: points inside, in all and at least and at most an element
@@ -15,17 +16,6 @@ _IN_ALL, _LEAST, _MOST = 1 << 15, 12, 1000
 
 #: how far below the apex of a pyramid its field is looked at
 _BELOW_APEX = 1e-2
-
-#: 1 + the power of (1 - eta)/2 in the volume element of collapsed coordinates, by direction
-_DIMENSIONS = {
-    Shape.SEGMENT: (1,),
-    Shape.TRIANGLE: (1, 2),
-    Shape.QUADRILATERAL: (1, 1),
-    Shape.TETRAHEDRON: (1, 2, 3),
-    Shape.PYRAMID: (1, 1, 3),
-    Shape.PRISM: (1, 1, 2),
-    Shape.HEXAHEDRON: (1, 1, 1),
-}
 
 
 def inside_count(elements: int) -> int:
@@ -57,5 +47,5 @@ def check_points(shape: Shape, inside: int, is_collapsed: bool = False) -> Float
 def _scattered(shape: Shape, count: int, rng: np.random.Generator) -> Floats:
     """(count, d) points of even density."""
     u = rng.random((count, shape.dimension))
-    c = u ** (1 / np.array(_DIMENSIONS[shape]))
+    c = u ** (1 / (1 + np.array(COLLAPSE[shape])))
     return uncollapse(shape, 1 - 2 * c)

@@ -18,21 +18,11 @@ from elvis.formats.arrays import Floats, Ints, frozen_floats
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError
 from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.cubature import COLLAPSE
 from elvis.formats.polynomials.expansion import mode_count, mode_indices, values
 from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
 from elvis.plugins.projection.entities import entities
-
-#: powers of (1 - eta)/2 in the volume element of collapsed coordinates, by direction
-_COLLAPSE = {
-    Shape.SEGMENT: (0,),
-    Shape.TRIANGLE: (0, 1),
-    Shape.QUADRILATERAL: (0, 0),
-    Shape.TETRAHEDRON: (0, 1, 2),
-    Shape.PYRAMID: (0, 0, 2),
-    Shape.PRISM: (0, 0, 1),
-    Shape.HEXAHEDRON: (0, 0, 0),
-}
 
 #: shapes that are products, with the directions of each factor
 _FACTORS: Mapping[Shape, tuple[tuple[Shape, tuple[int, ...]], ...]] = {
@@ -62,7 +52,7 @@ class Operator:
 
 def rule(shape: Shape, count: int) -> tuple[Floats, Floats]:
     """Points xi (n, d) and weights (n,) of the Gauss rule of ``count`` points each way, the collapse in the weights."""
-    lines = [gauss(count, power, 0) for power in _COLLAPSE[shape]]
+    lines = [gauss(count, power, 0) for power in COLLAPSE[shape]]
     axes = np.meshgrid(*(nodes for nodes, _ in lines), indexing="ij")
     weights = np.ones(1)
     for _, line in lines:
