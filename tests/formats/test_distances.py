@@ -16,7 +16,7 @@ from elvis.formats.quantities import Expression, Names
 from elvis.formats.quantities.bounding import quantity_range
 from elvis.formats.quantities.sampling import Sampler
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
 
 LINEAR = {2: [(0, 1, 1)], 3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)]}
 
@@ -62,27 +62,30 @@ def subdivided(surface, point, goal=1e-13):
     raise AssertionError("expected subdivision to settle")
 
 
+def with_points(mesh, seed, beyond, count):
+    """A wavy dataset, all its boundary, and points in the box of that and as far as ``beyond`` around it."""
+    dataset = Dataset(curved(mesh(seed=seed), wavy, 4))
+    surface = surface_of(dataset, "all")
+    low, high = surface.boxes[:, :3].min(axis=0) - beyond, surface.boxes[:, 3:].max(axis=0) + beyond
+    points = np.random.default_rng(seed + 1).uniform(low, high, (count, 3))
+    points[:, dataset.mesh.dimension :] = 0.0
+    return dataset, surface, points
+
+
 @pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
 def test_distances_to_curved_boundaries_are_those_of_subdivision(mesh):
-    dataset = Dataset(curved(mesh(seed=1), wavy, 4))
-    surface = surface_of(dataset, "all")
-    low, high = surface.boxes[:, :3].min(axis=0), surface.boxes[:, 3:].max(axis=0)
-    points = np.random.default_rng(2).uniform(low - 0.5, high + 0.5, (25, 3))
-    points[:, dataset.mesh.dimension :] = 0.0
+    _, surface, points = with_points(mesh, seed=1, beyond=0.5, count=25)
     found = nearest(surface, points)
     truth = [subdivided(surface, point) for point in points]
-    assert np.abs(np.abs(found.distance) - truth).max() < 1e-11 * np.linalg.norm(high - low)
+    size = np.linalg.norm(surface.boxes[:, 3:].max(axis=0) - surface.boxes[:, :3].min(axis=0))
+    assert np.abs(np.abs(found.distance) - truth).max() < 1e-11 * size
     gap = np.linalg.norm(points - found.place, axis=1)
     assert np.abs(gap - np.abs(found.distance)).max() < 1e-15
 
 
 @pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
 def test_distances_to_closed_boundaries_are_negative_inside(mesh):
-    dataset = Dataset(curved(mesh(seed=3), wavy, 4))
-    surface = surface_of(dataset, "all")
-    low, high = surface.boxes[:, :3].min(axis=0), surface.boxes[:, 3:].max(axis=0)
-    points = np.random.default_rng(4).uniform(low - 0.3, high + 0.3, (1500, 3))
-    points[:, dataset.mesh.dimension :] = 0.0
+    dataset, surface, points = with_points(mesh, seed=3, beyond=0.3, count=1500)
     inside = Sampler(dataset, []).sample(points).location.status == Status.INSIDE
     assert surface.is_closed
     assert 100 < inside.sum() < 1400
@@ -203,14 +206,8 @@ def test_open_surfaces_have_no_sign(tmp_path):
     assert (nearest(surface, np.random.default_rng(1).uniform(-2, 2, (200, 3))).distance >= 0).all()
 
 
-def with_field(mesh):
-    """A dataset with the field u = x."""
-    bare = Dataset(mesh)
-    return Dataset(mesh, (approximated(bare, "u", lambda p: p[:, 0], 3),))
-
-
 def test_bounds_hold_all_distances_and_are_tight():
-    dataset = with_field(curved(mixed_plane(seed=1), wavy, 4))
+    dataset = with_field(curved(mixed_plane(seed=1), wavy, 4), lambda p: p[:, 0])
     for text in ("distance(all)", "min(distance(all) + 0.2, u) - 0.06"):
         expression = Expression.of(dataset, text)
         found = quantity_range(dataset, expression)
@@ -245,7 +242,7 @@ def test_distances_differ_by_no_more_than_the_way_between_points():
 )
 def test_what_says_no_distance_is_refused(text, sentence):
     with pytest.raises(ElvisError) as found:
-        Expression.of(with_field(grid(Shape.HEXAHEDRON, 1)), text)
+        Expression.of(with_field(grid(Shape.HEXAHEDRON, 1), lambda p: p[:, 0]), text)
     assert sentence in str(found.value)
 
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated
+from elvis.formats.testing import with_field
 from elvis.formats.testing.meshes import connected
 from elvis.renderer import Camera, Faces, MeshLines, SceneError, Style, render
 
@@ -15,7 +14,7 @@ def chain(points, function):
     ends = np.stack([np.arange(len(points) - 1), np.arange(1, len(points))], axis=1)
     space = int(np.flatnonzero(np.abs(points).max(axis=0)).max()) + 1
     mesh = connected(points, {Shape.SEGMENT: ends}, space)
-    return Dataset(mesh, (approximated(Dataset(mesh), "u", function, 7),))
+    return with_field(mesh, function, 7)
 
 
 def axis(count):

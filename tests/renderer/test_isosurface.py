@@ -7,7 +7,7 @@ import pytest
 
 from elvis.formats.dataset import Dataset
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid
+from elvis.formats.testing import approximated, curved, grid, with_field
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, SceneError, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer
@@ -50,18 +50,12 @@ def iso(renderer):
 def cube(shape, function, modes, cells=2, curved_mesh=True):
     """The unit cube, bent, with a field given in world coordinates."""
     mesh = grid(shape, cells)
-    dataset = Dataset(curved(mesh, bent, 3) if curved_mesh else mesh)
-    return Dataset(dataset.mesh, (approximated(dataset, "u", function, modes),))
-
-
-def all_rays(view):
-    rows, columns = np.divmod(np.arange(view.count), view.width)
-    return view.rays(columns, rows)
+    return with_field(curved(mesh, bent, 3) if curved_mesh else mesh, function, modes)
 
 
 def quadric_roots(view, centre, weights, level):
     """(n, 2) depths at which rays meet sum w (x - c)^2 = level, NaN where they don't."""
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     away = origins - centre
     a, b, c = (ways**2 @ weights), (away * ways) @ weights, away**2 @ weights - level
     with np.errstate(invalid="ignore"):
@@ -72,7 +66,7 @@ def quadric_roots(view, centre, weights, level):
 def nearest_inside(view, roots, beyond=0.0):
     """The least depth of each ray that lies in the bent cube, infinite where none does, and the pixels that are clear:
     where no root comes near the cube's border."""
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     points = origins[:, None] + roots[..., None] * ways[:, None]
     depth_in_cube = 0.5 - np.abs(straightened(points.reshape(-1, 3)) - 0.5).max(axis=1).reshape(roots.shape)
     clear = ~(np.abs(depth_in_cube) < 1e-9).any(axis=1)
@@ -103,7 +97,7 @@ def test_an_ellipsoid_on_curved_elements(iso, shape, camera):
     both = hit & np.isfinite(truth)
     assert np.abs(layer.depth[both] - truth[both]).max() < 1e-10 * np.sqrt(3)
 
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     normal = WEIGHTS * (origins + layer.depth[:, None] * ways - CENTRE)[:]
     with np.errstate(invalid="ignore"):
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -155,7 +149,7 @@ def torus(points):
 
 def quartic_roots(view, function):
     """(n, 4) depths at which a polynomial of fourth degree vanishes along rays, by five values each; NaN for others."""
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     near = view.depth_of(np.array([0.5, 0.6, 0.55]))
     places = near + np.linspace(-1, 1, 5)
     values = np.stack([function(origins + depth * ways) for depth in places], axis=1)
@@ -202,7 +196,7 @@ def test_linked_rings_lie_before_and_behind_one_another(iso, monkeypatch):
     assert np.abs(layer.depth[hit] - truth[hit]).max() < 1e-6
 
     # of eighth degree and steep elsewhere: the field vanishes at the hits to rounding of its range
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     corners = grid(Shape.HEXAHEDRON, 1).vertices
     missed = both_rings(origins[hit] + layer.depth[hit, None] * ways[hit])
     assert np.abs(missed).max() < 1e-12 * np.abs(both_rings(corners)).max()
@@ -276,7 +270,7 @@ def test_cracks_between_elements_stay_open(iso, monkeypatch):
     dataset = offset(plain, right, 0.1)
     view = View.through(Camera((4.0, 0.5, 2.5), (0.5, 0.5, 0.45), height=0.6), (60, 60))
     layer, _ = iso(dataset, view, 0.5)
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     expected = np.full(view.count, np.inf)
     for side, level in ((0, 0.5), (1, 0.4)):
         depth = (level - origins[:, 2]) / ways[:, 2]
@@ -325,5 +319,4 @@ def test_2d_data_have_no_isosurface(iso):
 
 
 def cube_of_plane():
-    dataset = Dataset(grid(Shape.TRIANGLE, 2))
-    return Dataset(dataset.mesh, (approximated(dataset, "u", lambda p: p[:, 0], 2),))
+    return with_field(grid(Shape.TRIANGLE, 2), lambda p: p[:, 0], 2)

@@ -60,7 +60,7 @@ def test_nothing_certain_is_refuted_by_dense_samples(iso, shape):
     hit, sure = np.isfinite(layer.depth), layer.status != Status.AMBIGUOUS
     assert hit.mean() > 0.08
     assert sure.mean() > 0.98
-    origins, ways = view.rays(*np.divmod(np.arange(view.count), view.width)[::-1])
+    origins, ways = view.every_ray()
 
     found = sample(dataset, ["u"], (origins + layer.depth[:, None] * ways)[hit], all=True)
     near = np.abs(found.values[:, 0] - level) < 1e-9
@@ -89,7 +89,7 @@ def test_two_blobs_in_one_element_are_found_one_behind_the_other(iso, shape):
     dataset = Dataset(grid(shape, 1))
     dataset = Dataset(dataset.mesh, (approximated(dataset, "u", lambda p: squares(p).prod(axis=1), 5),))
     view = View.through(Camera(tuple(eye), tuple(centres[0]), fov=8.0), (41, 41))
-    origins, ways = view.rays(*np.divmod(np.arange(view.count), view.width)[::-1])
+    origins, ways = view.every_ray()
     away = origins[:, None] - centres
     a, b, c = (ways**2).sum(axis=1)[:, None], (away * ways[:, None]).sum(axis=2), (away**2).sum(axis=2) - radii**2
     with np.errstate(invalid="ignore"):

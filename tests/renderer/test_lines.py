@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from elvis.formats.dataset import Dataset
 from elvis.formats.mapping.margins import margins
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
+from elvis.formats.testing import curved, grid, mixed_plane, mixed_volume, one_element, shuffled, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.volume import NativeVolume
 from elvis.plugins.serving import volume_of
@@ -71,12 +70,6 @@ def cut(renderer):
         return Lines(loaded), view, Layer.of_cut(view, Cutter(loaded).draw(view))
 
     return cut
-
-
-def with_field(mesh, function, modes=3):
-    """A dataset with one field."""
-    dataset = Dataset(mesh)
-    return Dataset(mesh, (approximated(dataset, "u", function, modes),))
 
 
 def distances(view, points):

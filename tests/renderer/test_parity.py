@@ -8,7 +8,7 @@ import pytest
 
 from elvis.formats import Dataset
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, grid
+from elvis.formats.testing import approximated, grid, with_field
 from elvis.renderer import (
     Camera,
     Contours,
@@ -35,7 +35,7 @@ def ball(x):
 def cube():
     """The unit cube with u = |x - c|^2."""
     mesh = grid(Shape.TETRAHEDRON, 2)
-    return Dataset(mesh, (approximated(Dataset(mesh), "u", ball, modes=3),))
+    return with_field(mesh, ball)
 
 
 def test_surfaces_isosurfaces_and_volume_share_one_depth(draw, cube):

@@ -9,7 +9,7 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.mapping.connectivity import connected
 from elvis.formats.mesh import Composite
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid
+from elvis.formats.testing import curved, grid, with_field
 from elvis.renderer import Camera, Plane, SceneError
 from elvis.renderer.compositing import Coat
 from elvis.renderer.scene import Clip, Transfer
@@ -25,19 +25,9 @@ WHITE = (1.0, 1.0, 1.0)
 EVEN = Transfer((0.0,), (1.0,), (WHITE,))
 
 
-def with_field(mesh, function, modes):
-    dataset = Dataset(mesh)
-    return Dataset(mesh, (approximated(dataset, "u", function, modes),))
-
-
-def all_rays(view):
-    rows, columns = np.divmod(np.arange(view.count), view.width)
-    return view.rays(columns, rows)
-
-
 def ends(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
     """(n,) depths at which rays enter and leave a box, and whether they meet it."""
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     with np.errstate(divide="ignore"):
         first, second = (np.array(low) - origins) / ways, (np.array(high) - origins) / ways
     enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
@@ -47,7 +37,7 @@ def ends(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
 def chord(view, **box):
     """(n,) length of rays in a box."""
     enter, leave, met = ends(view, **box)
-    return np.where(met, (leave - np.maximum(enter, 0)) * np.linalg.norm(all_rays(view)[1], axis=1), 0.0)
+    return np.where(met, (leave - np.maximum(enter, 0)) * np.linalg.norm(view.every_ray()[1], axis=1), 0.0)
 
 
 @pytest.mark.parametrize("camera", VIEWS)

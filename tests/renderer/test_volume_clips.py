@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid
+from elvis.formats.testing import curved, grid, with_field
 from elvis.renderer import Camera
 from elvis.renderer.scene import (
     Clip,
@@ -34,18 +33,9 @@ CENTRE = (0.45, 0.55, 0.5)
 NORMAL = np.array([1.0, -0.5, 0.3])
 
 
-def with_field(mesh, function, modes):
-    return Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes),))
-
-
-def all_rays(view):
-    rows, columns = np.divmod(np.arange(view.count), view.width)
-    return view.rays(columns, rows)
-
-
 def box_spans(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
     """(n, 2) depths of rays in a box; empty ones end where they begin."""
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     with np.errstate(divide="ignore"):
         first, second = (np.array(low) - origins) / ways, (np.array(high) - origins) / ways
     enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
@@ -54,7 +44,7 @@ def box_spans(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
 
 def chord(view, **box):
     """(n,) length of rays in a box."""
-    return box_spans(view, **box) @ [-1, 1] * np.linalg.norm(all_rays(view)[1], axis=1)
+    return box_spans(view, **box) @ [-1, 1] * np.linalg.norm(view.every_ray()[1], axis=1)
 
 
 def overlap(one, other):
@@ -63,7 +53,7 @@ def overlap(one, other):
 
 def spans(view, kind):
     """(n, 2) depths between which rays are inside of a surface."""
-    origins, ways = all_rays(view)
+    origins, ways = view.every_ray()
     if kind == "plane":
         speed = ways @ NORMAL
         meets = ((np.array(CENTRE) - origins) @ NORMAL) / speed
@@ -89,7 +79,7 @@ SURFACES = {
 def test_chords_inside_and_outside_of_clips(gather, kind, camera):
     view = View.through(VIEWS[camera], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
-    scale = np.linalg.norm(all_rays(view)[1], axis=1)
+    scale = np.linalg.norm(view.every_ray()[1], axis=1)
     inside = scale * overlap(spans(view, kind), box_spans(view))
     assert inside.max() > 0.2
     for away, expected in (("outside", inside), ("inside", chord(view) - inside)):
@@ -111,7 +101,7 @@ def test_what_one_clip_leaves_another_takes(gather, camera):
         (spans(view, kind).T, away == "outside") for kind, away in kept.items()
     ]:
         seen &= ((depths > first[:, None]) & (depths < last[:, None])) == inside
-    expected = seen.sum(axis=1) * 8.0 / 40000 * np.linalg.norm(all_rays(view)[1], axis=1)
+    expected = seen.sum(axis=1) * 8.0 / 40000 * np.linalg.norm(view.every_ray()[1], axis=1)
     assert expected.max() > 0.1
     assert np.abs(gather(data, view, EVEN, clips=clips).length - expected).max() < 2e-3
 
@@ -123,7 +113,7 @@ def test_cones_in_closed_form(gather):
     forward = np.asarray(view.camera.basis()[2])
     apex = np.array([0.5, 0.55, 0.55])
     cone = Cone(tuple(apex), tuple(forward), 30.0)
-    origins, _ = all_rays(view)
+    origins, _ = view.every_ray()
     aside = (origins - apex) - np.outer((origins - apex) @ forward, forward)
     enters = (apex - origins) @ forward + np.linalg.norm(aside, axis=1) / np.tan(np.deg2rad(30.0))
     expected = overlap(np.stack([enters, 0 * enters + 99], axis=1), box_spans(view))
@@ -154,7 +144,7 @@ def test_clips_by_a_quantity(gather, away):
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
     name = "(x-0.45)^2 + (y-0.55)^2 + (z-0.5)^2 - 0.09"
     light = gather(data, view, EVEN, Medium.clip(name, away))
-    inside = np.linalg.norm(all_rays(view)[1], axis=1) * overlap(spans(view, "sphere"), box_spans(view))
+    inside = np.linalg.norm(view.every_ray()[1], axis=1) * overlap(spans(view, "sphere"), box_spans(view))
     expected = inside if away == "outside" else chord(view) - inside
     assert np.abs(light.length - expected).max() < 1e-9
 

@@ -8,7 +8,7 @@ import pytest
 from elvis.formats.dataset import Dataset
 from elvis.formats.mapping.connectivity import connected
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid
+from elvis.formats.testing import curved, grid, with_field
 from elvis.formats.writing import write
 from elvis.plugins import command
 from elvis.renderer import Camera, SceneError, Status
@@ -22,8 +22,9 @@ SIZE = (36, 30)
 FOG = VolumeRendering(Transfer((0.0,), (1.0,), ((1.0, 1.0, 1.0),)))
 
 
-def with_field(mesh, modes=2):
-    return Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 2], modes),))
+def rising(mesh):
+    """The field u = z."""
+    return with_field(mesh, lambda p: p[:, 2], 2)
 
 
 def without_numbers(data, count):
@@ -35,8 +36,8 @@ def without_numbers(data, count):
 
 
 def test_elements_without_numbers_are_marked_counted_and_told(draw):
-    data = without_numbers(with_field(grid(Shape.TETRAHEDRON, 2)), 6)
-    whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(FOG,)) for own in (with_field(data.mesh), data))
+    data = without_numbers(rising(grid(Shape.TETRAHEDRON, 2)), 6)
+    whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(FOG,)) for own in (rising(data.mesh), data))
     marked = holed.status == Status.AMBIGUOUS
     assert not (whole.status == Status.AMBIGUOUS).any()
     assert 20 < marked.sum() < (whole.status == Status.CERTAIN).sum()
@@ -56,7 +57,7 @@ def test_inverted_elements_are_drawn_and_told(draw, modes):
     rows = np.array([[0, 1, 2, 3], [5, 4, 6, 7], [9, 8, 10, 11]])
     mesh = connected(points, {Shape.TETRAHEDRON: rows})
     mesh = curved(mesh, lambda p: p + 0.05 * p**2, modes) if modes > 2 else mesh
-    frame = draw(with_field(mesh), camera="iso", size=SIZE, objects=(FOG,))
+    frame = draw(rising(mesh), camera="iso", size=SIZE, objects=(FOG,))
     assert frame.stats["volume"]["inverted_elements"] == 2
     assert frame.stats["remarks"] == ["elements that are inverted, all or in part, and drawn nonetheless: 2"]
     assert frame.counts()["failed"] == 0
@@ -65,7 +66,7 @@ def test_inverted_elements_are_drawn_and_told(draw, modes):
 
 def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
     """Hits of faces where rays leave are kept from the march: these pixels fail, with a remark."""
-    data = with_field(curved(grid(Shape.TETRAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3))
+    data = rising(curved(grid(Shape.TETRAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3))
     found = FaceDrawer.hits
 
     def fewer(self, *arguments):
@@ -87,7 +88,7 @@ def test_the_time_limit_ends_a_march(draw, monkeypatch):
     """Before its first band, not only after the picture."""
     bands = []
     monkeypatch.setattr(_March, "_band", lambda *some: bands.append(some))
-    data = with_field(grid(Shape.TETRAHEDRON, 2))
+    data = rising(grid(Shape.TETRAHEDRON, 2))
     with pytest.raises(SceneError, match="the time limit: nothing is written"):
         draw(data, camera=CAMERA, size=SIZE, objects=(FOG,), timeout=1e-9)
     assert not bands
@@ -106,7 +107,7 @@ def test_the_time_limit_ends_a_march(draw, monkeypatch):
 def test_bad_volumes_are_one_sentence_and_no_file(renderer, tmp_path, capfd, asked, status, sentence):
     renderer("vulkan")
     files = [tmp_path / "cube.xml", tmp_path / "cube.fld"]
-    write(with_field(grid(Shape.TETRAHEDRON, 1)), *files)
+    write(rising(grid(Shape.TETRAHEDRON, 1)), *files)
     with pytest.raises(SystemExit) as ended:
         command.main(["render", *map(str, files), *asked, "--size", "20x16", "-o", str(tmp_path / "a.png")])
     said = capfd.readouterr().err
@@ -122,7 +123,7 @@ def test_volume_integrals_converge_with_the_error_asked_for(gather):
     """
     view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), (4, 4))
     mesh = grid(Shape.TETRAHEDRON, 1)
-    data = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 2] ** 2, 3),))
+    data = with_field(mesh, lambda p: p[:, 2] ** 2)
     look = Transfer((0.0, 1.0), (0.0, 400.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
     nodes, weights = np.polynomial.legendre.leggauss(60)
     z = np.concatenate([end + 0.05 * (nodes + 1) for end in np.arange(10) / 10])

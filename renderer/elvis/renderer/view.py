@@ -85,6 +85,11 @@ class View:
         still = np.zeros_like(aside)
         return (eye + still, forward + aside) if self.perspective else (eye + aside, forward + still)
 
+    def every_ray(self) -> tuple[Floats, Floats]:
+        """The rays of all pixels, row by row."""
+        rows, columns = np.divmod(np.arange(self.count), self.width)
+        return self.rays(columns, rows)
+
     def depth_of(self, points: Floats) -> Floats:
         """Distance of world points (…, 3) from the eye's plane, along the view."""
         forward = self.camera.basis()[2]

@@ -1,7 +1,7 @@
 """Datasets made on the spot, for tests, demonstrations and benchmarks: every shape, straight and curved, any size."""
 
 from elvis.formats.testing.bending import curved, ripple, shuffled
-from elvis.formats.testing.fields import approximated
+from elvis.formats.testing.fields import approximated, with_field
 from elvis.formats.testing.meshes import grid, mixed_plane, mixed_volume, one_element, rotated, scattered
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "rotated",
     "scattered",
     "shuffled",
+    "with_field",
 ]

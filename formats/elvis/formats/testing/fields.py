@@ -11,6 +11,7 @@ from elvis.formats.arrays import Floats, frozen_floats
 from elvis.formats.dataset import Block, Dataset, Expansion, Field
 from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.mapping.orientation import chunks
+from elvis.formats.mesh import Mesh
 from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.formats.polynomials.expansion import mode_count, values
 from elvis.formats.polynomials.interpolation import modified
@@ -29,6 +30,11 @@ def approximated(dataset: Dataset, name: str, function: Callable[[Floats], Float
     """
     blocks = [_block(block, function, modes) for block in geometry(dataset)]
     return Field(name, tuple(blocks))
+
+
+def with_field(mesh: Mesh, function: Callable[[Floats], Floats], modes: int = 3) -> Dataset:
+    """A dataset of a mesh with one field, ``u``, that approximates ``function``."""
+    return Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes),))
 
 
 def _block(block: GeometryBlock, function: Callable[[Floats], Floats], modes: int) -> Block:

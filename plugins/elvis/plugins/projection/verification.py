@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
-from elvis.formats.geometry import parts
+from elvis.formats.geometry import GeometryBlock, parts
 from elvis.formats.mapping.tangents import determinants
 from elvis.formats.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.formats.shapes import Shape
@@ -191,30 +191,25 @@ class Maps:
     def at(self, ids: Ints, points: Floats, inside: int) -> tuple[Floats, Floats]:
         """Positions (k, n, 3) of elements ``ids`` at reference points (n, d); Jacobians (k, inside) at the first."""
         places = np.empty((len(ids), len(points), 3))
-        jacobians = np.empty((len(ids), inside))
-        for number, here, rows in self._parts(ids):
-            block = self.blocks[number]
-            own = block.taken(rows)
+        for block, here, own in self._parts(ids):
             places[here] = evaluate(block.expansion, own, points).transpose(0, 2, 1)
-            slopes = evaluate_with_gradients(block.expansion, own, points[:inside])[1]
-            jacobians[here] = self._determinants(slopes.transpose(0, 2, 1, 3))
-        return places, jacobians
+        return places, self._determinants(self.tangents(ids, points[:inside])[1])
 
     def tangents(self, ids: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Positions (k, n, 3) and Jacobian matrices (k, n, 3, d) of elements ``ids`` at reference points (n, d)."""
         places, matrices = np.empty((len(ids), len(points), 3)), np.empty((len(ids), len(points), 3, points.shape[1]))
-        for number, here, rows in self._parts(ids):
-            block = self.blocks[number]
-            found, slopes = evaluate_with_gradients(block.expansion, block.taken(rows), points)
+        for block, here, own in self._parts(ids):
+            found, slopes = evaluate_with_gradients(block.expansion, own, points)
             places[here], matrices[here] = found.transpose(0, 2, 1), slopes.transpose(0, 2, 1, 3)
         return places, matrices
 
-    def _parts(self, ids: Ints) -> Iterator[tuple[int, Ints, Ints]]:
+    def _parts(self, ids: Ints) -> Iterator[tuple[GeometryBlock, Ints, Floats]]:
+        """Blocks, where in ``ids`` their elements are, and the coefficients of these."""
         place = self._order[np.searchsorted(self._ids, ids)]
         which, rows = self._block[place], self._row[place]
         for number in np.unique(which).tolist():
             here = np.flatnonzero(which == number)
-            yield number, here, rows[here]
+            yield self.blocks[number], here, self.blocks[number].taken(rows[here])
 
     def _determinants(self, matrices: Floats) -> Floats:
         """(k, n) of Jacobian matrices (k, n, 3, d); unsigned for curves and surfaces in space."""
