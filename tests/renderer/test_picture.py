@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import ImageFont
 
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import grid
 from elvis.renderer import Contours, CutSurface, Faces, Plane, SceneError, Style
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
-from elvis.renderer.picture import AXES, labels, picture, ticks
+from elvis.renderer.picture import AXES, labels, notes, picture, shortest, ticks
 
 FINITE = st.floats(-1e12, 1e12)
 
@@ -65,6 +66,26 @@ def test_every_range_has_ticks(low, span):
     values = ticks(low, high, 6)
     assert 1 <= len(values) <= 6
     assert len(labels(values)) == len(values)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False))
+def test_the_shortest_text_of_a_number_is_exact_without_slack(value):
+    assert float(shortest(value, 0.0)) == value
+    assert len(shortest(value, 0.0)) <= max(len(repr(value)), 8)
+
+
+@pytest.mark.parametrize(
+    ("contours", "sentence"),
+    [
+        (Contours(count=4), "contours of u at -1.8, -0.6, 0.6, 1.8"),
+        (Contours(values=(1 / 3, 0.1, 1.0)), "contours of u at 0.1, 0.3333333333333333, 1"),
+        (Contours(count=1), "contours of u at 0.142857"),
+    ],
+)
+def test_contours_have_the_digits_that_were_typed_or_that_tell_them_apart(draw, linear, contours, sentence):
+    ends = (-3.0, 3.0) if contours.count != 1 else (0.0, 2 / 7)
+    frame = draw(linear(grid(Shape.HEXAHEDRON, 1)), objects=(Faces(style=Style(contours=contours)),), range=ends)
+    assert notes(frame, 1000, ImageFont.load_default(10)) == [sentence]
 
 
 def test_colours_go_through_the_table_in_equal_steps():

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from elvis.renderer.frame import Frame, Legend
+from elvis.renderer.scene import VolumeRendering
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
 INK = (30, 30, 30)
@@ -64,11 +65,11 @@ def _framed(frame: Frame, image: Image.Image) -> Image.Image:
         for room, name in zip(rooms, names, strict=True)
     ]
     width = max(image.width + 2 * unit + sum(widths), round(measure(title, font=font)) + 3 * unit)
-    notes = [line for legend in frame.legends for line in _note(legend, width - 2 * unit, small)]
+    below = notes(frame, width - 2 * unit, small)
 
     # title and image, then what stands beside and below them
     top, foot = 3 * unit if title or any(names) else unit, round(1.6 * unit)
-    sheet = Image.new("RGB", (width, image.height + top + unit + foot * len(notes)), "white")
+    sheet = Image.new("RGB", (width, image.height + top + unit + foot * len(below)), "white")
     sheet.paste(image, (unit, top))
     draw = ImageDraw.Draw(sheet)
     draw.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
@@ -77,7 +78,7 @@ def _framed(frame: Frame, image: Image.Image) -> Image.Image:
         draw.text((x, top - 1.2 * unit), name, fill=INK, font=small, anchor="lm")
         _bar(legend, draw, sheet, (x, top), unit, image.height, scale, small)
         x += own
-    for number, line in enumerate(notes):
+    for number, line in enumerate(below):
         draw.text((unit, top + image.height + unit + foot * number), line, fill=INK, font=small, anchor="lt")
     if min(image.size) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, sheet, (unit, top + image.height), unit, small)
@@ -91,12 +92,27 @@ def _scale(legend: Legend, most: int) -> list[tuple[float, str]]:
     return list(zip(values, labels(values), strict=True))
 
 
-def _note(legend: Legend, width: float, font: Font) -> list[str]:
-    """The sentence that tells a legend's contours, in lines no wider than ``width`` pixels."""
-    if not legend.marks:
-        return []
+def shortest(value: float, slack: float) -> str:
+    """The text of fewest digits that says a value to within ``slack``."""
+    digits = next((n for n in range(1, 18) if abs(float(f"{value:.{n}g}") - value) <= slack), 17)
+    return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
+
+
+def notes(frame: Frame, width: float, font: Font) -> list[str]:
+    """Sentences that tell the contours, in lines no wider than ``width`` pixels.
+
+    Values that the scene has are said exactly, others with the digits that tell them well apart from their neighbours.
+    """
+    styles = [item.style for item in frame.scene.every_object if not isinstance(item, VolumeRendering)]
+    typed = {value for style in styles if style.contours for value in style.contours.values}
+    return [line for legend in frame.legends if legend.marks for line in _note(legend, typed, width, font)]
+
+
+def _note(legend: Legend, typed: set[float], width: float, font: Font) -> list[str]:
     values = [value for value, _ in legend.marks]
-    words = [f"{value:.6g}," for value in values]
+    gaps = np.diff(np.unique(values))
+    slack = (gaps.min() if len(gaps) else 1e-4 * abs(values[0])) / 20
+    words = [f"{shortest(value, 0.0 if value in typed else slack)}," for value in values]
     if len(values) > 16:
         words = [*words[:3], "…", words[-1]]
     lines = [f"contours of {legend.title} at"]
