@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
+from elvis.formats.errors import ElvisError
+
 if TYPE_CHECKING:
     from elvis.formats.arrays import Floats
     from elvis.formats.columns import Columns
@@ -64,42 +66,40 @@ def _warn(sentence: str) -> None:
     click.echo(f"elvis: warning: {sentence}", err=True)
 
 
-Parser = Callable[[click.Context, click.Parameter, Any], Any]
+class Parsed(click.ParamType):  # type: ignore[type-arg]
+    """The type of an option whose text a function reads; what is wrong with it is an error of usage."""
+
+    def __init__(self, parse: Callable[[str], Any]) -> None:
+        self.parse, self.name = parse, "text"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """What the text means."""
+        try:
+            return self.parse(value)
+        except ElvisError as error:
+            raise click.BadParameter(str(error), ctx, param) from error
 
 
-def numbers(*counts: int) -> Parser:
-    """A callback for an option of the form ``0,0.5,1``: a tuple of as many numbers as one of ``counts`` says."""
-
-    def parse(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-        return None if value is None else _numbers(value, counts)
-
-    return parse
-
-
-def triples(count: int) -> Parser:
-    """A callback for an option of the form ``0,0,0:1,0``: ``count`` triples; a third coordinate left out is zero."""
-
-    def parse(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[Triple, ...] | None:
-        if value is None:
-            return None
-        parts = value.split(":")
-        if len(parts) != count:
-            raise click.BadParameter(f"expected {count} points with colons between them, found {value!r}")
-        padded = [(*_numbers(part, (2, 3)), 0.0) for part in parts]
-        return tuple((p[0], p[1], p[2]) for p in padded)
-
-    return parse
-
-
-def _numbers(text: str, counts: tuple[int, ...]) -> tuple[float, ...]:
+def numbers(text: str, *counts: int) -> tuple[float, ...]:
+    """``0,0.5,1``: as many finite numbers as one of ``counts`` says, any number of them where that is empty."""
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
         found = ()
-    if len(found) not in counts or not all(abs(number) < float("inf") for number in found):
-        wanted = " or ".join(map(str, counts))
-        raise click.BadParameter(f"expected {wanted} numbers with commas between them, found {text!r}")
+    if not found or (counts and len(found) not in counts) or not all(abs(number) < float("inf") for number in found):
+        several = f"{' or '.join(map(str, counts))} numbers" if counts else "numbers"
+        wanted = "a number" if counts == (1,) else f"{several} with commas between them"
+        raise click.BadParameter(f"expected {wanted}, found {text!r}")
     return found
+
+
+def triples(text: str, count: int) -> tuple[Triple, ...]:
+    """``0,0,0:1,0``: ``count`` triples; a third coordinate left out is zero."""
+    parts = text.split(":")
+    if len(parts) != count:
+        raise click.BadParameter(f"expected {count} points with colons between them, found {text!r}")
+    padded = [(*numbers(part, 2, 3), 0.0) for part in parts]
+    return tuple((p[0], p[1], p[2]) for p in padded)
 
 
 def read_data(paths: Iterable[Path]) -> Dataset:
@@ -114,8 +114,6 @@ def read_data(paths: Iterable[Path]) -> Dataset:
 
 def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
     """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
-    from elvis.formats.errors import ElvisError
-
     known = tuple(field.name for field in dataset.fields)
     names = known if wanted is None else tuple(name.strip() for name in wanted.split(","))
     for name in names:

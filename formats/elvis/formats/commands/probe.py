@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from elvis.formats.commands.arguments import (
+    Parsed,
     Triple,
     asked,
     data_argument,
@@ -38,10 +40,8 @@ _ALONG = 101
 _MOST, _TOGETHER = 65536, 1 << 18
 
 
-def _counts(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+def _counts(value: str) -> tuple[int, ...]:
     """``200`` as (200,), ``200x100`` as (200, 100)."""
-    if value is None:
-        return None
     try:
         counts = tuple(int(part) for part in value.lower().split("x"))
     except ValueError:
@@ -53,16 +53,15 @@ def _counts(context: click.Context, parameter: click.Parameter, value: str | Non
     return counts
 
 
-def _grid_counts(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+def _grid_counts(value: str) -> tuple[int, ...]:
     """``64,64,32``: points along x, y and z."""
-    if value is None:
-        return None
     parts = value.split(",")
     if len(parts) != 3 or not all(part.strip().isdecimal() and 1 <= int(part) <= _MOST for part in parts):
         raise click.BadParameter(f"expected three numbers from 1 to {_MOST} such as 64,64,32, found {value!r}")
     return tuple(map(int, parts))
 
 
+_PAIR = Parsed(partial(triples, count=2))
 EPILOG = """\b
 Examples:
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 -n 200 -o line.csv
@@ -76,12 +75,19 @@ Examples:
 @click.command("probe", epilog=EPILOG, short_help="Evaluate fields exactly at points, along a line or over a plane.")
 @data_argument
 @click.option("--points", metavar="FILE", help="Points from a table, - for standard input: columns x, y, z.")
-@click.option("--line", metavar="P:Q", callback=triples(2), help="Points from P to Q, as 0,0,0:1,0,0.")
-@click.option("--plane", metavar="P:U:V", callback=triples(3), help="Points P + s U + t V, s and t from 0 to 1.")
-@click.option("--grid", metavar="NX,NY,NZ", callback=_grid_counts, help="Points of a regular grid, for a NRRD file.")
-@click.option("--box", metavar="LOW:HIGH", callback=triples(2), help="Ends of the grid.  [default: those of the data]")
+@click.option("--line", metavar="P:Q", type=_PAIR, help="Points from P to Q, as 0,0,0:1,0,0.")
 @click.option(
-    "-n", "counts", metavar="N[xM]", callback=_counts, help="Points along the line or the plane.  [default: 101]"
+    "--plane",
+    metavar="P:U:V",
+    type=Parsed(partial(triples, count=3)),
+    help="Points P + s U + t V, s and t from 0 to 1.",
+)
+@click.option(
+    "--grid", metavar="NX,NY,NZ", type=Parsed(_grid_counts), help="Points of a regular grid, for a NRRD file."
+)
+@click.option("--box", metavar="LOW:HIGH", type=_PAIR, help="Ends of the grid.  [default: those of the data]")
+@click.option(
+    "-n", "counts", metavar="N[xM]", type=Parsed(_counts), help="Points along the line or the plane.  [default: 101]"
 )
 @click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
 @field_option

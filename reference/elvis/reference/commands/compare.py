@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.renderer.commands.render import OPTIONS
+from elvis.renderer.commands.render import scene_options
 
 if TYPE_CHECKING:
     from elvis.reference.study import Study
@@ -23,7 +22,6 @@ Examples:
 
 Exit status 1 where --require pixel-exact is not met; the report is written all the same.
 """
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 _UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "": 1}
 
 
@@ -60,18 +58,9 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
     return found
 
 
-def _scene_options(command: _Command) -> _Command:
-    """The command with the options of ``elvis render`` that say what is seen."""
-    kept = {key: options for key, options in OPTIONS.items() if key not in ("outputs", "stats", "plain", "samples")}
-    every = [option for options in kept.values() for option in (options if isinstance(options, list) else [options])]
-    for option in reversed(every):
-        command = option(command)
-    return command
-
-
 @click.command(epilog=EPILOG, short_help="Report how accurate pictures are, and what linear ones would show.")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...|A.npz B.npz")
-@_scene_options
+@scene_options(leaving=("outputs", "stats", "plain", "samples"))
 @click.option("--output", "-o", type=click.Path(path_type=Path), metavar="FOLDER", help="The report; opens from disk.")
 @click.option(
     "--refinements", default="0,1,2,3", show_default=True, callback=_levels, help="Linear pictures to compare with."
@@ -137,11 +126,9 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
     from elvis.reference.study import compare_scene
     from elvis.renderer import SceneError
     from elvis.renderer.commands.composing import composed
-    from elvis.renderer.scene import MeshLines
 
     own = ("refinements", "memory_limit", "judge", "meshes")
     levels, limit, judged, meshes = (options.pop(name) for name in own)
-    options["mesh_lines"] = MeshLines() if options.get("mesh_lines") else None
     scene = composed(data, options, ())
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")

@@ -22,7 +22,7 @@ def composed(files: tuple[Path, ...], options: dict[str, Any], settings: tuple[t
               ``isosurfaces`` and ``volumes`` are added to the objects, STYLES go to every object
     settings  pairs of a key such as ``objects[0].style.opacity`` and a TOML value
     """
-    from elvis.renderer.scene import CutSurface, Plane, Scene
+    from elvis.renderer.scene import CutSurface, MeshLines, Plane, Scene
     from elvis.renderer.scene.files import is_scene_file, read_scene
 
     scene_files = [file for file in files if is_scene_file(file)]
@@ -31,6 +31,7 @@ def composed(files: tuple[Path, ...], options: dict[str, Any], settings: tuple[t
     scene = read_scene(scene_files[0]) if scene_files else Scene()
     given = {key: value for key, value in options.items() if value is not None and value != ()}
     style = {key: given.pop(key) for key in STYLES if key in given}
+    style |= {"mesh_lines": MeshLines()} if "mesh_lines" in style else {}
 
     # one plane without a style of its own is the shortcut
     cuts = [CutSurface(surface) for key in ("planes", "cuts") for surface in given.pop(key, ())]

@@ -1,204 +1,132 @@
-"""Command-line values of scenes: surfaces, objects, cameras, sizes, ranges; each a callback for an option."""
+"""Command-line values of scenes: what the text of an option means.  SceneErrors and BadParameters are of usage."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import wraps
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, get_args, get_type_hints
 
 import click
+from PIL import ImageColor
 
 from elvis.formats.commands.arguments import numbers, triples
-
-if TYPE_CHECKING:
-    from elvis.renderer import scene as kinds
+from elvis.renderer import scene
+from elvis.renderer.scene.objects import check_range
+from elvis.renderer.scene.surfaces import check
+from elvis.renderer.scene.tables import KINDS
 
 LARGEST_SIDE = 32768
-SURFACES = {
-    "plane": ("Plane", "POINT:NORMAL", 1),
-    "sphere": ("Sphere", "CENTER:RADIUS", 1),
-    "cylinder": ("Cylinder", "POINT:AXIS:RADIUS", 2),
-    "cone": ("Cone", "APEX:AXIS:DEGREES", 2),
-}
-Callback = Callable[[click.Context, click.Parameter, Any], Any]
+SURFACES: dict[str, Any] = {KINDS[each]: each for each in get_args(scene.Surface)}
 
 
-def each(parse: Callback) -> Callback:
-    """The callback of an option that can be repeated: a tuple of values."""
-
-    @wraps(parse)
-    def all_of(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> tuple[Any, ...]:
-        return tuple(parse(context, parameter, value) for value in values)
-
-    return all_of
-
-
-def checked(parse: Callback) -> Callback:
-    """A callback that is not asked where the option was not given, and whose SceneError is an error of usage."""
-
-    @wraps(parse)
-    def careful(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
-        from elvis.renderer.errors import SceneError
-
-        try:
-            return None if value is None else parse(context, parameter, value)
-        except SceneError as error:
-            raise click.BadParameter(str(error)) from error
-
-    return careful
-
-
-@checked
-def plane(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Plane:
+def plane(text: str) -> scene.Plane:
     """``x,y,z:nx,ny,nz``: a point and a normal."""
-    from elvis.renderer.scene import Plane
-
-    point, normal = triples(2)(context, parameter, value)
-    if not any(normal):
-        raise click.BadParameter(f"expected a normal that is not zero, found {value!r}")
-    return Plane(point, normal)
+    found: scene.Plane = _made(scene.Plane, text)
+    return found
 
 
-@checked
-def surface(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Surface:
-    """``plane:…``, ``sphere:…``, ``cylinder:…``, ``cone:…`` (see SURFACES), ``mesh:FILE``, ``implicit:EXPRESSION``."""
-    from elvis.renderer import scene
-
-    kind, _, rest = value.partition(":")
-    if kind == "plane":
-        return cast("kinds.Plane", plane(context, parameter, rest))
-    if kind in ("mesh", "implicit") and rest:
-        return scene.TriangleMesh(rest) if kind == "mesh" else scene.Implicit(rest)
-    if kind not in SURFACES:
-        raise click.BadParameter(f"expected {', '.join(SURFACES)}, mesh or implicit and a colon, found {value!r}")
-    name, form, count = SURFACES[kind]
-    *vectors, last = rest.split(":")
-    if len(vectors) != count:
-        raise click.BadParameter(f"expected {kind}:{form}, found {value!r}")
-    found = triples(count)(context, parameter, ":".join(vectors))
-    made: kinds.Surface = getattr(scene, name)(*found, *numbers(1)(context, parameter, last))
-    return made
+def surface(text: str) -> scene.Surface:
+    """A kind and what it takes: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION`` (see SURFACES)."""
+    kind, _, rest = text.partition(":")
+    check(kind in SURFACES and rest, "a surface", f"{', '.join(SURFACES)} and a colon", repr(text))
+    found: scene.Surface = _made(SURFACES[kind], rest)
+    return found
 
 
-@checked
-def clip(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Clip:
+def _made(cls: Any, text: str) -> Any:
+    """An instance of a dataclass, from what it takes with colons between."""
+    hints = get_type_hints(cls)
+    parts = text.split(":", len(hints) - 1)
+    check(len(parts) == len(hints), KINDS[cls], ":".join(hints).upper(), repr(text))
+    reads: dict[Any, Any] = {float: _number, str: str}
+    return cls(*(reads.get(hint, _point)(part) for hint, part in zip(hints.values(), parts, strict=True)))
+
+
+def _number(text: str) -> float:
+    return numbers(text, 1)[0]
+
+
+def _point(text: str) -> scene.Vector:
+    return triples(text, 1)[0]
+
+
+def clip(text: str) -> scene.Clip:
     """A surface, after ``outside:`` where its outside is to go."""
-    from elvis.renderer.scene import Clip
+    away, _, within = text.partition(":")
+    if away == "outside":
+        return scene.Clip(surface(within), "outside")
+    return scene.Clip(surface(within if away == "inside" else text))
 
-    outside = value.startswith("outside:")
-    within = surface(context, parameter, value.removeprefix("outside:").removeprefix("inside:"))
-    return Clip(within, "outside" if outside else "inside")
 
-
-@checked
-def faces(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Faces:
+def faces(text: str) -> scene.Faces:
     """Names with commas between them."""
-    from elvis.renderer.scene import Faces
-
-    return Faces(tuple(name.strip() for name in value.split(",")))
+    return scene.Faces(tuple(name.strip() for name in text.split(",")))
 
 
-@checked
-def isosurface(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Isosurface:
+def isosurface(text: str) -> scene.Isosurface:
     """``VALUE,VALUE…``, or ``QUANTITY=VALUE,VALUE…``."""
-    from elvis.renderer.scene import Isosurface
-
-    quantity, _, values = value.rpartition("=")
-    return Isosurface(_values(context, parameter, values), quantity.strip() or None)
+    quantity, _, values = text.rpartition("=")
+    return scene.Isosurface(numbers(values), quantity.strip() or None)
 
 
-@checked
-def volume(context: click.Context, parameter: click.Parameter, value: str) -> kinds.VolumeRendering:
+def volume(text: str) -> scene.VolumeRendering:
     """``VALUE:DENSITY,VALUE:DENSITY…``, or the same after ``QUANTITY=``."""
-    from elvis.renderer.scene import Transfer, VolumeRendering
-
-    quantity, _, points = value.rpartition("=")
-    pairs = [numbers(2)(context, parameter, pair.replace(":", ",", 1)) for pair in points.split(",")]
-    transfer = Transfer(tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
-    return VolumeRendering(transfer, quantity.strip() or None)
+    quantity, _, points = text.rpartition("=")
+    values, densities = zip(*(numbers(pair.replace(":", ",", 1), 2) for pair in points.split(",")), strict=True)
+    return scene.VolumeRendering(scene.Transfer(values, densities), quantity.strip() or None)
 
 
-@checked
-def contours(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Contours:
+def contours(text: str) -> scene.Contours:
     """A whole number: so many lines; else their values, with commas or a decimal point."""
-    from elvis.renderer.scene import Contours
-
-    return Contours(count=int(value)) if value.isdecimal() else Contours(_values(context, parameter, value))
+    return scene.Contours(count=int(text)) if text.isdecimal() else scene.Contours(numbers(text))
 
 
-@checked
-def camera(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Camera | str:
+def camera(text: str) -> scene.Camera | str:
     """The name of a view, or ``eye:at[:up[:degrees]]``."""
-    from elvis.renderer.scene import NAMED_VIEWS, Camera
-
-    if value == "fit" or value in NAMED_VIEWS:
-        return value
-    parts = value.split(":")
-    if not 2 <= len(parts) <= 4:
-        names = ", ".join(["fit", *NAMED_VIEWS])
-        raise click.BadParameter(f"expected {names} or eye:at[:up[:degrees]], found {value!r}")
-    eye, at, *up = triples(min(len(parts), 3))(context, parameter, ":".join(parts[:3]))
-    fov = numbers(1)(context, parameter, parts[3])[0] if len(parts) == 4 else None
-    return Camera(eye, at, up[0] if up else (0.0, 0.0, 1.0), fov)
+    names, parts = ("fit", *scene.NAMED_VIEWS), text.split(":")
+    if text in names:
+        return text
+    check(2 <= len(parts) <= 4, "camera", f"{', '.join(names)} or eye:at[:up[:degrees]]", repr(text))
+    eye, at, up = map(_point, [*parts, "0,0,1"][:3])
+    return scene.Camera(eye, at, up, *map(_number, parts[3:]))
 
 
-@checked
-def size(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+def size(text: str) -> tuple[int, int]:
     """``WIDTHxHEIGHT`` in pixels."""
-    sides = value.lower().split("x")
-    if len(sides) != 2 or not all(side.isdecimal() and 1 <= int(side) <= LARGEST_SIDE for side in sides):
-        raise click.BadParameter(
-            f"expected WIDTHxHEIGHT such as 1000x800, up to {LARGEST_SIDE} a side, found {value!r}"
-        )
+    sides = text.lower().split("x")
+    good = len(sides) == 2 and all(side.isdecimal() and 1 <= int(side) <= LARGEST_SIDE for side in sides)
+    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, up to {LARGEST_SIDE} a side", repr(text))
     return int(sides[0]), int(sides[1])
 
 
-@checked
-def color_range(context: click.Context, parameter: click.Parameter, value: str) -> tuple[float, float] | str:
+def color_range(text: str) -> tuple[float, float] | str:
     """``LOW:HIGH``, ascending; or ``seen`` or ``all``."""
-    if value in ("seen", "all"):
-        return value
-    low, high = numbers(2)(context, parameter, value.replace(":", ",", 1))
-    if not low < high:
-        raise click.BadParameter(f"expected two ascending values such as -0.5:1, seen or all, found {value!r}")
+    if text in ("seen", "all"):
+        return text
+    low, high = numbers(text.replace(":", ",", 1), 2)
+    check_range((low, high))
     return low, high
 
 
-@checked
-def color(context: click.Context, parameter: click.Parameter, value: str) -> tuple[float, float, float]:
+def color(text: str) -> scene.Vector:
     """A name or ``#rrggbb``, as CSS has them, or three parts from 0 to 1 with commas between them."""
-    from PIL import ImageColor
-
-    if value.count(",") == 2:
-        r, g, b = numbers(3)(context, parameter, value)
+    if text.count(",") == 2:
+        r, g, b = numbers(text, 3)
         return r, g, b
     try:
-        r, g, b = ImageColor.getrgb(value)[:3]
+        r, g, b = (part / 255 for part in ImageColor.getrgb(text)[:3])
     except ValueError as error:
-        raise click.BadParameter(f"expected a colour such as white, #ff8000 or 1,0.5,0, found {value!r}") from error
-    return r / 255, g / 255, b / 255
+        raise click.BadParameter(f"expected a colour such as white, #ff8000 or 1,0.5,0, found {text!r}") from error
+    return r, g, b
 
 
-@checked
-def light(context: click.Context, parameter: click.Parameter, value: str) -> kinds.Light:
+def light(text: str) -> scene.Light:
     """``x,y,z`` towards the lamp or ``eye``, then ``:intensity`` where it is not the usual one."""
-    from elvis.renderer.scene import Light
-
-    direction, _, intensity = value.partition(":")
-    towards = None if direction == "eye" else triples(1)(context, parameter, direction)[0]
-    return Light(towards, *(numbers(1)(context, parameter, intensity) if intensity else ()))
+    direction, _, intensity = text.partition(":")
+    towards = None if direction == "eye" else _point(direction)
+    return scene.Light(towards, *map(_number, [intensity] if intensity else []))
 
 
-@checked
-def setting(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, str]:
+def setting(text: str) -> tuple[str, str]:
     """``KEY=VALUE``."""
-    key, equals, text = value.partition("=")
-    if not key.strip() or not equals:
-        raise click.BadParameter(f"expected KEY=VALUE such as objects[0].style.opacity=0.5, found {value!r}")
-    return key.strip(), text.strip()
-
-
-def _values(context: click.Context, parameter: click.Parameter, text: str) -> tuple[float, ...]:
-    """Any number of numbers with commas between them."""
-    found: tuple[float, ...] = numbers(text.count(",") + 1)(context, parameter, text)
-    return found
+    key, equals, value = text.partition("=")
+    check(key.strip() and equals, "a setting", "KEY=VALUE such as objects[0].style.opacity=0.5", repr(text))
+    return key.strip(), value.strip()

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from elvis.renderer.commands import parameters
+from elvis.formats.commands.arguments import Parsed
 
 if TYPE_CHECKING:
     from elvis.renderer.frame import Frame
@@ -35,90 +36,84 @@ CAMERA = (
     "fit (straight at a single plane, else iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, or "
     "eye:at[:up[:degrees]]; orthographic and fitted to what is seen unless degrees are given."
 )
-CUT = "A surface that cuts 3D data: " + ", ".join(
-    [f"{kind}:{form}" for kind, (_, form, _) in parameters.SURFACES.items()] + ["mesh:FILE, implicit:EXPRESSION."]
+CUT = (
+    "A surface that cuts 3D data: plane:POINT:NORMAL, sphere:CENTER:RADIUS, cylinder:POINT:AXIS:RADIUS, "
+    "cone:APEX:AXIS:DEGREES, mesh:FILE, implicit:EXPRESSION.  Repeatable."
+)
+COLORMAP = (
+    "A colour map of the cmap catalogue, elvis:NAME, or a file of ParaView or the first ElVis.  [default: viridis]"
 )
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 OUTPUT = click.Path(path_type=Path, dir_okay=False)
 
 
-def _many(*names: str, metavar: str, parse: parameters.Callback, help: str) -> Callable[[_Command], _Command]:
-    """An option that can be given several times."""
-    return click.option(*names, multiple=True, metavar=metavar, callback=parameters.each(parse), help=help)
+def _option(*names: str, parse: str = "", **settings: Any) -> Callable[[_Command], _Command]:
+    """An option whose text a function of `parameters`, imported when it is needed, reads."""
+
+    def read(text: str) -> Any:
+        from elvis.renderer.commands import parameters
+
+        return getattr(parameters, parse)(text)
+
+    if parse:
+        settings["type"] = Parsed(read)
+    return click.option(*names, **settings)
 
 
-def _one(*names: str, metavar: str | None = None, parse: parameters.Callback | None = None, help: str) -> Any:
-    return click.option(*names, metavar=metavar, callback=parse, help=help)
-
+_many = partial(_option, multiple=True)
 
 #: options by the key of the scene that they set
 OPTIONS = {
-    "field": _one("--field", "-f", help="What colours the picture: a field or a formula.  [default: the first field]"),
-    "plugin": _one("--plugin", metavar="NAME|FILE.py", help="The runtime plugin that opens DATA."),
-    "plane": _many(
-        "--plane", "planes", metavar="POINT:NORMAL", parse=parameters.plane, help="A cut plane; repeatable."
-    ),
+    "field": _option("--field", "-f", help="What colours the picture: a field or a formula.  [default: the first]"),
+    "plugin": _option("--plugin", metavar="NAME|FILE.py", help="The runtime plugin that opens DATA."),
+    "plane": _many("--plane", "planes", metavar="POINT:NORMAL", parse="plane", help="A cut plane; repeatable."),
     "objects": [
-        _many("--cut", "cuts", metavar="SURFACE", parse=parameters.surface, help=f"{CUT}  Repeatable."),
-        _many(
-            "--faces", metavar="NAMES", parse=parameters.faces, help="Faces: all, boundaries, element:ID, shape:NAME."
-        ),
-        _many("--isosurface", "isosurfaces", metavar="[Q=]V,V", parse=parameters.isosurface, help="Where Q is V."),
-        _many(
-            "--volume", "volumes", metavar="[Q=]V:D,V:D", parse=parameters.volume, help="Fog: density D where Q is V."
-        ),
-        _one("--contours", metavar="N|V,V", parse=parameters.contours, help="N contour lines, or those of values."),
-        click.option("--mesh-lines", is_flag=True, default=None, help="Draw the borders of elements."),
-        click.option("--opacity", type=float, help="Of all objects, above 0 and at most 1."),
-        click.option("--lit/--unlit", default=None, help="Shade objects, or don't.  [default: faces and isosurfaces]"),
-        _one("--color", metavar="COLOR", parse=parameters.color, help="One colour for all objects."),
+        _many("--cut", "cuts", metavar="SURFACE", parse="surface", help=CUT),
+        _many("--faces", metavar="NAMES", parse="faces", help="Faces: all, boundaries, element:ID, shape:NAME."),
+        _many("--isosurface", "isosurfaces", metavar="[Q=]V,V", parse="isosurface", help="Where Q is V."),
+        _many("--volume", "volumes", metavar="[Q=]V:D,V:D", parse="volume", help="Fog: density D where Q is V."),
+        _option("--contours", metavar="N|V,V", parse="contours", help="N contour lines, or those of values."),
+        _option("--mesh-lines", is_flag=True, default=None, help="Draw the borders of elements."),
+        _option("--opacity", type=float, help="Of all objects, above 0 and at most 1."),
+        _option("--lit/--unlit", default=None, help="Shade objects, or don't.  [default: faces and isosurfaces]"),
+        _option("--color", metavar="COLOR", parse="color", help="One colour for all objects."),
     ],
-    "camera": _one("--camera", metavar="VIEW", parse=parameters.camera, help=CAMERA),
-    "size": _one("--size", metavar="WxH", parse=parameters.size, help="Pixels.  [default: 1000 wide or 800 high]"),
-    "samples": click.option("--samples", type=int, help="Colours are means over N x N points a pixel.  [default: 1]"),
-    "range": _one(
-        "--range",
-        metavar="LOW:HIGH|seen|all",
-        parse=parameters.color_range,
-        help="Ends of the colour bar.  [default: seen]",
+    "camera": _option("--camera", metavar="VIEW", parse="camera", help=CAMERA),
+    "size": _option("--size", metavar="WxH", parse="size", help="Pixels.  [default: 1000 wide or 800 high]"),
+    "samples": _option("--samples", type=int, help="Colours are means over N x N points a pixel.  [default: 1]"),
+    "range": _option(
+        "--range", metavar="LOW:HIGH|seen|all", parse="color_range", help="Ends of the colour bar.  [default: seen]"
     ),
-    "palette": _one(
-        "--colormap",
-        "--palette",
-        "palette",
-        metavar="NAME|FILE.xml",
-        help="A colour map of the cmap catalogue, elvis:NAME, or a file of ParaView or the first ElVis.  "
-        "[default: viridis]",
-    ),
-    "background": _one("--background", metavar="COLOR", parse=parameters.color, help="[default: white]"),
-    "lights": _many(
-        "--light", "lights", metavar="X,Y,Z[:I]", parse=parameters.light, help="A light; eye is the viewer's."
-    ),
-    "ambient": click.option("--ambient", type=float, help="What lit surfaces show without lights.  [default: 0.3]"),
-    "clip": _many("--clip", metavar="SURFACE", parse=parameters.clip, help="Show nothing inside (outside:…) of it."),
-    "timeout": click.option("--timeout", type=float, help="Seconds after which an unfinished picture is given up."),
-    "title": _one("--title", help="Above the picture.  [default: the field]"),
-    "plain": click.option("--plain", is_flag=True, default=None, help="The bare image, without anything beside it."),
-    "device": _one("--device", help="See elvis devices; reference computes in NumPy.  [default: auto]"),
-    "outputs": click.option(
-        "--output", "-o", "outputs", multiple=True, type=OUTPUT, help=".png, .exr, .npz; repeatable."
-    ),
-    "stats": click.option("--stats", type=OUTPUT, help="Write seconds, bytes and counts as JSON."),
+    "palette": _option("--colormap", "--palette", "palette", metavar="NAME|FILE.xml", help=COLORMAP),
+    "background": _option("--background", metavar="COLOR", parse="color", help="[default: white]"),
+    "lights": _many("--light", "lights", metavar="X,Y,Z[:I]", parse="light", help="A light; eye is the viewer's."),
+    "ambient": _option("--ambient", type=float, help="What lit surfaces show without lights.  [default: 0.3]"),
+    "clip": _many("--clip", metavar="SURFACE", parse="clip", help="Show nothing inside (outside:…) of it."),
+    "timeout": _option("--timeout", type=float, help="Seconds after which an unfinished picture is given up."),
+    "title": _option("--title", help="Above the picture.  [default: the field]"),
+    "plain": _option("--plain", is_flag=True, default=None, help="The bare image, without anything beside it."),
+    "device": _option("--device", help="See elvis devices; reference computes in NumPy.  [default: auto]"),
+    "outputs": _many("--output", "-o", "outputs", type=OUTPUT, help=".png, .exr, .npz; repeatable."),
+    "stats": _option("--stats", type=OUTPUT, help="Write seconds, bytes and counts as JSON."),
 }
 
 
-def _scene_options(command: _Command) -> _Command:
-    """The command with all OPTIONS, in their order."""
-    every = [option for options in OPTIONS.values() for option in (options if isinstance(options, list) else [options])]
-    for option in reversed(every):
-        command = option(command)
-    return command
+def scene_options(leaving: Sequence[str] = ()) -> Callable[[_Command], _Command]:
+    """All OPTIONS for a command, in their order, but for some keys."""
+
+    def decorate(command: _Command) -> _Command:
+        for options in reversed([options for key, options in OPTIONS.items() if key not in leaving]):
+            for option in reversed(options if isinstance(options, list) else [options]):
+                command = option(command)
+        return command
+
+    return decorate
 
 
 @click.command(epilog=EPILOG, short_help="Draw cuts, faces, isosurfaces and volumes, exact at every pixel.")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
-@_scene_options
-@_many("--set", "settings", metavar="KEY=VALUE", parse=parameters.setting, help="Any other key of the scene.")
+@scene_options()
+@_many("--set", "settings", metavar="KEY=VALUE", parse="setting", help="Any other key of the scene.")
 @click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
 def render(
     data: tuple[Path, ...], settings: tuple[tuple[str, str], ...], save_scene: Path | None, **options: Any
@@ -129,7 +124,6 @@ def render(
     """
     from elvis.renderer.commands.composing import composed
 
-    options["mesh_lines"] = _mesh_lines(options["mesh_lines"])
     options["outputs"] = tuple(map(str, options["outputs"]))
     options["stats"] = options["stats"] and str(options["stats"])
     scene = composed(data, options, settings)
@@ -139,12 +133,6 @@ def render(
         frame.save(output, plain=scene.plain)
     _write_rest(frame, scene, save_scene)
     _report(frame)
-
-
-def _mesh_lines(wanted: bool | None) -> Any:
-    from elvis.renderer.scene import MeshLines
-
-    return MeshLines() if wanted else None
 
 
 def _check_places(scene: Scene, save_scene: Path | None) -> None:

@@ -44,6 +44,9 @@ class Plane:
     point: Vector
     normal: Vector
 
+    def __post_init__(self) -> None:
+        unit(self.normal, "the normal of the plane")
+
     def basis(self) -> tuple[Floats, Floats, Floats]:
         """Unit vectors right, up and normal, right-handed; up is as near to z (else y) as the plane allows."""
         normal = unit(self.normal, "the normal of the plane")
