@@ -9,87 +9,25 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from elvis.renderer.errors import DeviceError, SceneError
-    from elvis.renderer.frame import Frame, Status
-    from elvis.renderer.rendering import Renderer, default_field, render
-    from elvis.renderer.scene import (
-        Camera,
-        Clip,
-        Cone,
-        Contours,
-        CutSurface,
-        Cylinder,
-        Faces,
-        Implicit,
-        Isosurface,
-        Light,
-        MeshLines,
-        Plane,
-        Scene,
-        Sphere,
-        Style,
-        Transfer,
-        TriangleMesh,
-        VolumeRendering,
-    )
-
-__all__ = [
-    "Camera",
-    "Clip",
-    "Cone",
-    "Contours",
-    "CutSurface",
-    "Cylinder",
-    "DeviceError",
-    "Faces",
-    "Frame",
-    "Implicit",
-    "Isosurface",
-    "Light",
-    "MeshLines",
-    "Plane",
-    "Renderer",
-    "Scene",
-    "SceneError",
-    "Sphere",
-    "Status",
-    "Style",
-    "Transfer",
-    "TriangleMesh",
-    "VolumeRendering",
-    "default_field",
-    "render",
-]
+    from elvis.renderer.errors import DeviceError as DeviceError
+    from elvis.renderer.errors import SceneError as SceneError
+    from elvis.renderer.frame import Frame as Frame
+    from elvis.renderer.frame import Status as Status
+    from elvis.renderer.rendering import Renderer as Renderer
+    from elvis.renderer.rendering import default_field as default_field
+    from elvis.renderer.rendering import render as render
+    from elvis.renderer.scene import *  # noqa: F403
 
 _MODULES = {
     "errors": ("DeviceError", "SceneError"),
     "frame": ("Frame", "Status"),
     "rendering": ("Renderer", "default_field", "render"),
-    "scene": (
-        "Camera",
-        "Clip",
-        "Cone",
-        "Contours",
-        "CutSurface",
-        "Cylinder",
-        "Faces",
-        "Implicit",
-        "Isosurface",
-        "Light",
-        "MeshLines",
-        "Plane",
-        "Scene",
-        "Sphere",
-        "Style",
-        "Transfer",
-        "TriangleMesh",
-        "VolumeRendering",
-    ),
 }
 
 
 def __getattr__(name: str) -> object:
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f"elvis.renderer.{module}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = next((module for module, names in _MODULES.items() if name in names), "scene")
+    found = import_module(f"elvis.renderer.{module}")
+    if name not in _MODULES.get(module, ()) and name not in found.__all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(found, name)

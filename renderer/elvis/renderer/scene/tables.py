@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
-from functools import partial
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from sys import float_info
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from elvis.formats.distances.files import renamed
 from elvis.renderer.errors import SceneError
@@ -100,47 +100,38 @@ def _made(cls: type, raw: Any, place: str, folder: str) -> Any:
 
 def _value(hint: Any, raw: Any, place: str, folder: str) -> Any:
     """What stands for ``raw`` in a place of a type: optional values, alternatives, tuples, tables, plain values."""
-    if get_origin(hint) in (tuple, Literal, Annotated) or isinstance(hint, type):
-        return _single(hint, raw, place, folder)
-    choices = [choice for choice in get_args(hint) if choice is not type(None)]
-    if raw is None and len(choices) < len(get_args(hint)):
-        return None
-    tables = [choice for choice in choices if is_dataclass(choice)]
-    if isinstance(raw, dict) and tables:
-        return _made(_kind(tables, raw, place), raw, place, folder)
-    others = [choice for choice in choices if choice not in tables] or tables
-    as_list = [choice for choice in others if get_origin(choice) is tuple] if isinstance(raw, list | tuple) else []
-    return _single((as_list or [c for c in others if get_origin(c) is not tuple] or others)[0], raw, place, folder)
-
-
-def _kind(choices: list[Any], raw: Table, place: str) -> type:
-    """The dataclass that the key ``kind`` names, where there are several."""
-    named = {KINDS.get(choice, ""): choice for choice in choices}
-    kind = raw.get("kind")
-    check(len(choices) == 1 or kind in named, _joined(place, "kind"), ", ".join(named), _shown(kind))
-    chosen: type = choices[0] if len(choices) == 1 else named[str(kind)]
-    return chosen
-
-
-def _single(hint: Any, raw: Any, place: str, folder: str) -> Any:
-    """A table, tuple or plain value of one type."""
+    origin, choices = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        if raw is None and NoneType in choices:
+            return None
+        return _value(_choice([own for own in choices if own is not NoneType], raw, place), raw, place, folder)
     if is_dataclass(hint):
         return _made(hint, raw, place, folder)  # type: ignore[arg-type]
-    if get_origin(hint) is tuple:
-        return _tuple(get_args(hint), raw, place, folder)
-    if get_origin(hint) is Literal:
-        check(raw in get_args(hint), place, " or ".join(map(str, get_args(hint))), _shown(raw))
+    if origin is tuple:
+        return _tuple(choices, raw, place, folder)
+    if origin is Literal:
+        check(raw in choices, place, " or ".join(map(str, choices)), _shown(raw))
         return raw
-    if get_origin(hint) is Annotated:
-        check(isinstance(raw, str) and raw, place, f"a {get_args(hint)[1]} name", _shown(raw))
+    if origin is Annotated:
+        check(isinstance(raw, str) and raw, place, f"a {choices[1]} name", _shown(raw))
         return os.path.normpath(os.path.join(folder, raw)) if _is_file({hint}, raw) else raw
     if isinstance(raw, str) and place.endswith(EXPRESSIONS):
         return renamed(raw, lambda file: os.path.normpath(os.path.join(folder, file)))
-    expected, make = _PLAIN[hint]
-    try:
-        return make(raw)
-    except (ValueError, OverflowError):
-        raise SceneError(f"{place}: expected {expected}, found {_shown(raw)}") from None
+    expected, kinds = _PLAIN[hint]
+    check(type(raw) in kinds and (hint is not float or abs(raw) <= float_info.max), place, expected, _shown(raw))
+    return hint(raw)
+
+
+def _choice(choices: list[Any], raw: Any, place: str) -> Any:
+    """Which of several types a table, a list or a plain value is of; the key ``kind`` tells tables apart."""
+    tables: list[Any] = [choice for choice in choices if is_dataclass(choice)]
+    if isinstance(raw, dict) and tables:
+        named, kind = {KINDS.get(choice, ""): choice for choice in tables}, raw.get("kind")
+        check(len(tables) == 1 or str(kind) in named, _joined(place, "kind"), ", ".join(named), _shown(kind))
+        return named.get(str(kind), tables[0])
+    others = [choice for choice in choices if choice not in tables] or tables
+    fitting = [choice for choice in others if isinstance(raw, list | tuple) == (get_origin(choice) is tuple)]
+    return (fitting or others)[0]
 
 
 def _tuple(items: tuple[Any, ...], raw: Any, place: str, folder: str) -> tuple[Any, ...]:
@@ -153,18 +144,12 @@ def _tuple(items: tuple[Any, ...], raw: Any, place: str, folder: str) -> tuple[A
     return tuple(_value(h, value, f"{place}[{n}]", folder) for n, (h, value) in enumerate(zip(hints, raw, strict=True)))
 
 
-def _of_type(kinds: tuple[type, ...], make: Callable[[Any], Any], raw: Any) -> Any:
-    """``raw`` if it is of one of the types, and finite; ValueError else."""
-    if type(raw) not in kinds or (isinstance(raw, float) and not abs(raw) < float("inf")):
-        raise ValueError
-    return make(raw)
-
-
-_PLAIN: dict[Any, tuple[str, Callable[[Any], Any]]] = {
-    float: ("a finite number", partial(_of_type, (int, float), float)),
-    int: ("a whole number", partial(_of_type, (int,), int)),
-    str: ("a text", partial(_of_type, (str,), str)),
-    bool: ("true or false", partial(_of_type, (bool,), bool)),
+#: what plain values of a type are called, and the types that are taken for it
+_PLAIN: dict[Any, tuple[str, tuple[type, ...]]] = {
+    float: ("a finite number", (int, float)),
+    int: ("a whole number", (int,)),
+    str: ("a text", (str,)),
+    bool: ("true or false", (bool,)),
 }
 
 
