@@ -65,15 +65,16 @@ def test_inverted_elements_are_drawn_and_told(draw, modes):
 
 
 def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
-    """Hits of faces where rays leave are kept from the march: these pixels fail, with a remark."""
+    """One face of each element is kept from the march, in the right half: these pixels fail, with a remark."""
     data = rising(curved(grid(Shape.TETRAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3))
-    found = FaceDrawer.hits
+    found = FaceDrawer.seen
 
     def fewer(self, *arguments):
-        every = found(self, *arguments)
-        return every[(every["pixel"] % SIZE[0] < 18) | (every["entering"] == 1)]
+        pieces, view = found(self, *arguments)
+        pieces["most"][pieces["face"] % 4 == 0, 0] = 17
+        return pieces, view
 
-    monkeypatch.setattr(FaceDrawer, "hits", fewer)
+    monkeypatch.setattr(FaceDrawer, "seen", fewer)
     frame = draw(data, camera=CAMERA, size=SIZE, objects=(FOG,))
     failed = frame.status == Status.FAILED
     assert failed[:, 18:].sum() > 50
@@ -87,7 +88,7 @@ def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
 def test_the_time_limit_ends_a_march(draw, monkeypatch):
     """Before its first band, not only after the picture."""
     bands = []
-    monkeypatch.setattr(_March, "_band", lambda *some: bands.append(some))
+    monkeypatch.setattr(_March, "band", lambda *some: bands.append(some))
     data = rising(grid(Shape.TETRAHEDRON, 2))
     with pytest.raises(SceneError, match="the time limit: nothing is written"):
         draw(data, camera=CAMERA, size=SIZE, objects=(FOG,), timeout=1e-9)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 SHADERS = Path(__file__).parent / "shaders"
 #: stages whose waves work on one element at a time
-TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw", "iso_line", "volume_list", "line_draw")
+TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
 #: stages that hold many copies of an element's code, as formulas do: loops compile sooner
 COMPACT = ("line_draw",)
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones

@@ -102,6 +102,23 @@ class FaceDrawer:
         held: NDArray[Any] = every[(every["pixel"] >= first * view.width) & (every["pixel"] < last * view.width)]
         return held
 
+    def seen(self, view: View, chosen: Bools, number: int, kernel: Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Piece records of a part's chosen elements, those of one element together, of near ones first; and a FaceView.
+
+        chosen  (elements,) by running number
+        """
+        pieces = self._parts(view, chosen, number, kernel.dtype("pieces"))
+        near = np.full(len(self.loaded.parts[number]), np.inf)
+        np.minimum.at(near, pieces["element"], pieces["near"])
+        rank = np.argsort(np.argsort(near, kind="stable"))
+        return pieces[np.argsort(rank[pieces["element"]], kind="stable")], self._record(kernel.dtype("view"), view)
+
+    def _parts(self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Records of all pieces of a part that are seen."""
+        every = self._pieces(view, select)
+        own = [k for k, block in enumerate(self.faces.blocks) if block.part == number]
+        return np.concatenate([np.empty(0, dtype), *(self._records(k, every[k][0], dtype) for k in own)], dtype=dtype)
+
     def _tie(self, view: View) -> float:
         """Difference of depth up to which two hits are at one place."""
         return _TIE * (self.loaded.reach + float(np.abs(view.camera.eye).max()))
@@ -121,12 +138,14 @@ class FaceDrawer:
         """
         every, device, fresh = self._pieces(view, select), self.loaded.device, layered is not None
         for number, part in enumerate(self.loaded.parts):
-            own = [k for k, block in enumerate(self.faces.blocks) if block.part == number and len(every[k][0].face)]
-            if not own:
+            if not any(
+                len(some.face)
+                for block, (some, _) in zip(self.faces.blocks, every, strict=True)
+                if block.part == number
+            ):
                 continue
             kernel = device.kernel(stage, part, quantity)
-            records = [self._records(k, every[k][0], kernel.dtype("pieces")) for k in own]
-            pieces = np.concatenate(records, dtype=kernel.dtype("pieces"))
+            pieces = self._parts(view, select, number, kernel.dtype("pieces"))
             pieces = pieces[np.argsort(pieces["near"], kind="stable")]
             listed, tiles = _binned(pieces, view, rows or (0, view.height), fresh)
             record = self._record(kernel.dtype("view"), view)

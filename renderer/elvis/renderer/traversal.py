@@ -6,14 +6,14 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.formats.arrays import Bools, Floats, frozen_floats
 from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.formats.shapes import Shape
 from elvis.renderer.device import Kernel
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.pixels import UNKNOWN
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.renderer.view import View
 
@@ -75,9 +75,9 @@ class Traversal:
         return self.device.buffer(record)
 
     def lines(self, degree: int) -> dict[str, slangpy.Buffer]:
-        """Nodes on a line, and the way from values there to Bernstein coefficients."""
-        nodes, net = _line(degree)
-        return {"nodes": self.device.buffer(nodes), "net": self.device.buffer(net)}
+        """Places on a line, and the way from values there to Bernstein coefficients: exact, and with an error."""
+        names = ("nodes", "net", "places", "fit")
+        return {name: self.device.buffer(data) for name, data in zip(names, _line(degree), strict=True)}
 
 
 def binned(sections: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
@@ -121,55 +121,12 @@ def seen(view: View, corners: Floats, chosen: Bools) -> NDArray[Any]:
 
 
 @lru_cache(maxsize=16)
-def _line(degree: int) -> tuple[Floats, Floats]:
-    """(n,) Chebyshev points of [0, 1], n = degree + 1, and the matrix (n, n) to Bernstein coefficients."""
-    nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / max(degree, 1))
-    values = bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), 2 * nodes[:, None] - 1)
-    return frozen_floats(nodes), frozen_floats(np.linalg.inv(values))
-
-
-def stretched(hits: NDArray[Any], dtype: np.dtype[Any], first: int) -> tuple[NDArray[Any], Ints, Ints]:
-    """Stretches (shaders/volume_trace.slang) of rays in curved elements, from hits of their faces; and pixels of each.
-
-    hits   as FaceDrawer.hits lists them
-    first  running number of the part's first element
-    Of hits that enter an element twice before they leave it the first counts, of those that leave it twice the first
-    too: at edges two faces are met at once.  A ray that enters and leaves at one depth touches no more than an edge.
-    What is not paired belongs to the pixels returned last.
+def _line(degree: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Chebyshev points of [0, 1], degree + 1 of them, and the matrix from values there to Bernstein coefficients; two
+    points more, and the matrix to those of a Chebyshev series, then to the two terms that it lacks.
     """
-    found = hits[hits["verdict"] != UNKNOWN]
-    lost = hits["pixel"][hits["verdict"] == UNKNOWN]
-    found = found[np.lexsort((found["depth"], found["element"], found["pixel"]))]
-    while True:
-        near = np.diff(found["depth"]) <= APART * np.abs(found["depth"][1:])
-        touching = near & ~_fresh(found)[1:] & (np.diff(found["entering"]) != 0)
-        if not touching.any():
-            break
-        pairs = np.flatnonzero(touching & ~np.append(False, touching[:-1])[: len(touching)])
-        found = np.delete(found, np.concatenate([pairs, pairs + 1]))
-    repeated = np.zeros(len(found), bool)
-    repeated[1:] = ~_fresh(found)[1:] & (np.diff(found["entering"]) == 0)
-    found = found[~repeated]
-    fresh = _fresh(found)
-
-    # an eye within an element sees no face before the one it leaves by
-    enters = found["entering"] == 1
-    paired = np.append(enters[:-1] & ~enters[1:] & ~fresh[1:], False)[: len(found)]
-    alone = np.flatnonzero(~enters & fresh)
-    at = np.sort(np.concatenate([np.flatnonzero(paired), alone]))
-    inside = ~enters[at]
-    leave = np.where(inside, at, at + 1)
-    stretches = np.zeros(len(at), dtype)
-    stretches["element"], stretches["last"] = found["element"][at] - first, found["depth"][leave]
-    stretches["first"] = np.where(inside, 0.0, found["depth"][at])
-    stretches["enters"], stretches["leaves"] = found["reference"][at], found["reference"][leave]
-    pixel = found["pixel"][at].astype(np.int64)
-    order = np.lexsort((stretches["first"], pixel))
-    unpaired = found["pixel"][enters & ~paired]
-    return stretches[order], pixel[order], np.concatenate([lost, unpaired]).astype(np.int64)
-
-
-def _fresh(hits: NDArray[Any]) -> Bools:
-    """(n,) hits that are the first of an element on a ray."""
-    pixel, element = (hits[name].astype(np.int64) for name in ("pixel", "element"))
-    return np.append(True, (np.diff(pixel) != 0) | (np.diff(element) != 0))[: len(hits)]
+    nodes, places = (-np.cos(np.pi * np.arange(d + 1) / max(d, 1)) for d in (degree, degree + 2))
+    net = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), nodes[:, None]))
+    series = np.linalg.inv(chebvander(places, degree + 2))
+    fit = np.vstack([net @ chebvander(nodes, degree) @ series[:-2], series[-2:]])
+    return frozen_floats((nodes + 1) / 2), frozen_floats(net), frozen_floats((places + 1) / 2), frozen_floats(fit)

@@ -19,17 +19,13 @@ from elvis.renderer.frame import Status
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.scene import Clip, Transfer
 from elvis.renderer.tiles import TILE
-from elvis.renderer.traversal import Traversal, binned, seen, stretched
+from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
 from elvis.renderer.view import View
 from elvis.renderer.visibility import Visibility
 
 #: bytes of the lists that rays have at one time
 MOST_BYTES = 192 << 20
-#: pixels whose hits of curved faces are looked for at one time
-STRIP = 1 << 16
 LANES = TILE * TILE
-#: segments that lists have room for at first, for each curved element of a ray
-AHEAD = 2
 
 
 @dataclass(frozen=True)
@@ -106,7 +102,7 @@ class _Seen:
     """What is seen of a part: tiles, and what the stage that lists their segments needs beside them.
 
     listed  number of the quantity
-    rows    (tiles,) of 64 entries, one a pixel, that each needs at most
+    rows    (tiles,) of 64 entries, one a pixel, that each needs: at most, or likely where elements are curved
     """
 
     number: int
@@ -123,9 +119,8 @@ class _Seen:
         held = places[at] == own
         some, at = self.part(held), at[held]
         some.tiles["number"] = tiles["number"][at] + self.listed * len(tiles)
-        some.tiles["base"] = tiles["base"][at] + self.listed * int(tiles["end"].sum())
-        if "stretches" in self.data:
-            some.tiles["end"] = tiles["end"][at]
+        some.tiles["base"] = tiles["base"][at] + self.listed * int(tiles["room"].sum())
+        some.tiles["room"] = tiles["room"][at]
         return some
 
     def part(self, chosen: Bools) -> _Seen:
@@ -163,9 +158,9 @@ class VolumeRenderer:
         for medium in media:
             self._check(medium.transfer)
         march = _March(self, view, media, error, coats, clips)
-        step = max(STRIP // view.width // TILE, 1) * TILE if any(march.curved) else view.height
-        for row in range(0, view.height, step):
-            march.strip((row, min(row + step, view.height)))
+        for tiles in march.bands():
+            self.pulse()
+            march.band(tiles)
         names = ("color", "alpha", "fog", "length", "error", "segments", "undefined")
         return Gathered(**{name: np.array(march.lights[name]) for name in names}, lost=march.lost)
 
@@ -215,7 +210,11 @@ class _March:
             np.minimum(end, coat.depth, out=end, where=coat.alpha > 1.0 - FAINT)
         self.fixed = {**self.traversal.lines(self.degree), "end": self.device.buffer(end)}
         self.shared = self._shared()
-        self.straight = [self._straight(k, n) for k, curved in enumerate(self.curved) for n in parts if n not in curved]
+        self.parts = [
+            self._curved(k, n) if n in curved else self._straight(k, n)
+            for k, curved in enumerate(self.curved)
+            for n in parts
+        ]
 
     def _counts(self, quantity: str | None, number: int) -> Bools:
         """(n,) elements of a part of which a quantity's media show or hide something."""
@@ -248,17 +247,6 @@ class _March:
         gate = 0.25 * self.error / max(densest, 1.0 / length) if any(medium.gate for medium in own) else np.inf
         return min(gate, *(_tolerance(medium.transfer, self.error, length) for medium in own))
 
-    def strip(self, rows: tuple[int, int]) -> None:
-        """The pixels of some rows, the first and the one after the last, both whole tiles."""
-        every = [own for own in self.straight if len(own.tiles)]
-        if any(self.curved):
-            every = [own.part((own.tiles["y"] >= rows[0]) & (own.tiles["y"] < rows[1])) for own in every]
-            every += self._stretches(rows)
-        if sum(len(some.tiles) for some in every):
-            for tiles in self._bands(every):
-                self.renderer.pulse()
-                self._band(tiles, every)
-
     def _kernel(self, stage: str, number: int, listed: int) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], self.quantities[listed], line_degree=self.degree)
 
@@ -270,38 +258,32 @@ class _March:
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
         return _Seen(number, listed, kernel, tiles, counts, {"order": sections["element"][order]})
 
-    def _stretches(self, rows: tuple[int, int]) -> list[_Seen]:
-        """Parts of curved elements: where rays enter and leave them."""
+    def _curved(self, listed: int, number: int) -> _Seen:
+        """A part of curved elements, by pieces of their faces."""
         if self.renderer.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
-        hits = self.renderer.faces().hits(self.view, self.bent, rows)
-        found = []
-        for listed, curved in enumerate(self.curved):
-            for number in curved:
-                first, last = self.loaded.first[number : number + 2]
-                own = hits[(hits["element"] >= first) & (hits["element"] < last)]
-                own = own[self.chosen[listed][number][own["element"] - first]]
-                found.append(self._stretched(listed, number, own))
-        return found
-
-    def _stretched(self, listed: int, number: int, hits: NDArray[Any]) -> _Seen:
-        """A part of curved elements whose faces rays hit."""
         kernel = self._kernel("volume_trace", number, listed)
-        stretches, pixel, lost = stretched(hits, kernel.dtype("stretches"), int(self.loaded.first[number]))
-        np.add.at(self.lost, lost, 1)
-        tiles, starts, order = _lists(pixel, self.view, kernel.dtype("tiles"))
+        pieces, view = self.renderer.faces().seen(self.view, self.bent, number, kernel)
+        pieces = pieces[self.chosen[listed][number][pieces["element"]]]
+        sections = np.zeros(len(pieces), SECTION)
+        for name in SECTION.names or ():
+            sections[name] = pieces[name]
+        tiles, order = binned(sections, kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
-        wanted["tolerance"] = self._tolerance(self.quantities[listed])
-        counts = starts[1:].astype(np.int64) - starts[:-1]
-        rows = AHEAD * counts.reshape(-1, LANES).max(axis=1, initial=0)
-        data = {"stretches": stretches[order], "starts": starts, "wanted": wanted}
-        return _Seen(number, listed, kernel, tiles, rows, data)
+        wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[listed]), APART
+        # as many segments as there are elements in a tile
+        fresh = np.append(True, np.diff(pieces["element"][order].astype(np.int64)) != 0)[: len(order)]
+        fresh[tiles["first"]] = True
+        counts = np.add.reduceat(fresh.astype(np.int64), tiles["first"]) if len(tiles) else np.zeros(0, np.int64)
+        return _Seen(
+            number, listed, kernel, tiles, counts, {"order": order, "pieces": pieces, "view": view, "wanted": wanted}
+        )
 
-    def _bands(self, every: list[_Seen]) -> Iterator[NDArray[Any]]:
+    def bands(self) -> Iterator[NDArray[Any]]:
         """Groups of tiles whose lists have room together."""
-        places = np.unique(np.concatenate([_place(some.tiles) for some in every]))
+        places = np.unique(np.concatenate([_place(some.tiles) for some in self.parts]))
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
-        for some in every:
+        for some in self.parts:
             rows[some.listed, np.searchsorted(places, _place(some.tiles))] += some.rows
         most = rows.max(axis=0)
         size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
@@ -310,12 +292,12 @@ class _March:
         for own in np.split(np.arange(len(places)), np.flatnonzero(np.diff(band)) + 1):
             tiles = np.zeros(len(own), self.march.dtype("tiles"))
             tiles["x"], tiles["y"], tiles["number"] = places[own] & 0xFFFFF, places[own] >> 20, np.arange(len(own))
-            tiles["base"], tiles["end"] = np.cumsum(most[own]) - most[own], most[own]
+            tiles["base"], tiles["room"] = np.cumsum(most[own]) - most[own], most[own]
             yield tiles
 
-    def _band(self, tiles: NDArray[Any], parts: list[_Seen]) -> None:
+    def band(self, tiles: NDArray[Any]) -> None:
         """List the segments of the rays of some tiles, then march along them."""
-        lists = self._listed(tiles, parts)
+        lists = self._listed(tiles)
         # tiles reach beyond the picture's edge
         x, y = (tiles[name].astype(np.int64)[:, None] for name in ("x", "y"))
         x, y = x + np.arange(LANES) % TILE, y + np.arange(LANES) // TILE
@@ -323,7 +305,7 @@ class _March:
         pixel = np.where(held, y * self.view.width + x, 0)
 
         ask = np.zeros(1, self.march.dtype("march_of"))
-        ask["error"], ask["rows"] = self.error, tiles["end"].sum()
+        ask["error"], ask["rows"] = self.error, tiles["room"].sum()
         stops, hidden = self._stops(pixel.ravel())
         ask["stops"] = stops.shape[1]
         lists |= {"stops": self.device.buffer(stops), "hidden": self.device.buffer(hidden)}
@@ -336,20 +318,20 @@ class _March:
         lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
         self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
 
-    def _listed(self, tiles: NDArray[Any], parts: list[_Seen]) -> dict[str, Any]:
+    def _listed(self, tiles: NDArray[Any]) -> dict[str, Any]:
         """The segments of all parts; once more where the lists of some tiles were too short, which become longer."""
         while True:
-            lists = self._empty(len(tiles), int(tiles["end"].sum()))
-            for some in parts:
+            lists = self._empty(len(tiles), int(tiles["room"].sum()))
+            for some in self.parts:
                 self._list(some.within(tiles), lists)
             if not any(self.curved):
                 return lists
             counts = self.device.read(lists["counts"], np.uint32)[: len(self.quantities) * LANES * len(tiles)]
             needed = counts.reshape(-1, len(tiles), LANES).max(axis=(0, 2))
-            if (needed <= tiles["end"]).all():
+            if (needed <= tiles["room"]).all():
                 return lists
-            tiles["end"] = np.maximum(needed, tiles["end"])
-            tiles["base"] = np.cumsum(tiles["end"]) - tiles["end"]
+            tiles["room"] = np.maximum(needed, tiles["room"])
+            tiles["base"] = np.cumsum(tiles["room"]) - tiles["room"]
 
     def _stops(self, pixel: Ints) -> tuple[NDArray[Any], NDArray[np.int32]]:
         """Stop records (m, k) along the rays of pixels (m,), and how many clips hide what comes before."""
@@ -385,21 +367,6 @@ class _March:
 def _place(tiles: NDArray[Any]) -> Ints:
     """(n,) a number for each tile's place, by rows."""
     return np.asarray(tiles["y"].astype(np.int64) << 20 | tiles["x"])
-
-
-def _lists(pixel: Ints, view: View, dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32], Ints]:
-    """Tiles that hold the pixels (n,), where the list of each of their pixels starts, and the order of all lists."""
-    y, x = np.divmod(pixel, view.width)
-    place = (y // TILE * TILE) << 20 | (x // TILE * TILE)
-    lane = y % TILE * TILE + x % TILE
-    places, tile = np.unique(place, return_inverse=True)
-    key = tile * LANES + lane
-    order = np.argsort(key, kind="stable")
-    starts = np.searchsorted(key[order], np.arange(LANES * len(places) + 1)).astype(np.uint32)
-    tiles = np.zeros(len(places), dtype)
-    tiles["x"], tiles["y"] = places & 0xFFFFF, places >> 20
-    tiles["first"] = tiles["number"] = np.arange(len(places))
-    return tiles, starts, order
 
 
 def _tolerance(transfer: Transfer, error: float, length: float) -> float:
