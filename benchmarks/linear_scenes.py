@@ -6,14 +6,14 @@ from typing import Any
 
 import linear
 import numpy as np
-from measuring import Timing
+from measuring import Timing, once
 
 from elvis.formats import Dataset, Shape
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.patch import patches
 from elvis.formats.polynomials.expansion import values
 from elvis.plugins.faces import native_faces
-from elvis.renderer import CutSurface, Faces, Isosurface, Plane, Scene
+from elvis.renderer import CutSurface, Faces, Isosurface, Plane
 from elvis.renderer.frame import Frame
 from elvis.renderer.view import View
 
@@ -76,29 +76,44 @@ class FacePieces:
 
 
 class Rival:
-    """VTK's picture of a scene after some refinements; the seconds of its stages are kept for every run."""
+    """VTK's picture of a frame's scene after some refinements; the seconds of its stages are kept for every run."""
 
-    def __init__(self, dataset: Dataset, scene: Scene, level: int, frame: Frame) -> None:
-        (self._item,), self._scene, self._view, self._level = scene.objects, scene, frame.view, level
+    def __init__(self, dataset: Dataset, frame: Frame, level: int) -> None:
+        (self._item,), self._frame, self._level = frame.scene.every_object, frame, level
         if isinstance(self._item, Faces):
-            self._pieces: Any = FacePieces(dataset, scene.field, self._item.select, level)
+            self.pieces: Any = FacePieces(dataset, frame.scene.field, self._item.select, level)
         else:
-            self._pieces = linear.Pieces(dataset, scene.field, level)
-        low, high = scene.range  # type: ignore[misc]
-        self._low, self._high = float(low), float(high)
-        self._canvas = Canvas(frame.view, self._low, self._high)
+            self.pieces = linear.Pieces(dataset, frame.scene.field, level)
+
+        # all values are raised above 0, which is the background of `linear.Gauge`
+        self._low, self._high = frame.range
+        self._span = self._high - self._low
+        self._shift = 3 * self._span - self._low
+        self._canvas = Canvas(frame.view, self._low + self._shift, self._high + self._shift)
         self.stages = {stage: Timing() for stage in STAGES}
+        self.first = once(self.picture)[1]
+        self.errors = self._off_the_surface() if isinstance(self._item, Isosurface) else self._off_the_values()
+        self._shown = None
+
+    @property
+    def dimension(self) -> int:
+        """Of the pieces: triangles or tetrahedra."""
+        return 2 if isinstance(self._item, Faces) else 3
 
     def picture(self) -> Any:
         """Refine, extract surfaces and contours, draw."""
-        grid = self.stages["refine"].run(self._pieces.grid)
-        triangles, lines = self.stages["extract"].run(lambda: self._extracted(grid))
-        return self.stages["draw"].run(lambda: self._canvas.both(triangles, lines))
+        grid = self.stages["refine"].run(lambda: self.pieces.grid(self._shift))
+        self._shown, lines = self.stages["extract"].run(lambda: self._extracted(grid))
+        self._bytes = 1024 * grid.GetActualMemorySize()
+        return self.stages["draw"].run(lambda: self._canvas.both(self._shown, lines))
 
     def _extracted(self, grid: Any) -> tuple[Any, Any]:
         triangles = self._surface(grid)
-        marks = np.linspace(self._low, self._high, 12)[1:-1]
-        return triangles, None if isinstance(self._item, Isosurface) else contours(triangles, marks)
+        asked = self._item.style.contours  # type: ignore[union-attr]
+        if asked is None:
+            return triangles, None
+        marks = np.linspace(self._low, self._high, asked.count + 2)[1:-1]
+        return triangles, contours(triangles, marks + self._shift)
 
     def _surface(self, grid: Any) -> Any:
         if isinstance(self._item, Faces):
@@ -106,31 +121,29 @@ class Rival:
         if isinstance(self._item, CutSurface):
             assert isinstance(self._item.surface, Plane)
             return linear.section(grid, self._item.surface)
-        return marched(grid, self._item.values[0])  # type: ignore[union-attr]
+        return marched(grid, self._item.values[0] + self._shift)  # type: ignore[union-attr]
 
-    def record(self, timing: Timing, frame: Frame) -> dict[str, Any]:
+    def record(self, timing: Timing) -> dict[str, Any]:
         """Its numbers beside the exact frame."""
-        right = self._off_the_surface(frame) if isinstance(self._item, Isosurface) else self._off_the_values(frame)
         stages = {stage: taken.record() for stage, taken in self.stages.items()}
-        return {"refinements": self._level, "pieces": self._pieces.count, **timing.record(), "stages": stages, **right}
+        own = {"refinements": self._level, "pieces": self.pieces.count, "bytes": self._bytes, "stages": stages}
+        return {**own, **timing.record(), **self.errors}
 
-    def _off_the_values(self, frame: Frame) -> dict[str, float]:
+    def _off_the_values(self) -> dict[str, float]:
         """Pixels off by a colour, and those seen by one side only, as shares of those that are seen."""
-        span = self._high - self._low
-        shift = 3 * span - self._low
-        gauge = linear.Gauge(self._view, span)
-        shown = gauge.values(self._surface(self._pieces.grid(shift))) - shift
+        frame = self._frame
+        shown = linear.Gauge(frame.view, self._span).values(self._shown) - self._shift
         both = np.isfinite(shown) & frame.seen
-        error = np.abs(shown - frame.field)[both] / span
+        error = np.abs(shown - frame.field)[both] / self._span
         missed = float((np.isfinite(shown) != frame.seen).sum() / frame.seen.sum())
-        return {"wrong": float((error > STEP).mean()), "missed": missed}
+        return {"wrong": float((error > STEP).mean()), "greatest": float(error.max()), "missed": missed}
 
-    def _off_the_surface(self, frame: Frame) -> dict[str, float]:
+    def _off_the_surface(self) -> dict[str, float]:
         """Pixels where the surface is off by more than half a pixel, or seen by one side only, of those seen by any."""
-        depths = self._canvas.depths(self._surface(self._pieces.grid()))
+        frame, depths = self._frame, self._canvas.depths(self._shown)
         both = np.isfinite(depths) & frame.seen
-        height = self._scene.camera.height / self._view.height  # type: ignore[union-attr,operator]
-        slope = np.abs(frame.normal @ self._view.camera.basis()[2])
+        height = frame.view.camera.height / frame.view.height  # type: ignore[operator]
+        slope = np.abs(frame.normal @ frame.view.camera.basis()[2])
         off = np.abs(depths[both] - frame.depth[both]) * slope[both] / height
         any_sees = (np.isfinite(depths) | frame.seen).sum()
         missed = any_sees - both.sum()

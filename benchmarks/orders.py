@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import floor
-from cases import CELLS, FIELD, Case, of_order, plural
+from cases import CELLS, FIELD, Case, cut, of_order, plural
 from measuring import Timing, once
 from pictures import error_of_sample, exact
 from tables import Table, seconds
@@ -41,11 +41,11 @@ def frame(case: Case, device: str, side: int, rounds: int) -> dict[str, Any]:
         for _ in range(2):
             with Renderer(device) as renderer:
                 renderer.load(dataset, FIELD)
-                shown, first = once(partial(exact, renderer, side))
+                shown, first = once(partial(exact, renderer, cut(side)))
                 firsts.append(first.best)
                 timing = Timing()
                 for _ in range(rounds if len(firsts) == 2 else 0):
-                    timing.run(partial(exact, renderer, side))
+                    timing.run(partial(exact, renderer, cut(side)))
     inside, work = int(shown.seen.sum()), floor.operations(case)
     return {
         "shape": plural(case.shape),

@@ -21,6 +21,7 @@ import measuring
 import million
 import orders
 import pictures
+import rivals
 import scenes
 import sharing
 import shown
@@ -39,7 +40,7 @@ def cut(options: argparse.Namespace) -> tuple[Any, list[Table]]:
         (cases.standard(options.quick), "Cut plane"),
         (cases.hard(options.quick), "Cut plane, hard case"),
     ):
-        numbers[case.name] = pictures.compare(case, options.device, side, rounds, levels=2 if options.quick else 4)
+        numbers[case.name] = pictures.compare(case, options.device, side, rounds, options.quick)
         tables.append(pictures.table(numbers[case.name], title))
     return numbers, tables
 
@@ -50,8 +51,7 @@ def shown_scenes(kinds: tuple[str, ...], options: argparse.Namespace) -> tuple[A
     peak = max(floor.peaks(options.device).values())
     numbers, tables = {}, []
     for each in shown.SHOWN:
-        levels = 2 if options.quick else 4
-        found = scenes.compare(kinds, each, options.device, side, rounds, levels, options.quick)
+        found = scenes.compare(kinds, each, options.device, side, rounds, options.quick)
         numbers[each.name] = found
         tables.append(scenes.table(found, peak))
     return numbers, tables
@@ -126,6 +126,19 @@ def main() -> None:
         for table in tables:
             texts.append(table.text())
             print(texts[-1], flush=True)
+    rows = [
+        *(("cut plane, " + name, found) for name, found in numbers.get("cut", {}).items()),
+        *(
+            (f"{case}: {scenes.WORDS[kind]}, {view}", found)
+            for part in ("surfaces", "isosurface")
+            for case, own in numbers.get(part, {}).items()
+            for kind, views in own.get("kinds", {}).items()
+            for view, found in views.items()
+        ),
+    ]
+    if rows:
+        texts.append(rivals.table(rows).text())
+        print(texts[-1], flush=True)
     about["contention"].append(round(measuring.contention(), 2))
     print(f"Clock over processor seconds of a busy loop, now: {about['contention'][-1]:.2f}")
     text = "\n".join([f"# Benchmarks\n\n{machine.sentences(about)}\n", *texts])

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from math import log
 from typing import Any
 
 import floor
-import linear
 from cases import FIELD, million
-from linear_scenes import Rival
 from measuring import in_turn, once
 from million import raw_bytes
-from pictures import colours
+from pictures import exact
+from rivals import Rivals
 from shown import DELTA, LINES, Shown
 from tables import Table, mebibytes, percent, seconds
 
@@ -33,15 +32,14 @@ WORDS = {
 }
 
 
-def compare(kinds: Sequence[str], shown: Shown, device: str, side: int, rounds: int, levels: int, quick: bool) -> Any:
+def compare(kinds: Sequence[str], shown: Shown, device: str, side: int, rounds: int, quick: bool) -> Any:
     """All kinds of pictures of one case, each of its views beside VTK's."""
     dataset = shown.dataset(quick)
     with Renderer(device) as renderer:
         _, load = once(lambda: renderer.load(dataset, shown.field))
         found = {
             kind: {
-                view: _view(renderer, dataset, scene, rounds, levels)
-                for view, scene in shown.scenes(kind, side).items()
+                view: _view(renderer, dataset, scene, rounds, quick) for view, scene in shown.scenes(kind, side).items()
             }
             for kind in kinds
         }
@@ -61,37 +59,21 @@ def curve_bytes(dataset: Dataset) -> int:
     return dataset.mesh.edge_curves.points.nbytes + dataset.mesh.face_curves.points.nbytes
 
 
-def _view(renderer: Renderer, dataset: Dataset, scene: Scene, rounds: int, levels: int) -> dict[str, Any]:
+def _view(renderer: Renderer, dataset: Dataset, scene: Scene, rounds: int, quick: bool) -> dict[str, Any]:
     """One scene: ours and VTK's, in turn."""
     _, first = once(lambda: exact(renderer, scene))
     frame = renderer.render(scene)
-    rivals = [] if linear.why_not() or not _is_linear(scene) else _rivals(dataset, scene, frame, levels)
-    works: dict[str, Callable[[], Any]] = {"exact": partial(exact, renderer, scene)}
-    works |= {str(level): rival.picture for level, rival in enumerate(rivals)}
-    timings = in_turn(works, rounds)
+    rivals = Rivals.of(dataset, frame, quick) if _is_linear(scene) else Rivals()
+    timings = rivals.in_turn(partial(exact, renderer, scene), rounds)
     stages = exact(renderer, scene).stats["seconds"]
     ours = timings["exact"].record() | {"first": first.best, "stages": stages}
     ours |= {"seen": int(frame.seen.sum()), "status": frame.counts(), "operations": operations(dataset, scene, frame)}
-    return {"exact": ours, "linear": [r.record(timings[str(n)], frame) for n, r in enumerate(rivals)]}
-
-
-def exact(renderer: Renderer, scene: Scene) -> Frame:
-    """Our picture, read back and coloured."""
-    frame = renderer.render(scene, references=False)
-    colours(frame)
-    return frame
+    return {"exact": ours, **rivals.record(timings)}
 
 
 def _is_linear(scene: Scene) -> bool:
     """Whether VTK draws the same: a single surface."""
     return len(scene.objects) == 1 and not isinstance(scene.objects[0], VolumeRendering)
-
-
-def _rivals(dataset: Dataset, scene: Scene, frame: Frame, levels: int) -> list[Rival]:
-    """As many refinements as leave at most five million pieces."""
-    count = sum(len(block) for block in geometry(dataset))
-    few = [level for level in range(levels) if isinstance(scene.objects[0], Faces) or count * 8**level <= 5_000_000]
-    return [Rival(dataset, scene, level, frame) for level in few]
 
 
 def operations(dataset: Dataset, scene: Scene, frame: Frame) -> int | None:
@@ -170,6 +152,12 @@ def table(numbers: dict[str, Any], peak: float) -> Table:
         f"stages make for a view: {mebibytes(device)} MiB, {device / raw:.2f} times that. "
         f"Loading took {seconds(numbers['load'])} s.",
         *(_costs(kind, views) for kind, views in numbers["kinds"].items()),
+        *(
+            f"{WORDS[kind]}, {view}: {remark}"
+            for kind, views in numbers["kinds"].items()
+            for view, found in views.items()
+            for remark in found["remarks"]
+        ),
     ]
     return shown
 
