@@ -11,13 +11,14 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.native.volume import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
-from elvis.renderer.cut import NOBODY, Cutter
+from elvis.renderer.cut import Cutter
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.gaps import beside
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Lines, covered, levels
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import NOBODY
 from elvis.renderer.solids import sampled
 from elvis.renderer.view import PlaneView, View
 

@@ -21,12 +21,12 @@ from elvis.formats.norms import AXES, Norm
 from elvis.formats.polynomials.cubature import Cubature, field_cubature
 from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.quantities import Expression
-from elvis.plugins.examining import Examiner
+from elvis.plugins.examining import Examiner, checked
 from elvis.plugins.opening import Opened, open_files
 from elvis.plugins.registry import load
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Volume
-from elvis.plugins.volume_checks import Samples, check_samples, probes
+from elvis.plugins.volume_checks import Samples, probes
 
 #: modes of rules that are tried in turn, the change of a norm below which it is settled, and the most points of a rule
 _MODES, _SETTLED, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1e-11, 1 << 22
@@ -65,13 +65,8 @@ class Answers:
         volume = volume_of(self.opened, [each.text for each in expressions])
         with cast(Any, load("elvis.examiners", "kernels"))() as device:
             device.show(volume, self.opened)
-            self._check(volume, device)
+            checked(self.opened.name, volume, device)
             yield volume, device
-
-    def _check(self, volume: Volume, device: Examiner) -> None:
-        for number, part in enumerate(volume.parts):
-            elements, offsets = probes(part, volume.dimension)
-            check_samples(self.opened.name, part, elements, device.examine(number, elements, offsets))
 
     def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
         """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.plugins.volume import Volume
-from elvis.plugins.volume_checks import Samples
+from elvis.plugins.volume_checks import Samples, check_samples, notes, probes
 
 
 class Found(Protocol):
@@ -74,3 +74,14 @@ class Examiner(Protocol):
     def glimpse(self, point: tuple[float, float, float]) -> Picture:
         """A cut through a point, of 2D elements all of them."""
         ...
+
+
+def checked(name: str, volume: Volume, device: Examiner) -> list[str]:
+    """Remarks on a volume that a device shows; PluginError with the plugin's name where its maps are broken."""
+    remarks = []
+    for number, part in enumerate(volume.parts):
+        elements, offsets = probes(part, volume.dimension)
+        samples = device.examine(number, elements, offsets)
+        check_samples(name, part, elements, samples)
+        remarks += notes(name, part, elements, samples)
+    return remarks

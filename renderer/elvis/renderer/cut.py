@@ -15,12 +15,7 @@ from elvis.plugins.volume import Part
 from elvis.renderer.device import Kernel
 from elvis.renderer.gaps import Gaps
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.pixels import BORDER as BORDER
-from elvis.renderer.pixels import INSIDE as INSIDE
-from elvis.renderer.pixels import NOBODY as NOBODY
-from elvis.renderer.pixels import UNKNOWN as UNKNOWN
-from elvis.renderer.pixels import Pixels as Pixels
-from elvis.renderer.pixels import settle
+from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import tiles_of
 from elvis.renderer.view import PlaneView

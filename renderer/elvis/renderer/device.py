@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
-from elvis.renderer.diagnostics import compiling
+from elvis.renderer.diagnostics import compiling, errors_alone
 from elvis.renderer.errors import DeviceError, DeviceLostError
 
 if TYPE_CHECKING:
@@ -92,7 +92,6 @@ class Device:
         self._folders = [SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
-        self.bytes_made = 0  # of all buffers so far
 
     def close(self) -> None:
         """Give the device back; it can't be used any more."""
@@ -131,12 +130,10 @@ class Device:
             # plain bytes that could be written to: slangpy takes no other arrays
             raw = None if data is None else data.view(np.uint8)
             raw = raw if raw is None or raw.flags.writeable else raw.copy()
-            buffer = self._device.create_buffer(element_count=count, struct_size=dtype.itemsize, usage=usage, data=raw)
+            return self._device.create_buffer(element_count=count, struct_size=dtype.itemsize, usage=usage, data=raw)
         except RuntimeError as error:
             size = count * dtype.itemsize / 2**20
             raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
-        self.bytes_made += count * dtype.itemsize
-        return buffer
 
     def read(self, buffer: slangpy.Buffer, dtype: DTypeLike) -> NDArray[Any]:
         """The content of a buffer."""
@@ -164,24 +161,26 @@ class Device:
         """
         source = f"export static const int rows = {ROWS[self.adapter.software]};"
         source += f"export static const int media = {media};"
-        name = stage
         if part is not None:
-            chosen = part if quantity is None else part.quantities[quantity]
-            name = f"{stage}_{part.module}_{chosen.type}"
-            source += _of_type(stage, part, chosen, line_degree)
+            source += _of_type(stage, part, part if quantity is None else part.quantities[quantity], line_degree)
         else:
             source += f"export static const int line_degree = {line_degree or STAND_IN};"
-        key = (str(self._folders[-1]), stage, name, source)
+        key = (str(self._folders[-1]), stage, source)
         if key not in self._kernels:
             with compiling():
-                self._kernels[key] = self._link(stage, _unique(name, source), source)
+                self._kernels[key] = self._link(stage, source)
         return self._kernels[key]
 
-    def _link(self, stage: str, name: str, source: str) -> Kernel:
+    def _link(self, stage: str, source: str) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
+        import slangpy
+
         if self._session is None:
-            self._session = _session(self._device, self._folders)
-        entry, own = self._session.load_module(stage), self._session.load_module_from_source(name, source)
+            options = slangpy.SlangCompilerOptions()
+            options.include_paths = [str(folder) for folder in self._folders]
+            self._session = self._device.create_slang_session(options)
+        entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
+        own = self._session.load_module_from_source(name, source)
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
         return Kernel(self._device.create_compute_kernel(program), program)
 
@@ -198,10 +197,6 @@ class Device:
             if count <= kernel.capacity:
                 return self.read(lists[name], dtype)[:count].copy() if count else np.empty(0, dtype)
             kernel.capacity = count + count // 4
-
-    def wait(self) -> None:
-        """Return when all submitted work is done."""
-        self._device.wait()
 
 
 class Kernel:
@@ -265,29 +260,14 @@ def _dtype(layout: Any) -> np.dtype[Any]:
     """Dtype of a reflected struct, array, vector or scalar."""
     import slangpy
 
-    kind, reflected = layout.type.kind, layout.type
-    if kind == slangpy.TypeReflection.Kind.struct:
-        fields = list(layout.fields)
-        return np.dtype(
-            {
-                "names": [field.name for field in fields],
-                "formats": [_dtype(field.type_layout) for field in fields],
-                "offsets": [field.offset for field in fields],
-                "itemsize": layout.stride,
-            }
-        )
-    if kind == slangpy.TypeReflection.Kind.array:
+    kinds, reflected = slangpy.TypeReflection.Kind, layout.type
+    if reflected.kind == kinds.struct:
+        fields = [(field.name, _dtype(field.type_layout), field.offset) for field in layout.fields]
+        names, formats, offsets = (list(column) for column in zip(*fields, strict=True))
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.stride})
+    if reflected.kind == kinds.array:
         return np.dtype((_dtype(layout.element_type_layout), (reflected.element_count,)))
-    if kind == slangpy.TypeReflection.Kind.vector:
-        return np.dtype((reflected.scalar_type.name, (reflected.col_count,)))
-    scalar: str = reflected.scalar_type.name
-    return np.dtype(scalar)
-
-
-def _unique(name: str, source: str) -> str:
-    """A name for a module with this text, as an identifier."""
-    readable = "".join(character if character.isalnum() else "_" for character in name)
-    return f"{readable}_{crc32(source.encode()):08x}"
+    return np.dtype((reflected.scalar_type.name, (reflected.col_count,) if reflected.kind == kinds.vector else ()))
 
 
 def _enumerate(kind: str) -> list[Any]:
@@ -321,27 +301,16 @@ def _open(adapter: Adapter) -> slangpy.Device:
         raise DeviceError(f"the device {adapter.name} ({adapter.label}) can't be opened{advice}") from error
 
 
-def _session(device: slangpy.Device, folders: list[Path]) -> slangpy.SlangSession:
-    import slangpy
-
-    options = slangpy.SlangCompilerOptions()
-    options.include_paths = [str(folder) for folder in folders]
-    return device.create_slang_session(options)
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep drivers and slangpy from chattering on the terminal while devices are looked for and opened."""
-    import slangpy
-
-    logger = slangpy.Logger.get()
-    level, logger.level = logger.level, slangpy.LogLevel.error
     saved, void = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
     sys.stdout.flush()
     try:
         for stream in (1, 2):
             os.dup2(void, stream)
-        yield
+        with errors_alone():
+            yield
     finally:
         # what C code has buffered goes nowhere too
         ctypes.CDLL(None).fflush(None)
@@ -349,4 +318,3 @@ def _quiet() -> Iterator[None]:
             os.dup2(original, stream)
             os.close(original)
         os.close(void)
-        logger.level = level

@@ -15,18 +15,28 @@ _PLACE = re.compile(r"^\s*--> (.*?):(\d+):(\d+)\s*$", re.M)
 
 
 @contextmanager
-def compiling() -> Iterator[None]:
-    """Keep the compiler's warnings off the terminal; what it refuses is a DeviceError in its own words."""
+def errors_alone() -> Iterator[None]:
+    """Keep slangpy's warnings off the terminal."""
     import slangpy
 
     logger = slangpy.Logger.get()
     level, logger.level = logger.level, slangpy.LogLevel.error
     try:
         yield
-    except (RuntimeError, slangpy.SlangCompileError) as error:
-        raise DeviceError(diagnostics(str(error))) from error
     finally:
         logger.level = level
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """What the compiler refuses is a DeviceError in its own words."""
+    import slangpy
+
+    try:
+        with errors_alone():
+            yield
+    except (RuntimeError, slangpy.SlangCompileError) as error:
+        raise DeviceError(diagnostics(str(error))) from error
 
 
 def diagnostics(text: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,11 +11,11 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.mapping.boxes import BoxTree
-from elvis.plugins.volume import Volume
-from elvis.renderer.cut import BORDER, INSIDE, NOBODY, UNKNOWN
-from elvis.renderer.device import Device, Kernel
+from elvis.renderer.device import Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Status
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN
 
 if TYPE_CHECKING:
     import slangpy
@@ -52,39 +51,37 @@ class Places:
 
 
 class Finder:
-    """A volume on a device, with a bounding volume hierarchy for each part."""
+    """A loaded volume, with a bounding volume hierarchy for each part."""
 
-    def __init__(self, device: Device, volume: Volume, buffers: Sequence[Mapping[str, slangpy.Buffer]]) -> None:
-        """``buffers`` hold the data of the volume's parts on the device."""
-        if not sum(map(len, volume.parts)):
+    def __init__(self, loaded: Loaded) -> None:
+        if not loaded.first[-1]:
             raise SceneError("there is no element to look in: none carries the field")
-        device.include(volume.shader_folder)
-        self._device, self._parts = device, volume.parts
-        self._kernels = [device.kernel("locate", part) for part in self._parts]
+        self._loaded, self._parts, self._first = loaded, loaded.parts, loaded.first
+        self._kernels = [loaded.device.kernel("locate", part) for part in self._parts]
         self._trees = [BoxTree.build(part.boxes) for part in self._parts]
-        self._buffers = [{**held, **self._upload(tree)} for held, tree in zip(buffers, self._trees, strict=True)]
-        self._first = np.cumsum([0, *map(len, self._parts)])
+        self._buffers = [self._uploaded(tree) for tree in self._trees]
 
     def find(self, points: Floats) -> Places:
         """Places of world points (n, 3)."""
-        shared = {"points": self._device.buffer(np.asarray(points, dtype=np.float64))}
-        start = np.zeros(len(points), self._kernels[0].dtype("places"))
+        device, count = self._loaded.device, len(points)
+        start = np.zeros(count, self._kernels[0].dtype("places"))
         start["element"] = NOBODY
-        shared["places"] = self._device.buffer(start)
+        shared = {"points": device.buffer(np.asarray(points, np.float64)), "places": device.buffer(start)}
 
         # every part improves on the places that those before it found
         doubts = []
         for number, kernel in enumerate(self._kernels):
-            shared["query"] = self._query(number, kernel, len(points))
-            buffers = {**self._buffers[number], **shared}
-            doubts.append(self._device.listed("doubts", kernel, partial(_run, kernel, len(points), buffers)))
-        found = self._device.read(shared["places"], start.dtype)[: len(points)]
+            buffers = {**self._loaded.bound(number), **self._buffers[number], **shared}
+            buffers["query"] = self._query(number, kernel, count)
+            run = partial(_run, kernel, count, buffers)
+            doubts.append(device.listed("doubts", kernel, run))
+        found = device.read(shared["places"], start.dtype)[:count]
         doubts = [
             np.concatenate([some, self._missed(number, points, found, some.dtype)])
             for number, some in enumerate(doubts)
         ]
         failed = [self._decide(number, some, points, found) for number, some in enumerate(doubts)]
-        return _places(found, np.concatenate([part.element_ids for part in self._parts]), np.concatenate(failed))
+        return _places(found, self._loaded.ids, np.concatenate(failed))
 
     def _missed(self, number: int, points: Floats, found: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
         """Doubts about points that nothing was found for, in elements of a part that bend strongly (see gaps)."""
@@ -116,14 +113,14 @@ class Finder:
         undecided: Ints = point[solution.verdict == UNKNOWN]
         return undecided
 
-    def _upload(self, tree: BoxTree) -> dict[str, slangpy.Buffer]:
-        return {"nodes": self._device.buffer(tree.nodes), "order": self._device.buffer(tree.order)}
+    def _uploaded(self, tree: BoxTree) -> dict[str, slangpy.Buffer]:
+        return {name: self._loaded.device.buffer(getattr(tree, name)) for name in ("nodes", "order")}
 
     def _query(self, number: int, kernel: Kernel, points: int) -> slangpy.Buffer:
         tree, record = self._trees[number], np.zeros(1, kernel.dtype("query"))
         record["points"], record["elements"], record["first"] = points, len(tree.order), self._first[number]
         record["leaves"], record["leaf_size"] = (len(tree.nodes) + 1) // 2, tree.leaf
-        return self._device.buffer(record)
+        return self._loaded.device.buffer(record)
 
 
 def _run(kernel: Kernel, count: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
@@ -132,10 +129,8 @@ def _run(kernel: Kernel, count: int, buffers: dict[str, slangpy.Buffer], lists: 
 
 def _places(found: NDArray[Any], ids: Ints, failed: Ints) -> Places:
     """Running element numbers become global ids; ``failed`` lists points that some element may hold."""
-    outside = found["element"] == NOBODY
-    element = np.where(outside, -1, ids[np.where(outside, 0, found["element"])])
-    status = np.where(outside, Status.MISS, Status.CERTAIN)
-    status[~outside & (found["margin"] <= BORDER)] = Status.AMBIGUOUS
+    outside, element = found["element"] == NOBODY, ids.take(found["element"], mode="clip")
+    status = np.where(outside, Status.MISS, np.where(found["margin"] <= BORDER, Status.AMBIGUOUS, Status.CERTAIN))
     status[failed[outside[failed]]] = Status.FAILED
     reference = np.where(outside[:, None], np.nan, found["reference"])
     field = np.where(outside, np.nan, found["field"])

@@ -14,6 +14,7 @@ from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.quantities import Expression
+from elvis.plugins.examining import checked
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import dimension_of, names_of, volume_of
@@ -23,7 +24,7 @@ from elvis.renderer.canvas import BAND, Canvas
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.errors import DeviceError, DeviceLostError, SceneError
-from elvis.renderer.examining import check_on_device, examine
+from elvis.renderer.examining import examine
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Frame
 from elvis.renderer.loaded import Loaded
@@ -80,8 +81,8 @@ def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None =
     if device in plugins("elvis.devices"):
         return _noted(cast(Drawing, load("elvis.devices", device))(opened, scene), asked)
     with Renderer(device, progress) as renderer:
-        remarks = check_on_device(renderer.device, opened.name, volume)
         renderer.show(volume, opened)
+        remarks = checked(opened.name, volume, renderer)
         return _noted(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
 
 
@@ -190,7 +191,7 @@ class Renderer:
 
     def examine(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
         """What elements (n,) of a part answer at offsets (n, 3) from their type's centre; for checks of plugins."""
-        return examine(self.device, self.stages.volume, part, elements, offsets, quantity)
+        return examine(self.stages.loaded, part, elements, offsets, quantity)
 
     def glimpse(self, point: Vector, size: tuple[int, int] = (90, 60)) -> Frame:
         """A small picture of what was shown: a cut through a point, of 2D data all; for checks of plugins."""

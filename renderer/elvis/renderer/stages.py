@@ -83,7 +83,7 @@ class Stages:
     @cached_property
     def finder(self) -> Finder:
         """Points in the volume."""
-        return Finder(self.loaded.device, self.volume, self.loaded.buffers)
+        return Finder(self.loaded)
 
     @cached_property
     def solids(self) -> SolidDrawer:
