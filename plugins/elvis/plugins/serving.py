@@ -111,6 +111,7 @@ def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
         bends=part.bends if fields.twins else None,
         evaluate=None,
         bounds=None,
+        is_distance=own.is_distance,
         quantities=quantities,
     )
 
@@ -153,4 +154,5 @@ def _quantity(fields: Fields, expression: Expression) -> Quantity:
     surfaces = buffers_of([surface_of(None, target) for target in formula.targets]) if formula.targets else {}
     own = {} if part is fields.part and len(names) < 2 else buffers
     every = {**own, "element_constants": np.ascontiguousarray(table, np.float64), **surfaces}
-    return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", every)
+    plain = expression.root.op == "attribute" and bool(formula.targets)
+    return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", every, is_distance=plain)

@@ -42,6 +42,7 @@ class Quantity:
     buffers  the module's global buffers that differ from the part's, or that the part doesn't have
     degree   as Part.degree, of the part's map and the quantity's values
     bounds   optional: certified least and greatest value of each element, (n,) each, NaN where it is not a number
+    is_distance  whether its value is the distance to the first of the surfaces in its buffers (`distances`)
     """
 
     type: str
@@ -49,6 +50,7 @@ class Quantity:
     buffers: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     degree: int = 0
     bounds: Callable[[], tuple[Floats, Floats]] | None = None
+    is_distance: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,7 @@ class Part:
     affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
                  coordinates; their hull points are these corners
     shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy (`twins`)
+    is_distance  as Quantity.is_distance, of the part's own field
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
 
@@ -95,6 +98,7 @@ class Part:
     bounds: Callable[[], tuple[Floats, Floats]] | None = None
     shape: Shape | None = None
     unit: bool = False
+    is_distance: bool = False
 
     def __len__(self) -> int:
         return len(self.element_ids)

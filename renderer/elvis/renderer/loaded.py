@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Floats
 from elvis.plugins.volume import Part, Volume
 from elvis.renderer.device import Device
+from elvis.renderer.fitting import surrounding
 
 if TYPE_CHECKING:
     import slangpy
@@ -34,6 +36,11 @@ class Loaded:
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
         self.reach = max(map(_reach, self.parts), default=0.0)
+
+    @cached_property
+    def box(self) -> Floats:
+        """(2, 3) low and high corner of a box that holds all elements."""
+        return surrounding([part.boxes for part in self.parts])
 
     def bound(self, number: int, quantity: str | None = None) -> dict[str, slangpy.Buffer]:
         """The buffers of a part, or of one of its quantities, by name."""

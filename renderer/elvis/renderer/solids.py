@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
+from functools import partial
+
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
@@ -20,13 +23,20 @@ class SolidDrawer:
 
     def __init__(self, loaded: Loaded, finder: Finder) -> None:
         self.loaded, self.finder = loaded, finder
-        self._key: tuple[View, Solid] | None = None
+        self._key: tuple[View, Hashable] | None = None
         self._met, self._places, self._asked = Hits.none(), Places.none(0), np.zeros(0, bool)
 
     def draw(self, view: View, surface: Solid, beyond: Floats | None = None, quantity: str | None = None) -> Layer:
         """The nearest point of the surface that some element holds, behind the depths ``beyond`` (n,) where given."""
+        layer = self.looked_up(view, surface, partial(hits, surface), beyond)
+        return layer if quantity is None else layer.showing(sampled(self.loaded, layer, quantity))
+
+    def looked_up(
+        self, view: View, surface: Hashable, meet: Callable[[View], Hits], beyond: Floats | None = None
+    ) -> Layer:
+        """The same of anything that tells where it is met by rays; asked once for a view and a surface."""
         if self._key is None or self._key[0] is not view or self._key[1] != surface:
-            self._key, self._met = (view, surface), self._near(hits(surface, view), view)
+            self._key, self._met = (view, surface), self._near(meet(view), view)
             self._places, self._asked = Places.none(len(self._met.pixel)), np.zeros(len(self._met.pixel), bool)
         met, places = self._met, self._places
         behind = met.depth > (0.0 if beyond is None else beyond[met.pixel])
@@ -43,14 +53,12 @@ class SolidDrawer:
         layer = _layer(view, met, places, chosen)
         failed = met.pixel[behind & (places.status == Status.FAILED)]
         layer.status[failed[layer.owner[failed] == NOBODY]] = Status.FAILED
-        return layer if quantity is None else layer.showing(sampled(self.loaded, layer, quantity))
+        return layer
 
     def _near(self, met: Hits, view: View) -> Hits:
         """The hits within the box of the volume."""
         points = _points(view, met.pixel, met.depth)
-        boxes = [part.boxes for part in self.loaded.parts if len(part)]
-        low = np.min([some[:, :3].min(axis=0) for some in boxes], axis=0)
-        high = np.max([some[:, 3:].max(axis=0) for some in boxes], axis=0)
+        low, high = self.loaded.box
         near = ((points >= low) & (points <= high)).all(axis=1)
         return Hits(met.pixel[near], met.depth[near], met.normal[near])
 

@@ -20,6 +20,7 @@ from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.cut import Cutter
+from elvis.renderer.distance import DistanceDrawer
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.hits import outside
@@ -89,6 +90,11 @@ class Stages:
     def solids(self) -> SolidDrawer:
         """Cuts by surfaces that aren't plane."""
         return SolidDrawer(self.loaded, self.finder)
+
+    @cached_property
+    def distances(self) -> DistanceDrawer:
+        """Isosurfaces of distances."""
+        return DistanceDrawer(self.loaded, self.solids)
 
     @cached_property
     def faces(self) -> FaceDrawer:
@@ -183,9 +189,14 @@ class Stages:
         own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
 
         def draw(view: View, beyond: Floats | None) -> Layer:
-            return self.resampled(self.isosurfaces.draw(view, of, value, beyond), of, own)
+            return self.resampled(self._at_level(view, of, value, beyond), of, own)
 
         return Sheet(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
+
+    def _at_level(self, view: View, quantity: str | None, value: float, beyond: Floats | None) -> Layer:
+        """The isosurface of a quantity."""
+        drawer = self.distances if self.distances.knows(quantity) else self.isosurfaces
+        return drawer.draw(view, quantity, value, beyond)
 
     def _in_range(self, name: str, value: float) -> None:
         """SceneError where a quantity, by its certified bounds, has the value nowhere."""
@@ -199,7 +210,7 @@ class Stages:
     def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> Layer:
         """What a surface meets of the volume."""
         if isinstance(surface, Implicit):
-            layer = self.isosurfaces.draw(view, surface.expression, 0.0, beyond)
+            layer = self._at_level(view, surface.expression, 0.0, beyond)
             return self.resampled(layer, surface.expression, quantity)
         if not isinstance(surface, Plane):
             return self.solids.draw(view, surface, beyond, quantity)

@@ -78,6 +78,7 @@ class Elements:
             collapsed=shape is Shape.PYRAMID,
             affine=self._is_affine and shape is Shape.TETRAHEDRON,
             bounds=own.bounds,
+            is_distance=own.is_distance,
         )
 
     @cached_property
@@ -106,7 +107,8 @@ class Elements:
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         known = 0 if found is None or found > HIGHEST or self.series else max(*self.geometry.degrees, found)
         bounds = partial(self._certified, expression) if formula.targets and not self.series else None
-        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known, bounds)
+        plain = expression.root.op == "attribute" and bool(formula.targets)
+        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known, bounds, plain)
 
     def _certified(self, expression: Expression) -> tuple[Floats, Floats]:
         """(n,) what an expression is not less and not greater than on each element, by interval arithmetic."""

@@ -1,0 +1,73 @@
+"""Isosurfaces of distances: rays meet them, then elements are looked up (stage: shaders/iso_distance)."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.plugins.volume import Part, Quantity
+from elvis.renderer.frame import Status
+from elvis.renderer.hits import Hits
+from elvis.renderer.layer import Layer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.solids import SolidDrawer
+from elvis.renderer.traversal import Traversal
+from elvis.renderer.view import View
+
+if TYPE_CHECKING:
+    import slangpy
+
+    from elvis.renderer.device import Kernel
+
+
+class DistanceDrawer:
+    """A loaded volume, ready for the places at any distance from the surfaces that its quantities measure from."""
+
+    def __init__(self, loaded: Loaded, solids: SolidDrawer) -> None:
+        self.loaded, self.solids, self.traversal = loaded, solids, Traversal(loaded)
+        self._doubts = np.empty(0)
+
+    def knows(self, quantity: str | None) -> bool:
+        """Whether a quantity is a distance, and nothing else."""
+        return bool(self.loaded.parts) and self._of(quantity).is_distance
+
+    def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> Layer:
+        """The nearest point of the isosurface that some element holds, as IsosurfaceDrawer.draw.
+
+        Status: ambiguous where the distance was not found on both sides of the value within 1.6e-10 of the greatest
+        coordinate, and behind places where rays may have touched the surface.
+        """
+        key = (quantity, value)
+        layer = self.solids.looked_up(view, key, partial(self._met, key=key), beyond)
+        hit = layer.owner != NOBODY
+        doubtful = np.isfinite(self._doubts) & (self._doubts <= layer.depth)
+        layer.status[doubtful & (layer.status != Status.FAILED)] = Status.AMBIGUOUS
+        return layer.showing(np.where(hit, value, np.nan))
+
+    def _of(self, quantity: str | None) -> Part | Quantity:
+        part = self.loaded.parts[0]
+        return part if quantity is None else part.quantities[quantity]
+
+    def _met(self, view: View, key: tuple[str | None, float]) -> Hits:
+        """All places on rays through the box of the volume; what is doubtful is noted."""
+        device = self.loaded.device
+        kernel = device.kernel("iso_distance")
+        low, high = self.loaded.box
+        rays = self.traversal.rays(kernel, view, 0, view.count, key[1])
+        buffers = {**self.loaded.bound(0, key[0]), "rays": rays, "box": device.buffer(np.concatenate([low, high]))}
+        found = device.listed("met", kernel, partial(_run, kernel, view.count, buffers))
+        doubts = np.full(view.count, np.inf)
+        doubtful = found[found["doubtful"] != 0]
+        np.minimum.at(doubts, doubtful["pixel"], doubtful["depth"])
+        self._doubts = doubts
+        found = found[found["unseen"] == 0]
+        found = found[np.lexsort([found["depth"], found["pixel"]])]
+        return Hits(found["pixel"].astype(np.int64), found["depth"].copy(), found["normal"].copy())
+
+
+def _run(kernel: Kernel, count: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
+    kernel(count, {**buffers, **lists})

@@ -1,0 +1,133 @@
+"""What isosurfaces of distances call certain, against dense samples of the distance and closed forms."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from elvis.formats.distances import nearest, surface_of
+from elvis.formats.sampling import sample
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import curved, grid, ripple, with_field
+from elvis.plugins.serving import volume_of
+from elvis.renderer import Camera, Status
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.scene import unit
+from elvis.renderer.view import View
+
+SIZE, COUNT = (28, 22), 150
+
+
+@pytest.fixture(scope="module")
+def level(renderer):
+    """The drawer of distances to what a text says, in a dataset."""
+
+    def drawer(dataset, text):
+        drawing = renderer("vulkan")
+        drawing.show(volume_of(dataset, [text]))
+        assert drawing.stages.distances.knows(None)
+        return drawing.stages.distances.draw
+
+    return drawer
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A closed body with spikes, and the same without some of its triangles."""
+    folder = tmp_path_factory.mktemp("bodies")
+    ball = trimesh.creation.icosphere(1, radius=0.35)
+    ball.vertices *= 1 + 0.8 * (np.arange(len(ball.vertices)) % 4 == 0)[:, None]
+    ball.apply_translation((0.5, 0.5, 0.5))
+    ball.export(folder / "spikes.ply")
+    trimesh.Trimesh(ball.vertices, ball.faces[::3]).export(folder / "open.ply")
+    return folder
+
+
+def view_of(seed):
+    rng = np.random.default_rng(seed)
+    eye = 0.5 + 2.6 * unit(rng.normal(size=3), "eye")
+    lens = {"fov": 36.0} if seed % 2 else {"height": 1.7}
+    return View.through(Camera(tuple(eye), (0.5, 0.5, 0.5), **lens), SIZE)
+
+
+def bodies(files):
+    """Name to a dataset, a text, and values."""
+    wavy = with_field(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.06), n=4), lambda p: p[:, 0])
+    pyramids = with_field(curved(grid(Shape.PYRAMID, 2), ripple(0.05, seed=3), n=3), lambda p: p[:, 0])
+    return {
+        "inside of curved faces": (wavy, "distance(all)", (-0.06, -0.2)),
+        "pyramids": (pyramids, "distance(all)", (-0.13,)),
+        "spikes": (wavy, f"distance('{files / 'spikes.ply'}')", (0.07, -0.05, 0.0)),
+        "open": (pyramids, f"distance('{files / 'open.ply'}')", (0.09,)),
+    }
+
+
+@pytest.mark.parametrize("body", ["inside of curved faces", "pyramids", "spikes", "open"])
+def test_nothing_certain_is_refuted_by_dense_samples(level, files, body):
+    dataset, text, values = bodies(files)[body]
+    draw, surface = level(dataset, text), surface_of(dataset, text[9:-1].strip("'"))
+    for seed, value in enumerate(values):
+        view = view_of(seed)
+        layer = draw(view, None, value)
+        hit, sure = layer.owner != NOBODY, layer.status != Status.AMBIGUOUS
+        assert hit.mean() > 0.05
+        assert sure.mean() > 0.99
+        origins, ways = view.every_ray()
+        there = nearest(surface, (origins + layer.depth[:, None] * ways)[hit])
+        assert np.abs(there.distance - value).max() < 1e-10
+
+        # gradients lead from the nearest place to the hit, or away from it
+        away = (origins + layer.depth[:, None] * ways)[hit] - there.place
+        size = np.linalg.norm(away, axis=1, keepdims=True)
+        far = size[:, 0] > 1e-3
+        turned = np.abs((away / np.maximum(size, 1e-3) * layer.normal[hit]).sum(axis=1))
+        assert np.abs(turned - 1)[far].max(initial=0.0) < 1e-9
+
+        # nowhere before them does the distance cross the value within the domain
+        depths = np.linspace(0.9, 4.4, COUNT)
+        points = origins[:, None] + depths[:, None] * ways[:, None]
+        inside = held(dataset, points.reshape(-1, 3)).reshape(-1, COUNT)
+        above = np.full(inside.shape, np.nan)
+        above[inside] = nearest(surface, points[inside]).distance - value
+        crosses = above[:, 1:] * above[:, :-1] < 0
+        first = np.where(crosses.any(axis=1), depths[1 + crosses.argmax(axis=1)], np.inf)
+        assert crosses.any()
+        assert (layer.depth[sure] <= first[sure]).all()
+
+
+def held(dataset, points):
+    """(n,) whether points lie in some element."""
+    return sample(dataset, ["u"], points).location.element_id >= 0
+
+
+def test_a_ball_around_a_corner_in_closed_form(level, tmp_path):
+    """The distance to a triangle far longer than wide: rays meet rounded edges, sides, and nothing else."""
+    corners = np.array([[0.2, 0.2, 0.4], [0.8, 0.25, 0.4], [0.3, 0.7, 0.4]])
+    trimesh.Trimesh(corners, [[0, 1, 2]]).export(tmp_path / "one.obj")
+    dataset = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0])
+    view = View.through(Camera((0.5, 0.5, 4.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.0), (60, 60))
+    layer = level(dataset, f"distance('{tmp_path / 'one.obj'}')")(view, None, 0.15)
+    origins = view.every_ray()[0]
+    flat = nearest(surface_of(None, str(tmp_path / "one.obj")), origins * [1, 1, 0] + [0, 0, 0.4]).distance
+    with np.errstate(invalid="ignore"):
+        truth = np.where(flat < 0.15, 4.0 - 0.4 - np.sqrt(0.15**2 - flat**2), np.inf)
+    assert np.array_equal(np.isfinite(truth), layer.owner != NOBODY)
+    hit = np.isfinite(truth)
+    assert np.abs(layer.depth[hit] - truth[hit]).max() < 1e-10
+    assert (layer.status[hit] == Status.CERTAIN).mean() > 0.98
+    assert (layer.status[~hit] == Status.MISS).all()
+
+
+def test_all_layers_are_found_and_clear_misses_are_misses(level, tmp_path):
+    """Balls around two points: four places along rays through both."""
+    dots = [trimesh.creation.icosphere(0, radius=1e-3).apply_translation((x, 0.5, 0.5)) for x in (0.25, 0.75)]
+    trimesh.util.concatenate(dots).export(tmp_path / "dots.ply")
+    dataset = with_field(grid(Shape.PRISM, 2), lambda p: p[:, 0])
+    draw = level(dataset, f"distance('{tmp_path / 'dots.ply'}')")
+    view = View.through(Camera((5.0, 0.5, 0.5), (0.5, 0.5, 0.5), height=0.1), (9, 9))
+    beyond = np.zeros(view.count)
+    for expected in (4.05, 4.45, 4.55, 4.95):
+        layer = draw(view, None, 0.2, beyond)
+        assert (layer.owner != NOBODY).all()
+        assert np.abs(layer.depth - expected).max() < 0.01
+        beyond = layer.depth
+    assert not (draw(view, None, 0.2, beyond).owner != NOBODY).any()
