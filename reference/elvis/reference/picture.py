@@ -54,6 +54,7 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     boxes = [element_boxes(patch) for patch in chosen]
     locator = Locator(chosen)
     view = seen(automatic(scene, boxes, partial(glance, locator)))
+    assert isinstance(view, PlaneView)
     pixels, points = asked(chosen, view)
     found = owners(locator, points)
     polish(chosen, found, points)
@@ -74,6 +75,7 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
 def glance(locator: Locator, scene: Scene) -> Bools:
     """(h, w) where an element is seen."""
     view = seen(scene)
+    assert isinstance(view, PlaneView)
     pixels, points = asked(locator.patches, view)
     mask = np.zeros(view.width * view.height, bool)
     mask[pixels] = locator.locate(points).status == Verdict.INSIDE

@@ -31,7 +31,7 @@ from elvis.renderer.loaded import Loaded
 from elvis.renderer.palette import automatic_range
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
-from elvis.renderer.scene import Camera, CutSurface, Faces, Plane, Scene, Vector
+from elvis.renderer.scene import CutSurface, Faces, Plane, Scene, Vector
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
 from elvis.renderer.view import PlaneView, View, seen
@@ -240,12 +240,12 @@ class Renderer:
         key = (scene.every_object, scene.clip, scene.camera, scene.size)
         if self._fitted is None or self._fitted[0] != key:
             boxes = [part.boxes for part in self.stages.loaded.parts]
-            self._fitted = key, _seen(automatic(scene, boxes, self._glance))
+            self._fitted = key, seen(automatic(scene, boxes, self._glance))
         return self._fitted[1]
 
     def _glance(self, scene: Scene) -> Bools:
         """(h, w) where something is seen."""
-        view = _seen(scene)
+        view = seen(scene)
         hit = np.zeros(view.count, bool)
         if isinstance(view, PlaneView) and scene.is_plain:
             hit = self.stages.cutter.draw(view, references=False).owner != NOBODY
@@ -272,12 +272,3 @@ class Renderer:
         sizes = {"volume": loaded.bytes, "image": 12 * pixels.owner.size}
         frame.stats.update(tiles=cutter.tiles, bytes=sizes, seconds=dict(cutter.clock.seconds))
         return frame
-
-
-def _seen(scene: Scene) -> View:
-    """The view of a scene whose camera and size are settled; a plane alone is in it."""
-    if scene.only_plane is not None:
-        return seen(scene)
-    assert isinstance(scene.camera, Camera)
-    assert scene.size is not None
-    return View.through(scene.camera, scene.size)

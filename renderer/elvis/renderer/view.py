@@ -115,11 +115,8 @@ class PlaneView(View):
     @staticmethod
     def on(view: View, plane: Plane) -> PlaneView:
         """A view, with a plane in it."""
-        eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]
-        numbers = _perspective if view.perspective else _orthographic
-        plane_point = numbers(eye, forward, view.corner, view.column, view.row, plane)
         own = {field.name: getattr(view, field.name) for field in fields(View)}
-        return PlaneView(**own, plane=plane, plane_point=plane_point)
+        return PlaneView(**own, plane=plane, plane_point=_plane_point(view, plane))
 
     @property
     def edge_on(self) -> bool:
@@ -158,49 +155,43 @@ class PlaneView(View):
 
     def normal(self) -> Floats:
         """(3,) the plane's unit normal, turned to the viewer."""
-        normal = unit(self.plane.normal, "the normal of the plane")
-        towards = self.camera.basis()[2]
-        if self.camera.fov is not None:
-            towards = np.subtract(self.plane.point, self.camera.eye)
-        return np.asarray(-normal if normal @ towards > 0 else normal)
+        towards = np.subtract(self.plane.point, self.camera.eye) if self.perspective else self.camera.basis()[2]
+        return np.asarray(-self.across if self.across @ towards > 0 else self.across)
 
 
-def seen(scene: Scene) -> PlaneView:
-    """The view of a scene whose plane, camera and size are settled (see fitting.automatic).
+def seen(scene: Scene) -> View:
+    """The view of a scene whose camera and size are settled (see fitting.automatic); a plane alone is in it.
 
     Raises SceneError where the camera looks along the plane.
     """
-    assert scene.only_plane is not None
-    assert scene.size is not None
     assert isinstance(scene.camera, Camera)
-    view = PlaneView.of(scene.camera, scene.only_plane, scene.size)
+    assert scene.size is not None
+    view = View.through(scene.camera, scene.size)
+    if scene.only_plane is None:
+        return view
+    view = PlaneView.on(view, scene.only_plane)
     if view.edge_on:
         raise SceneError("the camera looks along the plane, so that nothing of it can be seen: choose another view")
     return view
 
 
-def _orthographic(eye: Floats, forward: Floats, corner: Floats, column: Floats, row: Floats, plane: Plane) -> Floats:
-    """Numerators and weights of plane points along parallel rays: o - d n.(o - p) / n.d."""
-    normal = unit(plane.normal, "the normal of the plane")
-    slope = float(normal @ forward)
-    slope = slope if abs(slope) > EDGE_ON else 0.0
+def _plane_point(view: View, plane: Plane) -> Floats:
+    """Numerators and weights of plane points: ray o + d w meets the plane through p in o - w n.(o - p) / n.w.
 
-    def slide(vector: Floats) -> Floats:
-        return np.asarray(slope * vector - forward * (normal @ vector))
-
-    point = np.asarray(plane.point, dtype=np.float64)
-    origin = slide(eye + corner - point) + slope * point
-    return np.array([origin, slide(column), slide(row), [slope, 0.0, 0.0]])
-
-
-def _perspective(eye: Floats, forward: Floats, corner: Floats, column: Floats, row: Floats, plane: Plane) -> Floats:
-    """Numerators and weights of plane points along rays from the eye: e + d n.(p - e) / n.d."""
-    normal = unit(plane.normal, "the normal of the plane")
-    reach = float(normal @ (np.asarray(plane.point, dtype=np.float64) - eye))
-    directions = [forward + corner, column, row]
-    weights = [float(normal @ direction) for direction in directions]
-    numerators = [eye * weight + reach * direction for direction, weight in zip(directions, weights, strict=True)]
-    return np.array([*numerators, weights])
+    Of o and w, functions of a pixel, one is the same everywhere, so that numerators are linear in column and row.
+    """
+    normal, point = unit(plane.normal, "the normal of the plane"), np.asarray(plane.point, dtype=np.float64)
+    from_point, forward = view.camera.eye - point, view.camera.basis()[2]
+    aside, still = np.array([view.corner, view.column, view.row]), np.zeros((3, 3))
+    origins, ways = (still, aside) if view.perspective else (aside, still.copy())
+    origins[0] += from_point
+    ways[0] += forward
+    heights, slopes = origins @ normal, ways @ normal
+    if not view.perspective and abs(slopes[0]) <= EDGE_ON:
+        slopes[:] = 0.0
+    numerators = np.outer(slopes, origins[0]) - np.outer(heights, ways[0])
+    numerators[1:] += slopes[0] * origins[1:] - heights[0] * ways[1:]
+    return np.array([*(numerators + np.outer(slopes, point)), slopes])
 
 
 def _to_pixel(camera: Camera, eye: Floats, step: float, size: tuple[int, int]) -> Floats:
