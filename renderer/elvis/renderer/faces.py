@@ -16,6 +16,7 @@ from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pieces import THIN, Edges, Pieces, pieces_of
+from elvis.renderer.sides import Sides
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.renderer.view import View
 
@@ -42,7 +43,7 @@ class FaceDrawer:
 
     def __init__(self, loaded: Loaded, faces: Faces) -> None:
         self.loaded, self.faces = loaded, faces
-        self._chosen: tuple[tuple[str, ...] | Bools, list[tuple[Ints, Floats]]] = (), []
+        self._chosen: tuple[tuple[str, ...] | Bools, list[tuple[Ints, Floats, Sides]]] = (), []
         self._seen: tuple[object, list[tuple[Pieces, Edges]]] = None, []
 
     def draw(
@@ -165,11 +166,16 @@ class FaceDrawer:
                 if isinstance(words, tuple)
                 else [np.flatnonzero(words[first[block.part] + block.element]) for block in blocks]
             )
-            nets = [block.nets(own) for block, own in zip(self.faces.blocks, rows, strict=True)]
-            self._chosen = words, list(zip(rows, nets, strict=True))
+            self._chosen = words, []
+            for block, own in zip(self.faces.blocks, rows, strict=True):
+                nets = block.nets(own)
+                sides = Sides.of(block.space, block.entity[own], nets)
+                self._chosen[1].append((own, nets[sides.alone], sides))
         if self._seen[0] != (key := (view, words if isinstance(words, tuple) else id(words))):
-            chosen = zip(self.faces.blocks, self._chosen[1], strict=True)
-            self._seen = key, [pieces_of(block.space, nets, view) for block, (_, nets) in chosen]
+            self._seen = key, []
+            for block, (_, nets, sides) in zip(self.faces.blocks, self._chosen[1], strict=True):
+                pieces, edges = pieces_of(block.space, nets, view)
+                self._seen[1].append((sides.both(pieces), edges))
         return self._seen[1]
 
     def _records(self, number: int, pieces: Pieces, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -1,0 +1,81 @@
+"""Faces that two elements share: what is found of one side holds for the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import permutations
+
+import numpy as np
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.polynomials.bernstein import bernstein_values
+from elvis.formats.shapes import Shape
+from elvis.plugins.faces.nets import FaceSpace
+from elvis.renderer.pieces import Pieces
+
+#: part of the greatest coordinate within which two maps are one
+SAME = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Pairs among n faces with one shape and degree.
+
+    alone  (m,)       faces that stand for all: those without another side, and one side of each pair
+    first  (p,)       rows of ``alone``
+    other  (p,)       the faces that these are, too
+    turn   (p, 3, 2)  point u of the first is point turn_0 + u_1 turn_1 + u_2 turn_2 of the other
+    """
+
+    alone: Ints
+    first: Ints
+    other: Ints
+    turn: Floats
+
+    @staticmethod
+    def of(space: FaceSpace, entity: Ints, nets: Floats) -> Sides:
+        """Faces (n,) of the mesh with their nets (n, count, 4): sides are one where their nets agree."""
+        order = np.argsort(entity, kind="stable")
+        at = np.flatnonzero(np.diff(entity[order]) == 0)
+        first, other = order[at], order[at + 1]
+        turns, matrices = _turns(space)
+        which, scale = np.full(len(at), -1), np.abs(nets).max(initial=0.0)
+        for number, matrix in enumerate(matrices):
+            which[np.abs(matrix @ nets[other] - nets[first]).max(axis=(1, 2), initial=0.0) <= SAME * scale] = number
+        found = which >= 0
+        first, other = first[found], other[found]
+        alone = np.setdiff1d(np.arange(len(entity)), other)
+        return Sides(alone, np.searchsorted(alone, first), other, turns[which[found]])
+
+    def both(self, pieces: Pieces) -> Pieces:
+        """The pieces of all faces, from those of the faces that stand alone, by their rows."""
+        pair = np.full(len(self.alone), -1)
+        pair[self.first] = np.arange(len(self.first))
+        again = np.flatnonzero(pair[pieces.face] >= 0)
+        pair = pair[pieces.face[again]]
+        place = pieces.place[again] @ self.turn[pair, 1:]
+        place[:, 0] += self.turn[pair, 0]
+        return replace(
+            pieces,
+            face=np.append(self.alone[pieces.face], self.other[pair]),
+            place=np.concatenate([pieces.place, place]),
+            bounds=np.concatenate([pieces.bounds, pieces.bounds[:, again]], axis=1),
+            near=np.append(pieces.near, pieces.near[again]),
+            noise=np.append(pieces.noise, pieces.noise[again]),
+        )
+
+
+@lru_cache(maxsize=16)
+def _turns(space: FaceSpace) -> tuple[Floats, Floats]:
+    """(k, 3, 2) the symmetries of the reference shape, and (k, count, count) nets of maps that come after them."""
+    if space.shape is Shape.TRIANGLE:
+        corners = np.array(list(permutations([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)])))
+        axes = (corners[:, 1:] - corners[:, :1]) / 2
+        turns = np.concatenate([corners[:, :1] + axes.sum(axis=1, keepdims=True), axes], axis=1)
+    else:
+        signs = [(a, b) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+        axes = np.array([np.diag(sign)[list(order)] for sign in signs for order in ((0, 1), (1, 0))])
+        turns = np.concatenate([np.zeros((len(axes), 1, 2)), axes], axis=1)
+    images = turns[:, :1] + space.points @ turns[:, 1:]
+    return turns, np.array([space.fit @ bernstein_values(space.space, points) for points in images])
