@@ -13,7 +13,7 @@ from measuring import Timing, in_turn
 from tables import Table, percent, seconds
 
 from elvis.formats import Dataset
-from elvis.renderer.canvas import free_memory
+from elvis.formats.memory import free_memory
 from elvis.renderer.frame import Frame
 
 #: share of wrong pixels below which a linear picture counts as right

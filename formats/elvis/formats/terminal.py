@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import isfinite
 from typing import TypeVar
@@ -61,6 +61,25 @@ def track(items: Sequence[Item], description: str) -> Iterator[Item]:
     from rich.progress import track as rich_track
 
     yield from rich_track(items, description=description, console=Console(stderr=True), transient=True)
+
+
+@contextmanager
+def progress(description: str) -> Iterator[Callable[[int, int], object] | None]:
+    """A bar on a terminal, which is told how much of how much is done; None in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(description, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def warn(sentence: str) -> None:
+    """Say on standard error what the user should know of a result."""
+    print(f"elvis: warning: {sentence}", file=sys.stderr)
 
 
 def _is_number(cell: str) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
@@ -12,6 +11,7 @@ import numpy as np
 from elvis.formats.arrays import Floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
+from elvis.formats.memory import free_memory
 from elvis.formats.patch import Patch
 from elvis.reference.bars import Bar, bars
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
@@ -124,13 +124,8 @@ def spread(values: Floats) -> tuple[float, ...]:
 
 def memory_limit() -> int:
     """Half of the memory that is free now, in bytes; 2 GB where the system doesn't tell."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as lines:
-            free = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable"))
-    except (OSError, StopIteration):
-        names = os.sysconf_names if hasattr(os, "sysconf_names") else {}
-        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if "SC_AVPHYS_PAGES" in names else 4 << 30
-    return free // 2
+    free = free_memory()
+    return int(free / 2) if free < float("inf") else 2 << 30
 
 
 def compare_scene(

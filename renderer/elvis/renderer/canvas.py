@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import product
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
+from elvis.formats.memory import free_memory
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Drawing, Frame, whole
 from elvis.renderer.pixels import NOBODY
@@ -182,14 +182,3 @@ def _check_memory(view: View, records: bool) -> None:
             f"a picture of {view.width} x {view.height} pixels takes {need / 2**30:.1f} GiB of memory, "
             f"{free / 2**30:.1f} GiB are free: ask for fewer pixels{alone}"
         )
-
-
-def free_memory() -> float:
-    """Bytes of memory that are free, where the system tells; else infinite."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as lines:
-            return next(1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    except (OSError, StopIteration):
-        names = os.sysconf_names if hasattr(os, "sysconf_names") else {}
-        known = {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= names.keys()
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")) if known else np.inf

@@ -57,13 +57,11 @@ class Answers(Protocol):
 
 def opened(paths: Sequence[Path], plugin: str | None) -> Answers | None:
     """What a runtime plugin answers about the files, None where none opens them; ``elvis`` itself knows the plugins."""
+    from elvis.formats.terminal import warn
+
     ask = getattr(click.get_current_context().find_root().obj, "ask", None)
-    found: Answers | None = ask(paths, plugin, _warn) if ask else None
+    found: Answers | None = ask(paths, plugin, warn) if ask else None
     return found
-
-
-def _warn(sentence: str) -> None:
-    click.echo(f"elvis: warning: {sentence}", err=True)
 
 
 class Parsed(click.ParamType):  # type: ignore[type-arg]

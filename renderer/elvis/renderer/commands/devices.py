@@ -15,7 +15,7 @@ Examples:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def devices(as_json: bool) -> None:
     """List the devices that can draw, and the one that --device auto takes."""
-    from elvis.formats.terminal import print_table
+    from elvis.formats.terminal import print_json, print_table
     from elvis.plugins.registry import plugins
     from elvis.renderer.device import ADVICE, adapters, choose
 
@@ -27,10 +27,8 @@ def devices(as_json: bool) -> None:
         (name, "software", f"plugin of {plugin.distribution}", "") for name, plugin in plugins("elvis.devices").items()
     ]
     if as_json:
-        import json
-
         keys = ("name", "kind", "label", "auto")
-        click.echo(json.dumps([dict(zip(keys, (*row[:3], row[3] == "auto"), strict=True)) for row in rows], indent=2))
+        print_json([dict(zip(keys, (*row[:3], row[3] == "auto"), strict=True)) for row in rows])
         return
     print_table(("device", "kind", "what it is", ""), rows)
     if not any(row[0].startswith("vulkan") for row in rows):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -155,6 +154,7 @@ def _check_places(scene: Scene, save_scene: Path | None) -> None:
 def _frame(scene: Scene) -> Frame:
     """Read the data, or let a runtime plugin open them, and draw them."""
     from elvis.formats.commands.arguments import read_data
+    from elvis.formats.terminal import progress, warn
     from elvis.plugins.opening import open_files
     from elvis.renderer import SceneError
     from elvis.renderer import render as draw
@@ -162,23 +162,9 @@ def _frame(scene: Scene) -> Frame:
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
     files = tuple(map(Path, scene.data))
-    dataset = open_files(files, scene.plugin, _warn) or read_data(files)
-    with _progress() as progress:
-        return draw(dataset, scene, device=scene.device, progress=progress)
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], object] | None]:
-    """A bar on a terminal, which is told how much of how much is drawn."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("drawing", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    dataset = open_files(files, scene.plugin, warn) or read_data(files)
+    with progress("drawing") as told:
+        return draw(dataset, scene, device=scene.device, progress=told)
 
 
 def _write_rest(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
@@ -197,16 +183,14 @@ def _write_rest(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
 
 def _report(frame: Frame) -> None:
     """Warnings; on a terminal also what is known of the pixels."""
+    from elvis.formats.terminal import warn
+
     counts = frame.counts()
     if counts["failed"]:
-        _warn(f"{counts['failed']} pixels failed: an element may be there, but its map did not invert")
+        warn(f"{counts['failed']} pixels failed: an element may be there, but its map did not invert")
     if counts["not_a_number"]:
-        _warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
+        warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
     for remark in frame.stats.get("remarks", ()):
-        _warn(remark)
+        warn(remark)
     if sys.stderr.isatty():
         click.echo(", ".join(f"{counts[name]} pixels {name}" for name in ("certain", "ambiguous", "failed")), err=True)
-
-
-def _warn(sentence: str) -> None:
-    click.echo(f"elvis: warning: {sentence}", err=True)
