@@ -1,26 +1,24 @@
 """Faces cut into pieces whose projected maps are nearly linear, so that a pixel's ray meets each of them once at most.
 
-Screen nets (n, count, 5) hold homogeneous control points of the projected maps: column, row and weight as by
-View.to_pixel, depth times w, and w.
+Screen nets (5, count, n) hold homogeneous control points of the projected maps: column, row and weight as by
+View.to_pixel, depth times w, and w.  NumPy goes quickly along long axes alone, so pieces are the last axis.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import reduce
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
 from elvis.renderer.view import View
 
-#: greatest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 1/2
-TAME = 0.2
+#: greatest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
+TAME = 0.25
 #: pixels below which a piece counts as a point, or as a line where it is that thin
 THIN = 1e-6
 #: how often a face is halved at most
@@ -65,22 +63,54 @@ def pieces_of(space: FaceSpace, nets: Floats, view: View) -> tuple[Pieces, Edges
     """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view."""
     forward = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
     rows = np.concatenate([view.to_pixel, forward[None], [[0.0, 0.0, 0.0, 1.0]]])
-    found = [_none(space)]
-    for start in range(0, len(nets), _CHUNK):
-        some = nets[start : start + _CHUNK]
-        found += _divided(space, some @ rows.T, start + np.arange(len(some)), view)
-    face, place, screen, tame, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    depth, line = screen[..., 3] / screen[..., 4], ~tame
-    bounds, noise = _pixels(_bounds(screen[tame]), view), _rounding(nets, view) * spread[tame]
-    pieces = Pieces(face[tame], place[tame], bounds, depth[tame].min(axis=1), noise)
-    return pieces, Edges(_ends(_flat(screen[line]))[0], np.stack([depth[line].min(axis=1), depth[line].max(axis=1)]))
+    found = [_Batch.of(space, np.arange(0), np.empty((5, space.count, 0)))]
+    for some in chunks(len(nets), _CHUNK):
+        number = np.arange(len(nets))[some]
+        found += _divided(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view)
+    face, place, screen, pixels, line, spread = (
+        np.concatenate(parts, axis=-1) for parts in zip(*map(_Batch.parts, found), strict=True)
+    )
+    depth = screen[3] / screen[4]
+    noise = _rounding(nets, view) * spread[~line]
+    bounds, near = pixels[..., ~line].transpose(0, 2, 1), depth.min(axis=0)
+    pieces = Pieces(face[~line], np.moveaxis(place[..., ~line], -1, 0), bounds, near[~line], noise)
+    ends = _ends(screen[:2, :, line] / screen[2][:, line])[0]
+    return pieces, Edges(ends.transpose(0, 2, 1), np.stack([near[line], depth[:, line].max(axis=0)]))
 
 
-_Batch: TypeAlias = tuple[Ints, Floats, Floats, Bools, Floats]
+@dataclass(eq=False)
+class _Batch:
+    """Pieces that are worked on at once.
 
+    face    (n,)           number of the face
+    place   (3, 2, n)      as in Pieces
+    screen  (5, count, n)  nets
+    pixels  (2, 4, n)      as the bounds of Pieces, where it is in front of the eye
+    line    (n,)           whether it is as thin as a line or a point
+    spread  (n,)           see _examined
+    """
 
-def _none(space: FaceSpace) -> _Batch:
-    return np.empty(0, np.int64), np.empty((0, 3, 2)), np.empty((0, space.count, 5)), np.empty(0, bool), np.empty(0)
+    face: Ints
+    place: Floats
+    screen: Floats
+    pixels: Ints
+    line: Bools
+    spread: Floats
+
+    @staticmethod
+    def of(space: FaceSpace, face: Ints, screen: Floats) -> _Batch:
+        """Whole faces."""
+        count = len(face)
+        place = np.repeat(np.vstack([np.zeros(2), np.eye(2)])[..., None], count, axis=-1)
+        return _Batch(face, place, screen, np.zeros((2, 4, count), np.int64), np.zeros(count, bool), np.zeros(count))
+
+    def parts(self) -> tuple[Any, ...]:
+        """All arrays; pieces are the last axis of each."""
+        return self.face, self.place, self.screen, self.pixels, self.line, self.spread
+
+    def some(self, which: Ints) -> _Batch:
+        """The pieces with these numbers."""
+        return _Batch(*(part.take(which, axis=-1) for part in self.parts()))
 
 
 def _rounding(nets: Floats, view: View) -> float:
@@ -90,157 +120,143 @@ def _rounding(nets: Floats, view: View) -> float:
     return float(16 * np.finfo(float).eps * (max(across, down) + max(view.width, view.height) * weight))
 
 
-def _divided(space: FaceSpace, screen: Floats, face: Ints, view: View) -> Iterator[_Batch]:
-    """Numbers, places and screen nets of pieces, whether they are tame, and their spread (see _examined).
+def _divided(space: FaceSpace, batch: _Batch, view: View) -> Iterator[_Batch]:
+    """Pieces that are tame, and those that are points or lines.
 
-    The others are points or lines; what is neither is halved where it looks longest, unless it covers no centre.
+    What is neither is halved where it looks longest, unless it covers no centre.
     """
-    stack = [(0, face, np.tile(np.vstack([np.zeros(2), np.eye(2)]), (len(face), 1, 1)), screen)]
+    stack = [(0, batch)]
     while stack:
-        level, face, place, screen = stack.pop()
-        seen = _seen(screen, view)
-        face, place, screen = face[seen], place[seen], screen[seen]
-        front, last = _least(screen[..., 2]) > 0.0, level == _LEVELS
-        thin = np.zeros(len(face), bool)
-        thin[front] = _ends(_flat(screen[front]))[1] < THIN
-        tame, way, spread = _examined(space, screen, front, view)
-        done = front & (tame | thin | last)
-        yield face[done], place[done], screen[done], (tame & ~thin)[done], spread[done]
-        if not (last or done.all()):
-            face, place, screen = _halved(space, way[~done], face[~done], place[~done], screen[~done])
-            stack += [(level + 1, face[k], place[k], screen[k]) for k in chunks(len(face), _CHUNK)]
+        level, batch = stack.pop()
+        batch, front = _seen(batch, view)
+        tame, way, batch.spread = _examined(space, batch, front, view)
+        done = front & (tame | batch.line | (level == _LEVELS))
+        batch.line |= ~tame
+        yield batch.some(np.flatnonzero(done))
+        if level < _LEVELS and not done.all():
+            halves = _halved(space, way[~done], batch.some(np.flatnonzero(~done)))
+            stack += [
+                (level + 1, halves.some(np.arange(len(halves.face))[k])) for k in chunks(len(halves.face), _CHUNK)
+            ]
 
 
-def _halved(space: FaceSpace, way: Ints, face: Ints, place: Floats, screen: Floats) -> tuple[Ints, Floats, Floats]:
+def _halved(space: FaceSpace, way: Ints, batch: _Batch) -> _Batch:
     """Two pieces for each, cut the way that it says."""
-    places, cuts = space.halves[way] @ place[:, None, 1:], space.cuts[way] @ screen[:, None]
-    places[:, :, 0] += place[:, None, 0]
-    return np.repeat(face, 2), places.reshape(-1, 3, 2), cuts.reshape(-1, *screen.shape[1:])
+    batch = batch.some(order := np.argsort(way, kind="stable"))
+    ends = np.searchsorted(way[order], np.arange(len(space.halves) + 1))
+    halves = _Batch(*(np.concatenate([part, part], axis=-1) for part in batch.parts()))
+    for cut in range(len(space.halves)):
+        for half in range(2):
+            own, new = slice(ends[cut], ends[cut + 1]), slice(*(ends[cut : cut + 2] + half * len(way)))
+            halves.screen[..., new] = space.cuts[cut, half] @ batch.screen[..., own]
+            halves.place[..., new] = np.tensordot(space.halves[cut, half], batch.place[1:, :, own], 1)
+            halves.place[0, :, new] += batch.place[0, :, own]
+    return halves
 
 
-def _seen(screen: Floats, view: View) -> Bools:
-    """(n,) whether pieces may cover the centre of a pixel: not those beyond a side of the picture or behind the eye."""
-    x, y, w = screen[..., 0], screen[..., 1], screen[..., 2]
-    sides = (
-        x + THIN * w,
-        (view.width - 1 + THIN) * w - x,
-        y + THIN * w,
-        (view.height - 1 + THIN) * w - y,
-        screen[..., 3],
-    )
-    seen = np.isfinite(_most(_most(np.abs(screen), 2), 1))
-    for side in sides:
-        seen &= _most(side) > 0.0
-    front = np.flatnonzero(seen & (_least(w) > 0.0))
-    least, most = _pixels(_bounds(screen[front]), view)
-    seen[front] = _least(most - least) >= 0
-    front = front[seen[front]]
-    seen[front] = _may_hold(_flat(screen[front]))
-    return np.asarray(seen)
+def _seen(batch: _Batch, view: View) -> tuple[_Batch, Bools]:
+    """The pieces that may cover the centre of a pixel, and (n,) whether they are in front of the eye.
+
+    Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.
+    """
+    (x, y, w, depth), size = batch.screen[:4], np.array([view.width - 1.0, view.height - 1.0])
+    seen = np.isfinite(batch.screen).all(axis=(0, 1)) & (depth.max(axis=0) > 0.0)
+    for side, far in zip((x, y), size, strict=True):
+        seen &= ((side + THIN * w).max(axis=0) > 0.0) & (((far + THIN) * w - side).max(axis=0) > 0.0)
+    batch = batch.some(np.flatnonzero(seen))
+    front = batch.screen[2].min(axis=0) > 0.0
+    flat = batch.screen[:2].compress(front, axis=-1) / batch.screen[2].compress(front, axis=-1)
+    batch.pixels[..., front] = pixels = _pixels(flat, view)
+    ends, width = _ends(flat)
+    batch.line[:] = False
+    batch.line[front] = width < THIN
+    kept = ~front
+    kept[front] = (pixels[1] >= pixels[0]).all(axis=0) & _may_hold(flat, ends, width)
+    return batch.some(np.flatnonzero(kept)), front[kept]
 
 
-def _may_hold(points: Floats) -> Bools:
-    """(n,) whether hulls (n, count, 2) may hold the centre of a pixel: thin ones hold few, however long they are."""
-    (start, end), width = _ends(points)
-    steep = np.abs(end - start)[:, 1] > np.abs(end - start)[:, 0]
-    turned = np.where(steep[:, None, None], points[..., ::-1], points)[..., 0]
-    (x0, y0), (x1, y1) = (np.where(steep[:, None], some[:, ::-1], some).T for some in (start, end))
+def _may_hold(points: Floats, ends: Floats, width: Floats) -> Bools:
+    """(n,) whether hulls (2, count, n) may hold the centre of a pixel: thin ones hold few, however long they are.
+
+    ends, width  see _ends
+    """
+    steep = np.abs(ends[1] - ends[0])[1] > np.abs(ends[1] - ends[0])[0]
+    turned = np.where(steep, points[1], points[0])
+    (x0, x1), (y0, y1) = np.where(steep, ends[:, 1], ends[:, 0]), np.where(steep, ends[:, 0], ends[:, 1])
 
     # the columns that they reach over, rows where they are steep
-    first, last = np.ceil(_least(turned) - THIN), np.floor(_most(turned) + THIN)
-    x = first[:, None] + np.arange(_COLUMNS)
+    first, last = np.ceil(turned.min(axis=0) - THIN), np.floor(turned.max(axis=0) + THIN)
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
-    y = y0[:, None] + slope[:, None] * (x - x0[:, None])
-    held = (np.abs(y - np.rint(y)) <= 1.5 * width[:, None] + 2 * THIN) & (x <= last[:, None])
-    return np.asarray(_most(held) | (last - first >= _COLUMNS))
+    x = first + np.arange(_COLUMNS)[:, None]
+    y = y0 + slope * (x - x0)
+    held = (np.abs(y - np.rint(y)) <= 1.5 * width + 2 * THIN) & (x <= last)
+    return np.asarray(held.any(axis=0) | (last - first >= _COLUMNS))
 
 
-def _flat(screen: Floats) -> Floats:
-    """(n, count, 2) control points in pixels, of pieces in front of the eye."""
-    return np.asarray(screen[..., :2] / screen[..., 2:3])
+def _pixels(points: Floats, view: View) -> Ints:
+    """(2, 4, n) least and greatest x, y, x + y and x - y of the pixels of the view that hulls (2, count, n) may cover.
 
-
-def _bounds(screen: Floats) -> Floats:
-    """(2, n, 4) least and greatest x, y, x + y and x - y of pieces in front of the eye."""
-    x, y = np.moveaxis(_flat(screen), -1, 0)
-    every = np.stack([x, y, x + y, x - y], axis=-1)
-    return np.stack([_least(every), _most(every)])
-
-
-def _pixels(bounds: Floats, view: View) -> Ints:
-    """(2, n, 4) the pixels of the view within bounds, none where the least ones exceed the greatest."""
-    reach = 2.0 * (view.width + view.height)
-    pixels = np.stack([np.ceil(bounds[0].clip(-reach, reach) - THIN), np.floor(bounds[1].clip(-reach, reach) + THIN)])
-    pixels[0, :, :2] = pixels[0, :, :2].clip(0.0, None)
-    pixels[1, :, :2] = pixels[1, :, :2].clip(None, [view.width - 1, view.height - 1])
-    return pixels.astype(np.int64)
+    None where the least ones exceed the greatest.
+    """
+    reach, (x, y) = 2.0 * (view.width + view.height), points
+    every = (x, y, x + y, x - y)
+    least = np.stack([side.min(axis=0) for side in every]).clip(-reach, reach)
+    most = np.stack([side.max(axis=0) for side in every]).clip(-reach, reach)
+    least, most = np.ceil(least - THIN), np.floor(most + THIN)
+    least[:2] = least[:2].clip(0.0, None)
+    most[:2] = most[:2].clip(None, [[view.width - 1.0], [view.height - 1.0]])
+    return np.stack([least, most]).astype(np.int64)
 
 
 def _ends(points: Floats) -> tuple[Floats, Floats]:
-    """(2, n, 2) two points of each hull (n, count, 2) far apart, and (n,) how far others lie from the line between."""
-    offsets = points - points[:, :1]
-    farthest = np.take_along_axis(
-        offsets, (offsets[..., 0] ** 2 + offsets[..., 1] ** 2).argmax(axis=1)[:, None, None], axis=1
-    )
-    length = np.hypot(*farthest[:, 0].T)
-    across = _most(np.abs(offsets[..., 0] * farthest[..., 1] - offsets[..., 1] * farthest[..., 0]))
+    """(2, 2, n) two points of each hull (2, count, n) far apart, and (n,) how far others lie from the line between."""
+    x, y = points - points[:, :1]
+    number, every = (x * x + y * y).argmax(axis=0), np.arange(points.shape[2])
+    far_x, far_y = x[number, every], y[number, every]
+    length, across = np.hypot(far_x, far_y), np.abs(x * far_y - y * far_x).max(axis=0)
     width = np.divide(across, length, out=np.zeros_like(across), where=length > THIN)
-    return np.stack([points[:, 0], points[:, 0] + farthest[:, 0]]), width
+    return np.stack([points[:, 0], points[:, number, every]]), width
 
 
-def _examined(space: FaceSpace, screen: Floats, front: Bools, view: View) -> tuple[Bools, Ints, Floats]:
+def _examined(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tuple[Bools, Ints, Floats]:
     """(n,) whether X - i W and Y - j W change nearly linearly, which way the pieces look longest, and their spread:
 
     how far roots move in the piece where X - i W and Y - j W change by 1, to first order.
     All pixels (i, j) within the bounds of a piece are meant.  With the matrix M that inverts the mean Jacobian for the
     middle pixel, b is the greatest row sum of M J - 1, which the derivatives' nets bound, and g what other pixels add.
     """
-    size = np.array([view.width - 1.0, view.height - 1.0])
-    low, high = np.zeros((len(screen), 2)), np.tile(size, (len(screen), 1))
-    low[front], high[front] = _bounds(screen[front])[..., :2].clip(0.0, size)
-    middle, half = 0.5 * (low + high)[:, None], 0.5 * (high - low)[:, None]
-    slopes = np.stack([matrix @ screen[..., [0, 1, 2, 4]] for matrix in space.slopes])
-    plane = slopes[..., :2] - middle * slopes[..., 2:3]
-    mean, weight = _mean(plane), _mean(slopes[..., 2:3])
+    size = np.array([[view.width - 1.0], [view.height - 1.0]])
+    low, high = np.where(front, batch.pixels[:, :2], np.stack([0.0 * size, size]))
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    slopes = [matrix @ batch.screen[[0, 1, 2, 4]] for matrix in space.slopes]
+    planes = [slope[:2] - middle[:, None] * slope[2] for slope in slopes]
+    (xs, ys), (xt, yt) = (plane.mean(axis=1) for plane in planes)
+    weights = [slope[2].mean(axis=0) for slope in slopes]
 
     with np.errstate(all="ignore"):
-        # M, and the row sums of what it makes of all changes
-        (xs, ys), (xt, yt) = np.moveaxis(mean, -1, 1)
-        inverse = np.stack([np.stack([yt, -ys], -1), np.stack([-xt, xs], -1)], 1) / (xs * yt - xt * ys)[:, None, None]
-        own = np.abs((plane - mean[:, :, None]) @ inverse)
-        other = half * np.abs(slopes[..., 2:3] - weight[:, :, None]) @ np.abs(inverse)
-        b = _most(_most(own + other, 2).sum(axis=0))
-        g = (half[:, 0] * np.abs(weight))[:, :, None] @ np.abs(inverse)
-        b += _weighted(screen[..., 4], slopes[..., 3])
-        tame = front & ((b <= TAME * (1.0 - _most(g.sum(axis=(0, 2))))) | (b <= 1e-9))
+        # M, times vectors; the sums of what it makes of all changes
+        inverse = 1.0 / (xs * yt - xt * ys)
+        first, second = np.stack([yt, -xt]) * inverse, np.stack([-ys, xs]) * inverse
+        b, g = np.zeros((2, 2, len(xs)))
+        for row, (u, v) in enumerate((first, second)):
+            bent = np.abs(u) * half[0] + np.abs(v) * half[1]
+            for plane, slope, weight, mean in zip(planes, slopes, weights, ((xs, ys), (xt, yt)), strict=True):
+                own = np.abs(u * (plane[0] - mean[0]) + v * (plane[1] - mean[1]))
+                b[row] += (own + bent * np.abs(slope[2] - weight)).max(axis=0)
+                g[row] += bent * np.abs(weight)
+        change = b.max(axis=0) + _weighted(batch.screen[4], [slope[3] for slope in slopes])
+        tame = front & ((change <= TAME * (1.0 - g.max(axis=0))) | (change <= 1e-9))
 
     # the greatest speed along each side, for any pixel
-    speeds = np.concatenate([plane, half * slopes[..., 2:3]], axis=-1)
-    sides = [*speeds, speeds[1] - speeds[0]] if len(space.halves) == 3 else [*speeds]
-    way = np.argmax([_most(sum(np.moveaxis(np.square(side), 2, 0))) for side in sides], axis=0)
-    return tame, way, _most(np.abs(inverse).sum(axis=1))
+    speeds = [(*plane, *(half[:, None] * slope[2])) for plane, slope in zip(planes, slopes, strict=True)]
+    if len(space.halves) == 3:
+        speeds.append(tuple(t - s for s, t in zip(*speeds, strict=True)))
+    way = np.argmax([sum(part * part for part in side).max(axis=0) for side in speeds], axis=0)
+    return tame, way, np.maximum(np.abs(first).sum(axis=0), np.abs(second).sum(axis=0))
 
 
-def _weighted(w: Floats, slopes: Floats) -> Floats:
-    """(n,) what dividing by the weights w (n, count) of rational maps adds to the change of their Jacobians."""
-    least = _least(w)
-    total = 2.5 * _most(np.abs(slopes), 2).sum(axis=0) + 0.5 * (_most(w) - least)
+def _weighted(w: Floats, slopes: list[Floats]) -> Floats:
+    """(n,) what dividing by the weights w (count, n) of rational maps adds to the change of their Jacobians."""
+    least = w.min(axis=0)
+    total = 2.5 * sum(np.abs(slope).max(axis=0) for slope in slopes) + 0.5 * (w.max(axis=0) - least)
     return np.asarray(total / least)
-
-
-# NumPy goes slowly along short axes: these go along the long ones.
-
-
-def _most(values: NDArray[Any], axis: int = 1) -> NDArray[Any]:
-    """The greatest along an axis."""
-    return np.asarray(reduce(np.maximum, np.moveaxis(values, axis, 0)))
-
-
-def _least(values: NDArray[Any], axis: int = 1) -> NDArray[Any]:
-    """The least along an axis."""
-    return np.asarray(reduce(np.minimum, np.moveaxis(values, axis, 0)))
-
-
-def _mean(values: Floats) -> Floats:
-    """The mean along the third axis."""
-    return np.asarray(reduce(np.add, np.moveaxis(values, 2, 0)) / values.shape[2])
