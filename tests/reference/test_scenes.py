@@ -239,6 +239,27 @@ def test_even_fog_takes_up_light_by_its_length(shape):
 
 
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
+def test_rays_may_begin_within_elements(shape):
+    """The eye is in the cube: fog hides by the length from there on, and the nearer sheet behind it is not seen."""
+    fog = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    for camera in (
+        Camera((0.4, 0.3, 0.45), (0.9, 0.8, 0.6), fov=70.0),
+        Camera((0.3, 0.45, 0.4), (0.9, 0.8, 0.6), height=0.2),
+    ):
+        scene = Scene("u", camera=camera, size=(24, 20), objects=(fog,))
+        data = solid(shape, function=lambda x: x[:, 0])
+        frame = render(data, scene)
+        origins, directions = rays(frame)
+        assert (np.abs(origins - 0.5).max(axis=2) < 0.5).any()
+        near, far = cube_depths(origins, directions)
+        length = np.nan_to_num((far - np.maximum(near, 0)) * np.linalg.norm(directions, axis=-1)) * (far > 0)
+        assert np.abs(frame.color[..., 0] - np.exp(-1.7 * length)).max() < 1e-9
+        level = render(solid(shape, function=lambda x: x[:, 0]), replace(scene, objects=(Isosurface((0.35, 0.5)),)))
+        assert level.seen.sum() > 100
+        assert np.abs(level.position[..., 0] - np.where(origins[..., 0] < 0.35, 0.35, 0.5))[level.seen].max() < 1e-12
+
+
+@pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
 def test_fog_of_a_linear_field(shape):
     """Density x and colour black: what is hidden follows from the middle of each chord."""
     fog = VolumeRendering(Transfer((-1.0, 2.0), (0.0, 6.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset
+from elvis.formats.dataset import Dataset, Expansion
 from elvis.formats.mapping.boxes import Boxes, element_boxes
 from elvis.formats.patch import Patch
 from elvis.formats.polynomials.evaluation import evaluate, evaluate_at_with_gradients
@@ -63,6 +63,11 @@ class Quantities:
     def outward(self, frame: Frame) -> Frame:
         """The frame with the reference coordinates that others use for these elements."""
         return frame
+
+    def expansion(self, name: str, patch: Patch) -> Expansion | None:
+        """The modes of a quantity in a patch; None for what isn't a field."""
+        number = self._number(name)
+        return None if number is None else patch.fields[number]
 
     def corners(self) -> Mapping[str, Corners]:
         """Each quantity at the same points of many elements."""

@@ -10,7 +10,8 @@ from elvis.formats.arrays import Floats
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.composing import Fog
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
-from elvis.reference.scenes.volumes import Ways, integrated, lengths, points_along
+from elvis.reference.scenes.volumes import integrated, lengths, points_along
+from elvis.reference.scenes.ways import Ways
 from elvis.renderer.scene import Transfer
 from elvis.renderer.view import View
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from time import perf_counter
 
 import numpy as np
@@ -25,7 +26,8 @@ from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.twins import TwinLocator, TwinQuantities
-from elvis.reference.scenes.volumes import gathered, visible, ways_through
+from elvis.reference.scenes.volumes import gathered, visible
+from elvis.reference.scenes.ways import beginnings, ways_through
 from elvis.reference.selection import chosen_faces
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
@@ -130,8 +132,10 @@ class Scenery:
         """Isosurfaces of a quantity."""
         self._check_solid("isosurfaces")
         made, size = self.quantities, self.size
-        pairs = [(value, number, patch) for value in values for number, patch in enumerate(made.patches)]
-        return Crossings.joined([iso_crossings(k, patch, made, name, value, view, size) for value, k, patch in pairs])
+        begun, pairs = beginnings(lambda: self.locator, view, self.box), product(values, enumerate(made.patches))
+        return Crossings.joined(
+            [iso_crossings(k, patch, made, name, value, view, size, begun) for value, (k, patch) in pairs]
+        )
 
     def _faces(self, select: Sequence[str], view: View) -> Crossings:
         """Element faces."""
@@ -193,9 +197,9 @@ class Scenery:
         looks = [
             (name, colored(item.transfer, scene, ranges.get(name))) for name, item in zip(names, shown, strict=True)
         ]
-        found = []
+        found, begun = [], beginnings(lambda: self.locator, view, self.box)
         for number, patch in enumerate(self.quantities.patches):
-            ways = ways_through(number, patch, view, self.size).between(cuts)
+            ways = ways_through(number, patch, view, self.size, begun).between(cuts)
             ways = visible(ways, patch, self.quantities, scene.clip, view, self.size)
             color, alpha = gathered(ways, patch, self.quantities, looks, view, self.size)
             found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))

@@ -16,7 +16,7 @@ from elvis.formats.patch import Patch
 from elvis.reference.baseline.templates import pulling, template
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
-from elvis.reference.scenes.rasters import covered, on_screen
+from elvis.reference.scenes.rasters import among, covered, on_screen
 from elvis.reference.solids import Face, faces_of, heights, spread
 from elvis.renderer.frame import Status
 from elvis.renderer.view import View
@@ -31,13 +31,21 @@ _STEEP = 0.35
 _GRAZING = 1e-6
 
 
-def face_crossings(number: int, patch: Patch, chosen: Bools, view: View, size: float) -> Crossings:
-    """All hits of rays with the chosen faces (e, local faces) of a patch; see `elvis.reference.solids`."""
+def face_crossings(
+    number: int, patch: Patch, chosen: Bools, view: View, size: float, wanted: Ints | None = None
+) -> Crossings:
+    """All hits of rays with the chosen faces (e, local faces) of a patch; see `elvis.reference.solids`.
+
+    wanted  (n,) sorted numbers row * pixels + pixel of pairs of an element and a pixel; no others are looked at
+    """
     found = []
     for local, face in enumerate(faces_of(patch)):
         rows = np.flatnonzero(chosen[:, local])
         for own, corners, starts, slack in _triangles(patch, face, rows, view):
             for triangle, pixel in covered(view, corners, slack):
+                if wanted is not None:
+                    known = among(wanted, own[triangle] * view.count + pixel)
+                    triangle, pixel = triangle[known], pixel[known]
                 found += _decided(number, patch, face, own, corners, starts, triangle, pixel, view, size)
     return Crossings.joined(found).distinct(size)
 

@@ -41,19 +41,32 @@ def boxed(view: View, corners: Floats, slack: Floats | float = 0.0) -> Iterator[
     screen, front = on_screen(view, corners)
     around = np.broadcast_to(np.asarray(slack, np.float64), len(corners))[:, None]
     low, high = screen.min(axis=1) - around, screen.max(axis=1) + around
+    low[~front.all(axis=1)], high[~front.all(axis=1)] = -np.inf, np.inf
+    here = np.flatnonzero(front.any(axis=1))
+    for simplex, pixel in pixels_between(view, low[here], high[here]):
+        yield here[simplex], pixel
+
+
+def pixels_between(view: View, low: Floats, high: Floats) -> Iterator[tuple[Ints, Ints]]:
+    """Pairs of a rectangle (k,) and a pixel (k,) in it: those between columns and rows (m, 2), whole or not."""
     last = np.array([view.width, view.height]) - 1
-    low[~front.all(axis=1)], high[~front.all(axis=1)] = 0, last
     first = np.clip(np.ceil(np.nan_to_num(low)), 0, last + 1).astype(np.int64)
     sides = np.clip(np.floor(np.nan_to_num(high, nan=-1)), -1, last).astype(np.int64) - first + 1
-    counts = np.maximum(sides, 0).prod(axis=1) * front.any(axis=1)
+    counts = np.maximum(sides, 0).prod(axis=1)
     ends = np.cumsum(counts)
     for start in range(0, int(ends[-1]) if len(ends) else 0, _AT_ONCE):
         pair = np.arange(start, min(start + _AT_ONCE, int(ends[-1])))
-        simplex = np.searchsorted(ends, pair, side="right")
-        place = pair - (ends - counts)[simplex]
-        across = sides[simplex, 0]
-        column, row = first[simplex, 0] + place % across, first[simplex, 1] + place // across
-        yield simplex, row * view.width + column
+        own = np.searchsorted(ends, pair, side="right")
+        place = pair - (ends - counts)[own]
+        across = sides[own, 0]
+        column, row = first[own, 0] + place % across, first[own, 1] + place // across
+        yield own, row * view.width + column
+
+
+def among(table: Ints, numbers: Ints) -> Bools:
+    """(n,) which numbers are in a sorted table."""
+    place = np.searchsorted(table, numbers)
+    return np.asarray((place < len(table)) & (table[np.minimum(place, len(table) - 1)] == numbers))
 
 
 def _near(screen: Floats, front: Bools, slack: Floats, triangle: Ints, pixel: Ints) -> Bools:

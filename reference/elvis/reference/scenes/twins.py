@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError
 from elvis.formats.mapping.boxes import Boxes, BoxTree
 from elvis.formats.mapping.inverse import Status
@@ -121,6 +122,10 @@ class TwinQuantities(Quantities):
             if frame.reference is not None:
                 frame.reference[here] = (1 + frame.reference[here]) / 2
         return frame
+
+    def expansion(self, name: str, patch: Patch) -> Expansion | None:
+        """None: what plugins hold is of unknown degrees."""
+        return None
 
     def corners(self) -> Mapping[str, Corners]:
         """Each quantity at the same points of many elements."""

@@ -9,7 +9,6 @@ part s is integrated by Gauss's rule and c is its mean weighted by s (Max, Optic
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
@@ -20,11 +19,8 @@ from elvis.formats.patch import Patch
 from elvis.formats.polynomials.quadrature import gauss
 from elvis.reference.clipping import clipped
 from elvis.reference.quantities import Quantities
-from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import surface_hits
-from elvis.reference.scenes.faces import face_crossings
-from elvis.reference.scenes.newton import inverses
-from elvis.reference.solids import faces_of, margins_of, placed
+from elvis.reference.scenes.ways import Ways, places
 from elvis.renderer.scene import Clip, Implicit, Transfer
 from elvis.renderer.view import View
 
@@ -32,64 +28,10 @@ from elvis.renderer.view import View
 ALONG, PARTS, POINTS = 256, (4, 8, 16, 32, 64, 128), 2
 #: ways that are summed together
 _AT_ONCE = 1 << 13
-_STEPS = 12
 #: places along a way between which a clip's expression changes its sign once at most
 _SIGNS = 33
 #: name of a quantity, and its transfer function with colours
 Look: TypeAlias = tuple[str, Transfer]
-
-
-@dataclass(frozen=True, eq=False)
-class Ways:
-    """Ways of rays through elements of one patch.
-
-    pixel        (k,)    row by row from the top
-    row          (k,)    of the elements
-    near, far    (k,)    depths of both ends
-    first, last  (k, …)  reference coordinates of both ends, or whatever else is linear between them
-    """
-
-    pixel: Ints
-    row: Ints
-    near: Floats
-    far: Floats
-    first: Floats
-    last: Floats
-
-    def between(self, cuts: Sequence[Floats] | Floats) -> Ways:
-        """The ways, parted at depths (n,) by pixel."""
-        made = self
-        for cut in cuts:
-            at = cut[made.pixel]
-            crossed = np.flatnonzero((at > made.near) & (at < made.far))
-            part = ((at - made.near) / (made.far - made.near))[crossed, None]
-            middle = made.first[crossed] + part * (made.last - made.first)[crossed]
-            far, last = made.far.copy(), made.last.copy()
-            far[crossed], last[crossed] = at[crossed], middle
-            beyond = Ways(
-                made.pixel[crossed], made.row[crossed], at[crossed], made.far[crossed], middle, made.last[crossed]
-            )
-            shorter = {**vars(made), "far": far, "last": last}
-            made = Ways(**{name: np.concatenate([shorter[name], own]) for name, own in vars(beyond).items()})
-        return made
-
-
-def ways_through(number: int, patch: Patch, view: View, size: float) -> Ways:
-    """The ways of all rays through the elements of a patch: between neighbouring hits of faces, where inside."""
-    hits = face_crossings(number, patch, np.ones((len(patch), len(faces_of(patch))), bool), view, size)
-    hits = hits.part(np.lexsort([hits.depth, hits.row, hits.pixel]))
-    pairs = np.flatnonzero((np.diff(hits.pixel) == 0) & (np.diff(hits.row) == 0))
-    found = _paired(hits, pairs)
-    middle = 0.5 * (found.near + found.far)
-    reference = _followed(patch, found.row, 0.5 * (found.first + found.last), _points(view, found.pixel, middle))
-    inside = margins_of(patch, reference) > -1e-9
-    return Ways(**{name: column[inside] for name, column in vars(found).items()})
-
-
-def _paired(hits: Crossings, pairs: Ints) -> Ways:
-    after = pairs + 1
-    ends = (hits.depth[pairs], hits.depth[after], hits.reference[pairs], hits.reference[after])
-    return Ways(hits.pixel[pairs], hits.row[pairs], *ends)
 
 
 def visible(ways: Ways, patch: Patch, quantities: Quantities, clips: Sequence[Clip], view: View, size: float) -> Ways:
@@ -101,9 +43,9 @@ def visible(ways: Ways, patch: Patch, quantities: Quantities, clips: Sequence[Cl
         else:
             ways = ways.between(_depths(*surface_hits(own, view)[:2], view.count))
     middle = np.full(len(ways.pixel), 0.5)
-    reference, points = _places(ways, patch, view, middle[:, None])
+    reference, points = places(ways, patch, view, middle[:, None])
     gone = clipped(clips, points, lambda name: quantities.values(name, patch, ways.row, reference), size)
-    return Ways(**{name: column[~gone] for name, column in vars(ways).items()})
+    return ways.part(~gone)
 
 
 def _depths(pixel: Ints, depth: Floats, count: int) -> Floats:
@@ -121,7 +63,7 @@ def _parted(ways: Ways, along: Callable[[Ways, Floats], Floats]) -> Ways:
     shares = np.linspace(0.0, 1.0, _SIGNS)
     values = along(ways, np.tile(shares, (len(ways.pixel), 1)))
     way, place = np.nonzero(values[:, 1:] * values[:, :-1] < 0.0)
-    some = Ways(**{name: column[way] for name, column in vars(ways).items()})
+    some = ways.part(way)
     low, high, sign = shares[place], shares[place + 1], values[way, place] > 0.0
     for _ in range(52):
         middle = 0.5 * (low + high)
@@ -150,7 +92,7 @@ def gathered(
     for count in PARTS:
         here = np.flatnonzero(parts == count)
         for chunk in np.array_split(here, -(-len(here) // _AT_ONCE)) if len(here) else ():
-            some = Ways(**{key: column[chunk] for key, column in vars(ways).items()})
+            some = ways.part(chunk)
             shares = np.tile(points_along(count), (len(chunk), 1))
             values = [_values(some, shares, patch, quantities, name, view) for name, _ in looks]
             transfers = [transfer for _, transfer in looks]
@@ -163,18 +105,9 @@ def points_along(parts: int) -> Floats:
     return np.asarray(((np.arange(parts)[:, None] + (1 + gauss(POINTS)[0]) / 2) / parts).ravel())
 
 
-def _places(ways: Ways, patch: Patch, view: View, shares: Floats) -> tuple[Floats, Floats]:
-    """Reference coordinates and world points (k * m, 3) at shares (k, m) of ways."""
-    depth = ways.near[:, None] + shares * (ways.far - ways.near)[:, None]
-    start = ways.first[:, None] + shares[..., None] * (ways.last - ways.first)[:, None]
-    rows, pixel = (np.repeat(column, shares.shape[1]) for column in (ways.row, ways.pixel))
-    points = _points(view, pixel, depth.ravel())
-    return _followed(patch, rows, start.reshape(-1, start.shape[-1]), points), points
-
-
 def _values(ways: Ways, shares: Floats, patch: Patch, quantities: Quantities, name: str, view: View) -> Floats:
     """(k, m) a quantity at shares (k, m) of ways."""
-    reference, _ = _places(ways, patch, view, shares)
+    reference, _ = places(ways, patch, view, shares)
     rows = np.repeat(ways.row, shares.shape[1])
     return np.asarray(quantities.values(name, patch, rows, reference).reshape(shares.shape))
 
@@ -212,27 +145,3 @@ def integrated(values: Sequence[Floats], length: Floats, transfers: Sequence[Tra
     before = np.cumsum(depths, axis=1) - depths
     sent = np.exp(-before) * -np.expm1(-depths)
     return np.einsum("kp,kpc->kc", sent, mean), -np.expm1(-depths.sum(axis=1))
-
-
-def _points(view: View, pixel: Ints, depth: Floats) -> Floats:
-    """(k, 3) world points of rays at some depths."""
-    row, column = np.divmod(pixel, view.width)
-    origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
-    return np.asarray(origins + depth[:, None] * directions)
-
-
-def _followed(patch: Patch, rows: Ints, start: Floats, points: Floats) -> Floats:
-    """(n, 3) reference points of world points (n, 3) in elements (n,), from near ones, by Newton's method."""
-    reference, active = start.copy(), np.arange(len(rows))
-    for _ in range(_STEPS):
-        world, slopes = placed(patch, rows[active], reference[active])
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            step = np.einsum("nij,nj->ni", inverses(slopes), points[active] - world)
-        length = np.linalg.norm(step, axis=1)
-        good = np.isfinite(length)
-        part = np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))
-        reference[active[good]] += part[good, None] * step[good]
-        active = active[good & (length > 1e-9)]
-        if not len(active):
-            break
-    return reference

@@ -1,0 +1,147 @@
+"""Where a quantity may have a value: pairs of an element and a pixel, of which none that counts is left out.
+
+Elements are parted into boxes of the collapsed coordinates, in which maps and fields are polynomials of known degrees
+in each direction.  A polynomial of degree n is nowhere greater than its greatest value at the zeros of the Chebyshev
+polynomial of degree m > n, divided by cos(pi n / 2 m) (Ehlich and Zeller, Schwankung von Polynomen zwischen
+Gitterpunkten, 1964); one of several variables takes such a divisor for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise, product
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.dataset import Expansion
+from elvis.formats.patch import Patch
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.shapes import Shape
+from elvis.reference.quantities import Corners, Quantities
+from elvis.reference.scenes.rasters import pixels_between
+from elvis.reference.solids import spread
+from elvis.renderer.view import View
+
+#: how often a box is halved along each direction; samples for each degree; samples along an element at most
+_HALVINGS, _SAMPLES, _MOST = 2, 2, 128
+#: degree that is taken of what isn't a polynomial, in a box
+_GUESSED = 8
+#: values that are looked at together
+_AT_ONCE = 1 << 23
+#: boxes are this much wider than is proved, in parts of their values, for rounding
+_ROUNDING = 1e-12
+
+
+def candidates(patch: Patch, quantities: Quantities, name: str, value: float, view: View) -> Ints:
+    """(n,) sorted numbers row * pixels + pixel of elements and pixels whose ray may meet the value in the element."""
+    function, degrees = quantities.corners()[name], field_degrees(patch, quantities, name)
+    found = [np.empty(0, np.int64)]
+    for whole in _wholes(patch):
+        for own, box in _holding(patch, np.arange(len(patch)), function, degrees, value, whole, _halvings(degrees)):
+            low, high = _rectangles(patch, own, box, view)
+            pairs = [own[which] * view.count + pixel for which, pixel in pixels_between(view, low, high)]
+            found += [np.unique(pair) for pair in pairs]
+    return np.unique(np.concatenate(found))
+
+
+def field_degrees(patch: Patch, quantities: Quantities, name: str) -> tuple[int, ...]:
+    """Degrees of a quantity in each collapsed coordinate."""
+    expansion = quantities.expansion(name, patch)
+    return _degrees(patch, None) if expansion is None else _degrees(patch, expansion)
+
+
+def degree_along(patch: Patch, quantities: Quantities, name: str) -> int:
+    """Degree of a quantity along straight lines through the reference element."""
+    own = field_degrees(patch, quantities, name)
+    if quantities.expansion(name, patch) is None or patch.shape not in (Shape.TETRAHEDRON, Shape.PRISM, Shape.TRIANGLE):
+        return sum(own)
+    return sum(own[1:]) if patch.shape is not Shape.TETRAHEDRON else own[2]
+
+
+def _degrees(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
+    """Degrees of modes in each collapsed coordinate, Fourier directions included."""
+    waves = (_GUESSED,) * len(patch.periods)
+    if expansion is None:
+        return (_GUESSED,) * patch.shape.dimension + waves
+    own = [modes - 1 for modes in expansion.modes]
+    if patch.shape is Shape.PYRAMID:
+        own[2] = max(own[2], own[0] + own[1])
+    return (*own, *waves)
+
+
+def _wholes(patch: Patch) -> list[Floats]:
+    """Boxes (2, d) of collapsed coordinates that make up an element: in Fourier directions two for each plane."""
+    layers = 2 * len(patch.homogeneous.z_ids) if patch.homogeneous else 1
+    sides = [np.linspace(-1.0, 1.0, layers + 1)] * len(patch.periods)
+    ends = [[(-1.0, 1.0)]] * patch.shape.dimension + [list(pairwise(side)) for side in sides]
+    return [np.array(box).T for box in product(*ends)]
+
+
+def _halvings(degrees: tuple[int, ...]) -> int:
+    return next(n for n in range(_HALVINGS, -1, -1) if n == 0 or _SAMPLES * max(degrees) << n <= _MOST)
+
+
+def _holding(
+    patch: Patch, rows: Ints, function: Corners, degrees: tuple[int, ...], value: float, box: Floats, halvings: int
+) -> Iterator[tuple[Ints, Floats]]:
+    """The elements in whose box (2, d) the function may hold the value; of its parts after some halvings, and these."""
+    points, divisor = _sampled(patch.shape, box, degrees)
+    parts = np.array_split(rows, -(-len(rows) * len(points) // _AT_ONCE) or 1)
+    bounds = [_range(function(patch, part, points), divisor) for part in parts]
+    low, high = (np.concatenate(ends) for ends in zip(*bounds, strict=True))
+    rows = rows[~((low > value) | (high < value))]
+    if not halvings or not len(rows):
+        yield rows, box
+        return
+    sides = [((low, 0.5 * (low + high)), (0.5 * (low + high), high)) for low, high in box.T]
+    for part in product(*sides):
+        yield from _holding(patch, rows, function, degrees, value, np.array(part).T, halvings - 1)
+
+
+def _sampled(shape: Shape, box: Floats, degrees: tuple[int, ...]) -> tuple[Floats, float]:
+    """Reference points (k, d) of a box of collapsed coordinates, and how much greater than there values may be."""
+    lines, divisor = [], 1.0
+    for (low, high), degree in zip(box.T, degrees, strict=True):
+        count = max(1, _SAMPLES * degree)
+        lines.append(low + 0.5 * (1 + chebyshev.chebpts1(count)) * (high - low))
+        divisor *= np.cos(np.pi * degree / (2 * count))
+    eta = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    spatial = shape.dimension
+    return np.column_stack([uncollapse(shape, eta[:, :spatial]), eta[:, spatial:]]), float(divisor)
+
+
+def _range(values: Floats, divisor: float) -> tuple[Floats, Floats]:
+    """Bounds (e,) of polynomials from their values (e, k) at the points of a box; those of no numbers are no bounds."""
+    low, high = values.min(axis=1), values.max(axis=1)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low) / divisor
+    half += _ROUNDING * (np.abs(middle) + half)
+    return middle - half, middle + half
+
+
+def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floats, Floats]:
+    """Least and greatest columns and rows (e, 2) of a box of some elements on the screen; all where it isn't before
+    the eye."""
+    points, divisor = _sampled(patch.shape, box, _degrees(patch, _geometry(patch)))
+    parts = np.array_split(rows, -(-len(rows) * 3 * len(points) // _AT_ONCE) or 1)
+    ends: list[Floats] = []
+    for part in parts:
+        placed = spread(patch, part, points) @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+        low, high = _range(placed.transpose(0, 2, 1).reshape(-1, len(points)), divisor)
+        ends.append(np.stack([low, high]).reshape(2, len(part), 3))
+    low, high = np.concatenate(ends, axis=1)
+
+    # a quotient is extreme at extreme weights
+    with np.errstate(divide="ignore", invalid="ignore"):
+        every = np.stack([own[:, :2] / weight[:, 2:] for own in (low, high) for weight in (low, high)])
+    behind, crosses = high[:, 2] <= 0, low[:, 2] <= 0
+    first, last = every.min(axis=0), every.max(axis=0)
+    first[crosses], last[crosses] = -np.inf, np.inf
+    last[behind] = -np.inf
+    return first, last
+
+
+def _geometry(patch: Patch) -> Expansion | None:
+    """The expansion of the map; None for one that isn't of modes."""
+    return patch.geometry if patch.geometry_coefficients.shape[2] else None

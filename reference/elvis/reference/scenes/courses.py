@@ -1,0 +1,94 @@
+"""Reference coordinates along the ways of rays, as polynomials of the depth that are near enough to start from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.mapping.margins import TOLERANCE
+from elvis.formats.patch import Patch
+from elvis.reference.scenes.ways import Ways, followed, places, points_of
+from elvis.reference.solids import margins_of
+from elvis.renderer.view import View
+
+#: ways are longer than those through elements by this part, and by this part of the scene's size
+_LONGER, _BEYOND = 1e-3, 1e-9
+#: how far a way may bend from the straight one, in parts of its length; last coefficients; halvings until then
+_BENT, _REST, _HALVINGS = 0.1, 1e-7, 6
+#: degree of the polynomials; last step of Newton's method on the way to one; accuracy where nothing is lost but digits
+_DEGREE, _STEP, _DIGITS = 6, 1e-5, 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Courses:
+    """Ways, a little longer than their elements, and where they lead.
+
+    series    (k, 3, n)  Chebyshev coefficients of the reference coordinates over the way
+    accuracy  (k,)       of these, in parts of a way's length
+    """
+
+    ways: Ways
+    series: Floats
+    accuracy: Floats
+
+    def at(self, which: Ints, shares: Floats) -> Floats:
+        """(k * m, 3) reference coordinates of ways ``which`` (k,) at shares (k, m) of them."""
+        modes = chebyshev.chebvander(2 * shares - 1, _DEGREE)
+        return np.asarray((modes @ self.series[which].transpose(0, 2, 1)).reshape(-1, 3))
+
+
+def followed_through(ways: Ways, patch: Patch, view: View, size: float) -> Courses:
+    """Ways through elements of a patch and where they lead; halved where they bend, longer at both ends."""
+    left, nodes = _longer(_straightened(ways, patch, view), size), 0.5 * (1 + chebyshev.chebpts1(_DEGREE + 1))
+    transform, found = np.linalg.inv(chebyshev.chebvander(2 * nodes - 1, _DEGREE)), []
+    for halving in range(_HALVINGS + 1):
+        middle, _ = places(left, patch, view, np.full((len(left), 1), 0.5))
+        series = np.einsum("dm,kmi->kid", transform, _at_nodes(left, middle, nodes, patch, view))
+        length = np.maximum(np.linalg.norm(left.last - left.first, axis=1), 1e-300)
+        rest = np.abs(series[:, :, -2:]).sum(axis=(1, 2)) / length
+        done = (rest <= _REST) | (halving == _HALVINGS)
+        found.append(Courses(left.part(done), series[done], np.maximum(_DEGREE * rest[done], _DIGITS)))
+        left, middle = left.part(~done), middle[~done]
+        if not len(left):
+            break
+        left = left.halved(np.arange(len(left)), 0.5 * (left.near + left.far), middle)
+    every = found[0].ways
+    for own in found[1:]:
+        every = every.and_also(own.ways)
+    series, accuracy = (np.concatenate([getattr(own, name) for own in found]) for name in ("series", "accuracy"))
+    return Courses(every, series, accuracy)
+
+
+def _at_nodes(ways: Ways, middle: Floats, nodes: Floats, patch: Patch, view: View) -> Floats:
+    """(k, m, 3) reference coordinates at shares (m,) of ways, found from parabolas through their middles (k, 3)."""
+    x = nodes[:, None]
+    tables = ((1 - x) * (1 - 2 * x), 4 * x * (1 - x), x * (2 * x - 1))
+    start = sum(own[:, None] * table for own, table in zip((ways.first, middle, ways.last), tables, strict=True))
+    depths, count = ways.at(np.tile(nodes, (len(ways), 1))), len(nodes)
+    points = points_of(view, np.repeat(ways.pixel, count), depths.ravel())
+    rows = np.repeat(ways.row, count)
+    return followed(patch, rows, np.reshape(start, (-1, 3)), points, _STEP).reshape(len(ways), count, 3)
+
+
+def _straightened(ways: Ways, patch: Patch, view: View) -> Ways:
+    """The ways, halved until each is almost straight in reference coordinates, so that places on it are found."""
+    for _ in range(_HALVINGS):
+        half = np.full((len(ways), 1), 0.5)
+        middle, _ = places(ways, patch, view, half)
+        bent = np.linalg.norm(middle - 0.5 * (ways.first + ways.last), axis=1)
+        length = np.linalg.norm(ways.last - ways.first, axis=1)
+        which = np.flatnonzero((bent > _BENT * length) & (margins_of(patch, middle) > -TOLERANCE))
+        if not len(which):
+            break
+        ways = ways.halved(which, ways.at(half)[which, 0], middle[which])
+    return ways
+
+
+def _longer(ways: Ways, size: float) -> Ways:
+    """The ways, longer at both ends, so that no zero at the border of elements is lost."""
+    more = _LONGER * (ways.far - ways.near) + _BEYOND * size
+    part = (more / (ways.far - ways.near))[:, None] * (ways.last - ways.first)
+    return Ways(ways.pixel, ways.row, ways.near - more, ways.far + more, ways.first - part, ways.last + part)

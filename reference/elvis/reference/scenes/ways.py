@@ -1,0 +1,151 @@
+"""Ways of rays through elements: between neighbouring hits of their faces, and the places along them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.formats.mapping.locate import Locator
+from elvis.formats.patch import Patch
+from elvis.reference.scenes.crossings import Crossings
+from elvis.reference.scenes.faces import face_crossings
+from elvis.reference.scenes.newton import inverses
+from elvis.reference.solids import faces_of, margins_of, placed
+from elvis.renderer.frame import Status
+from elvis.renderer.view import View
+
+_STEPS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """Ways of rays through elements of one patch.
+
+    pixel        (k,)    row by row from the top
+    row          (k,)    of the elements
+    near, far    (k,)    depths of both ends
+    first, last  (k, …)  reference coordinates of both ends, or whatever else is linear between them
+    """
+
+    pixel: Ints
+    row: Ints
+    near: Floats
+    far: Floats
+    first: Floats
+    last: Floats
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def part(self, which: Ints | Bools) -> Ways:
+        """Some of the ways."""
+        return Ways(**{name: column[which] for name, column in vars(self).items()})
+
+    def and_also(self, other: Ways) -> Ways:
+        """These ways and others."""
+        return Ways(**{name: np.concatenate([own, getattr(other, name)]) for name, own in vars(self).items()})
+
+    def between(self, cuts: Sequence[Floats] | Floats) -> Ways:
+        """The ways, parted at depths (n,) by pixel."""
+        made = self
+        for cut in cuts:
+            at = cut[made.pixel]
+            crossed = np.flatnonzero((at > made.near) & (at < made.far))
+            part = ((at - made.near) / (made.far - made.near))[crossed, None]
+            made = made.halved(crossed, at[crossed], made.first[crossed] + part * (made.last - made.first)[crossed])
+        return made
+
+    def halved(self, which: Ints, depth: Floats, middle: Floats) -> Ways:
+        """The ways, those of numbers (k,) parted at depths (k,), where the reference coordinates are (k, …)."""
+        far, last = self.far.copy(), self.last.copy()
+        far[which], last[which] = depth, middle
+        beyond = Ways(self.pixel[which], self.row[which], depth, self.far[which], middle, self.last[which])
+        return Ways(self.pixel, self.row, self.near, far, self.first, last).and_also(beyond)
+
+    def at(self, shares: Floats) -> Floats:
+        """(k, m) depths at shares (k, m) of the ways."""
+        return np.asarray(self.near[:, None] + shares * (self.far - self.near)[:, None])
+
+
+def ways_through(
+    number: int, patch: Patch, view: View, size: float, begun: Crossings, wanted: Ints | None = None
+) -> Ways:
+    """The ways of all rays through the elements of a patch: between neighbouring hits of faces, where inside.
+
+    begun   where rays begin within elements
+    wanted  (n,) sorted numbers row * pixels + pixel of pairs of an element and a pixel; no others are looked at
+    """
+    rows = np.unique(wanted // view.count) if wanted is not None else np.arange(len(patch))
+    chosen = np.zeros((len(patch), len(faces_of(patch))), bool)
+    chosen[rows] = True
+    hits = face_crossings(number, patch, chosen, view, size, wanted)
+    hits = Crossings.joined([hits, begun.part(begun.patch == number)])
+    hits = hits.part(np.lexsort([hits.depth, hits.row, hits.pixel]))
+    pairs = np.flatnonzero((np.diff(hits.pixel) == 0) & (np.diff(hits.row) == 0))
+    found = _paired(hits, pairs)
+    middle = 0.5 * (found.near + found.far)
+    start, points = 0.5 * (found.first + found.last), points_of(view, found.pixel, middle)
+    return found.part(margins_of(patch, followed(patch, found.row, start, points)) > -1e-9)
+
+
+def beginnings(locator: Callable[[], Locator], view: View, box: Floats) -> Crossings:
+    """Where rays begin within elements, as hits; all elements lie in a box (2, 3)."""
+    origins, _ = view.every_ray()
+    pixel = np.flatnonzero(((origins >= box[0]) & (origins <= box[1])).all(axis=1))
+    if not len(pixel):
+        return Crossings.none()
+    asked = origins[pixel[:1] if view.perspective else pixel]
+    found = locator().locate(asked, all=True)
+    held = np.flatnonzero(found.patch >= 0)
+
+    # in perspective all rays begin at the eye
+    pixel = np.repeat(pixel, len(held)) if view.perspective else pixel[found.point[held]]
+    held = np.tile(held, len(pixel) // len(held)) if len(held) and view.perspective else held
+    reference = np.zeros((len(held), 3))
+    reference[:, : found.reference.shape[1]] = found.reference[held]
+    status = np.full(len(held), Status.CERTAIN, np.uint8)
+    return Crossings(pixel, np.zeros(len(held)), found.patch[held], found.row[held], reference, reference, status)
+
+
+def _paired(hits: Crossings, pairs: Ints) -> Ways:
+    after = pairs + 1
+    ends = (hits.depth[pairs], hits.depth[after], hits.reference[pairs], hits.reference[after])
+    return Ways(hits.pixel[pairs], hits.row[pairs], *ends)
+
+
+def places(ways: Ways, patch: Patch, view: View, shares: Floats) -> tuple[Floats, Floats]:
+    """Reference coordinates and world points (k * m, 3) at shares (k, m) of ways."""
+    start = ways.first[:, None] + shares[..., None] * (ways.last - ways.first)[:, None]
+    rows, pixel = (np.repeat(column, shares.shape[1]) for column in (ways.row, ways.pixel))
+    points = points_of(view, pixel, ways.at(shares).ravel())
+    return followed(patch, rows, start.reshape(-1, start.shape[-1]), points), points
+
+
+def points_of(view: View, pixel: Ints, depth: Floats) -> Floats:
+    """(k, 3) world points of rays at some depths."""
+    row, column = np.divmod(pixel, view.width)
+    origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+    return np.asarray(origins + depth[:, None] * directions)
+
+
+def followed(patch: Patch, rows: Ints, start: Floats, points: Floats, enough: float = 1e-9) -> Floats:
+    """(n, 3) reference points of world points (n, 3) in elements (n,), from near ones, by Newton's method.
+
+    enough  length of a step that is the last one; what is left then is in the order of its square
+    """
+    reference, active = start.copy(), np.arange(len(rows))
+    for _ in range(_STEPS):
+        world, slopes = placed(patch, rows[active], reference[active])
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            step = np.einsum("nij,nj->ni", inverses(slopes), points[active] - world)
+        length = np.linalg.norm(step, axis=1)
+        good = np.isfinite(length)
+        part = np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))
+        reference[active[good]] += part[good, None] * step[good]
+        active = active[good & (length > enough)]
+        if not len(active):
+            break
+    return reference

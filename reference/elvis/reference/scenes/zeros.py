@@ -1,0 +1,169 @@
+"""All zeros of many functions on [0, 1] at once, close pairs included.
+
+Each function is interpolated at Chebyshev's points, exactly where it is a polynomial of no higher degree, else on parts
+so short that its last coefficients vanish.  A part without a zero is known by the sum of its coefficients, one with a
+single zero by that of its derivative's; all others are halved (Boyd, Solving Transcendental Equations, 2014, part I).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from elvis.formats.arrays import Bools, Floats, Ints
+
+#: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN where there are none
+Along = Callable[[Ints, Floats], Floats]
+
+#: least degree of interpolation; the last coefficients of what is resolved, in parts of their sum
+_LEAST, _RESOLVED = 6, 1e-10
+#: how often a part may be halved until it is resolved, and after that until its zeros are apart
+_PARTED, _HALVED = 14, 40
+#: steps of bisection
+_BISECTIONS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Zeros:
+    """Zeros, in no order.
+
+    which   (k,)  of the functions
+    place   (k,)  in [0, 1]
+    double  (k,)  whether there may be two or none: nothing nearer to zero than rounding tells
+    rough   (k,)  whether the function is too uneven there, or has no value: only a guess
+    """
+
+    which: Ints
+    place: Floats
+    double: Bools
+    rough: Bools
+
+    @staticmethod
+    def joined(parts: list[Zeros]) -> Zeros:
+        """Several as one."""
+        none = Zeros(np.empty(0, np.int64), np.empty(0), np.empty(0, bool), np.empty(0, bool))
+        return Zeros(*(np.concatenate([getattr(own, each.name) for own in [none, *parts]]) for each in fields(Zeros)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Parts of [0, 1]: of which function (k,), their ends (k,)."""
+
+    which: Ints
+    low: Floats
+    high: Floats
+
+    def some(self, chosen: Bools | Ints) -> _Parts:
+        return _Parts(self.which[chosen], self.low[chosen], self.high[chosen])
+
+    def halves(self) -> _Parts:
+        """The first halves of all, then the second ones."""
+        middle = 0.5 * (self.low + self.high)
+        return _Parts(np.tile(self.which, 2), np.concatenate([self.low, middle]), np.concatenate([middle, self.high]))
+
+    def zeros(self, place: Floats, double: bool = False, rough: bool = False) -> Zeros:
+        """One zero each, at places (k,) of [-1, 1] in them."""
+        size = len(self.which)
+        where = self.low + 0.5 * (1 + place) * (self.high - self.low)
+        return Zeros(self.which, where, np.full(size, double), np.full(size, rough))
+
+
+def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Zeros:
+    """All zeros of some functions.
+
+    degree    of those that are polynomials; others are approximated by such ones
+    accuracy  (n,) of each function, in parts of its coefficients' sum
+    noise     values this small may be zero
+    """
+    count, errors = len(accuracy), accuracy
+    degree, found = max(degree + 2, _LEAST), []
+    parts = _Parts(np.arange(count), np.zeros(count), np.ones(count))
+    for depth in range(_PARTED + 1):
+        if not len(parts.which):
+            break
+        shares = parts.low[:, None] + 0.5 * (1 + _nodes(degree)) * (parts.high - parts.low)[:, None]
+        values = along(parts.which, shares)
+        coefficients = values @ _transform(degree)
+        rest = np.abs(coefficients[:, -2:]).sum(axis=1)
+        size = np.abs(coefficients).sum(axis=1)
+        errors = accuracy * size + noise if depth == 0 else errors
+        inexact = errors[parts.which]
+        ready = rest <= np.maximum(_RESOLVED * size, inexact)
+        error = np.maximum(2 * rest, inexact)
+        found += _separated(parts.some(ready), coefficients[ready], error[ready])
+
+        # the last parts that aren't resolved may have a zero where they change their sign
+        open_ = ~ready & ~(np.abs(coefficients[:, 0]) > 3 * np.abs(coefficients[:, 1:]).sum(axis=1))
+        if depth == _PARTED:
+            with np.errstate(invalid="ignore"):
+                open_ &= ~((values > 0).all(axis=1) | (values < 0).all(axis=1)) & ~np.isnan(values).all(axis=1)
+            left = parts.some(open_)
+            found.append(left.zeros(np.zeros(len(left.which)), rough=True))
+        parts = parts.some(open_).halves()
+    return Zeros.joined(found)
+
+
+def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
+    """The zeros of series (k, n) on parts, right but for errors (k,)."""
+    found: list[Zeros] = []
+    halve, signs = _halving(coefficients.shape[1] - 1), (-1.0) ** np.arange(coefficients.shape[1])
+    for depth in range(_HALVED + 1):
+        sizes = np.abs(coefficients)
+        kept = ~(sizes[:, 0] - sizes[:, 1:].sum(axis=1) > error)
+        parts, coefficients, error = parts.some(kept), coefficients[kept], error[kept]
+        slopes = np.abs(coefficients @ _slopes(coefficients.shape[1] - 1))
+        single = 2 * slopes[:, 0] > slopes.sum(axis=1)
+        flat = (np.abs(coefficients).sum(axis=1) <= error) | (depth == _HALVED)
+        crossed = ((coefficients @ signs > 0) != (coefficients.sum(axis=1) > 0)) & single & ~flat
+        found.append(parts.some(crossed).zeros(_bisected(coefficients[crossed])))
+        found.append(parts.some(flat).zeros(np.zeros(int(flat.sum())), double=True))
+        more = ~single & ~flat
+        if not more.any():
+            break
+        parts, error = parts.some(more).halves(), np.tile(error[more], 2)
+        coefficients = np.concatenate([coefficients[more] @ own for own in halve])
+    return found
+
+
+def _bisected(coefficients: Floats) -> Floats:
+    """(k,) the zeros in [-1, 1] of series (k, n) that change their sign once."""
+    low, high = np.full(len(coefficients), -1.0), np.ones(len(coefficients))
+    series = np.ascontiguousarray(coefficients.T)
+    positive = chebyshev.chebval(low, series, tensor=False) > 0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = (chebyshev.chebval(middle, series, tensor=False) > 0) == positive
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return 0.5 * (low + high)
+
+
+@cache
+def _nodes(degree: int) -> Floats:
+    """(n,) zeros of the Chebyshev polynomial of the next degree."""
+    return np.asarray(chebyshev.chebpts1(degree + 1))
+
+
+@cache
+def _transform(degree: int) -> Floats:
+    """(n, n) from values at the nodes to coefficients, as rows."""
+    modes = chebyshev.chebvander(_nodes(degree), degree)
+    modes[:, 0] *= 0.5
+    return np.asarray(modes * 2 / (degree + 1))
+
+
+@cache
+def _slopes(degree: int) -> Floats:
+    """(n, n - 1) from coefficients to those of the derivative, as rows."""
+    return np.asarray(chebyshev.chebder(np.eye(degree + 1), axis=1))
+
+
+@cache
+def _halving(degree: int) -> tuple[Floats, Floats]:
+    """(n, n) from coefficients to those on the first half and on the second one, as rows."""
+    nodes = _nodes(degree)
+    first, second = (chebyshev.chebvander((nodes + end) / 2, degree).T @ _transform(degree) for end in (-1, 1))
+    return np.asarray(first), np.asarray(second)

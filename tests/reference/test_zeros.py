@@ -1,0 +1,156 @@
+"""No zero along a ray is lost: functions and scenes whose zeros are known, close pairs among them."""
+
+import numpy as np
+import pytest
+from numpy.polynomial import chebyshev
+
+from elvis.formats.mapping.locate import Locator
+from elvis.formats.patch import patches
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import curved, grid, ripple, with_field
+from elvis.reference.picture import render
+from elvis.reference.quantities import Quantities
+from elvis.reference.scenes.bounding import candidates
+from elvis.reference.scenes.rasters import on_screen
+from elvis.reference.scenes.zeros import zeros
+from elvis.reference.solids import margins_of, placed
+from elvis.renderer import Camera, Scene, Status
+from elvis.renderer.scene import Isosurface, Style
+from elvis.renderer.view import View
+
+DIGITS = 1e-14
+NEAR = Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0)
+
+
+def wave(x):
+    return np.sin(9 * x @ np.array([0.5, 0.7, -0.4])) * np.cos(5 * x[:, 2])
+
+
+def products(roots, scales):
+    """Functions scale * product (x - root), of rows of roots (k, n)."""
+
+    def along(which, shares):
+        return scales[which, None] * np.prod(shares[:, :, None] - roots[which][:, None], axis=2)
+
+    return along
+
+
+@pytest.mark.parametrize("apart", [1e-1, 1e-3, 1e-5])
+def test_close_pairs_are_found(apart):
+    rng = np.random.default_rng(3)
+    first = rng.uniform(0.05, 0.85, (200, 1))
+    roots = np.hstack([first, first + apart, rng.uniform(1.1, 2.0, (200, 4)), rng.uniform(-1.0, -0.1, (200, 3))])
+    found = zeros(products(roots, rng.normal(size=200)), 9, np.full(200, DIGITS))
+    assert not found.double.any()
+    assert not found.rough.any()
+    assert np.array_equal(np.bincount(found.which, minlength=200), np.full(200, 2))
+    place = found.place[np.lexsort([found.place, found.which])].reshape(200, 2)
+    assert np.abs(place - np.sort(roots[:, :2], axis=1)).max() < 1e-3 * apart
+
+
+def test_pairs_too_close_to_part_are_said_to_be_so():
+    """Apart by less than rounding, or missing by as little: double; where values keep off further: none."""
+    for shift, double in ((0.0, True), (1e-17, True), (1e-9, False)):
+        found = zeros(lambda which, x, shift=shift: (x - 0.3) ** 2 + shift, 2, np.full(1, DIGITS))
+        assert found.double.any() == double
+        assert len(found.which) == 0 or np.abs(found.place - 0.3).max() < 1e-6
+        assert double or not len(found.which)
+
+
+@pytest.mark.parametrize("degree", [1, 4, 9, 16])
+def test_zeros_of_random_polynomials_are_those_of_their_matrices(degree):
+    """Against the real eigenvalues in [0, 1] of the colleague matrix (Good 1961)."""
+    rng = np.random.default_rng(degree)
+    series = rng.normal(size=(300, degree + 1))
+
+    def along(which, x):
+        return np.einsum("kmd,kd->km", chebyshev.chebvander(2 * x - 1, degree), series[which])
+
+    found = zeros(along, degree, np.full(300, DIGITS))
+    assert not found.double.any()
+    count = 0
+    for number, own in enumerate(series):
+        roots = chebyshev.chebroots(own)
+        expected = np.sort(roots.real[(np.abs(roots.imag) < 1e-10) & (np.abs(roots.real) <= 1)])
+        places = np.sort(2 * found.place[found.which == number] - 1)
+        assert len(places) == len(expected)
+        assert np.abs(places - expected).max(initial=0.0) < 1e-9
+        count += len(expected)
+    assert count > 150
+
+
+def test_functions_that_are_no_polynomials():
+    """Resolved in parts: sin has its zeros, a kink its place as a guess, and what has no value no zero."""
+    found = zeros(lambda which, x: np.sin(20 * np.pi * x - 1), 6, np.full(1, DIGITS))
+    assert len(found.which) == 20
+    assert np.abs(np.sort(found.place) - (np.arange(20) + 1 / np.pi) / 20).max() < 1e-10
+    kink = zeros(lambda which, x: np.abs(x - 0.37) - 0.1, 6, np.full(1, DIGITS))
+    assert np.abs(np.sort(kink.place[~kink.rough]) - [0.27, 0.47]).max() < 1e-12
+    with np.errstate(invalid="ignore"):
+        none = zeros(lambda which, x: np.sqrt(x - 0.5) + 1, 6, np.full(1, DIGITS))
+    assert not len(none.which)
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
+def test_no_pair_of_an_element_and_a_ray_is_left_out(shape):
+    """Wherever a random field on bent elements takes a value, the pixel next to the place is a candidate."""
+    rng, mesh = np.random.default_rng(5), curved(grid(shape, 1), ripple(0.1, seed=1), 4)
+    data = with_field(mesh, lambda x: np.sin(7 * x @ np.array([0.9, -0.5, 0.7])), 6)
+    quantities, view = Quantities(data, ["u"]), View.through(NEAR, (50, 40))
+    (patch,), start = quantities.patches, rng.uniform(-1, 1, (20000, 3))
+    points = start[margins_of(patch, start) > 0][:1500]
+    rows = rng.integers(len(patch), size=len(points))
+    values = quantities.values("u", patch, rows, points)
+    (place, _), missed = on_screen(view, placed(patch, rows, points)[0]), 0
+    for value in np.linspace(values.min(), values.max(), 5)[1:-1]:
+        # pixels next to places whose values are next to the one that is looked for
+        near = np.flatnonzero(np.abs(values - value) < 0.02)
+        pairs = candidates(patch, quantities, "u", value, view)
+        pixels = np.rint(place[near]).astype(int)
+        around = [
+            np.isin(rows[near] * view.count + (pixels[:, 1] + j) * view.width + pixels[:, 0] + i, pairs)
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+        ]
+        missed += (~np.any(around, axis=0)).sum()
+        assert len(near) > 10
+    assert missed == 0
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
+def test_two_sheets_close_together_are_both_seen(shape):
+    """The planes s = 0.4 and s = 0.4 + GAP where (s - 0.4)(s - 0.4 - GAP)(s^2 + 1) is zero: the nearer one is seen."""
+    gap, normal = 3e-4, np.array([0.6, -0.48, 0.64])
+
+    def sheets(x):
+        s = x @ normal
+        return (s - 0.4) * (s - 0.4 - gap) * (s**2 + 1)
+
+    data = with_field(grid(shape, 1), sheets, 5)
+    frame = render(data, Scene("u", camera=NEAR, size=(40, 32), objects=(Isosurface((0.0,)),)))
+    seen = frame.seen & (frame.status == Status.CERTAIN)
+    s, eye = frame.position @ normal, np.array(NEAR.eye) @ normal
+    nearer = 0.4 if eye < 0.4 else 0.4 + gap
+    assert seen.sum() > 200
+    assert np.abs(s[seen] - nearer).max() < 1e-9
+
+
+def test_bent_elements_of_high_order_keep_close_pairs():
+    """Every change of sign between 2000 steps along rays is met, in hexahedra of degree 8 whose edges bend."""
+    data = with_field(curved(grid(Shape.HEXAHEDRON, 1), ripple(0.12, seed=2), 4), wave, 9)
+    style = Style(opacity=0.5, color=(0.0, 0.0, 0.0), lit=False)
+    scene = Scene("u", camera=NEAR, size=(16, 12), objects=(Isosurface((0.3,), style=style),))
+    shown = render(data, scene)
+    view = shown.view
+    origins, directions = view.every_ray()
+    steps = np.linspace(1.0, 6.0, 2000)
+    locator, evaluator = Locator(patches(data, ["u"])), Quantities(data, ["u"])
+    for pixel in np.flatnonzero(shown.status.ravel() == Status.CERTAIN)[::5]:
+        points = origins[pixel] + steps[:, None] * directions[pixel]
+        found = locator.locate(points)
+        inside = found.element_id >= 0
+        values = evaluator.values("u", evaluator.patches[0], found.row[inside], found.reference[inside]) - 0.3
+        changes = (values[1:] * values[:-1] < 0).sum()
+        hidden = np.log(shown.color.reshape(-1, 3)[pixel, 0]) / np.log(0.5)
+        assert round(hidden) >= changes
+        assert (round(hidden) - changes) % 2 == 0
