@@ -25,6 +25,7 @@ from elvis.renderer.view import PlaneView, View
 #: how far coverages may be from the truth: a line's middle is displaced by no more than this, in pixels
 CLOSE = 0.02
 SIZE = (130, 110)
+REACH = 12.0  # pixels, farther than any line here is wide
 FLAT = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))
 CAMERAS = {
     "straight on": Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.2),
@@ -74,10 +75,11 @@ def cut(renderer):
 
 
 def distances(view, points):
-    """(n,) pixels from each pixel's centre to the nearest of many world points (m, 3) on a curve."""
+    """(n,) pixels from each pixel's centre to the nearest of many points (m, 3) of a curve, infinite beyond REACH."""
     seen = np.column_stack([points, np.ones(len(points))]) @ view.to_pixel.T
     i, j = np.meshgrid(np.arange(view.width), np.arange(view.height))
-    return cKDTree(seen[:, :2] / seen[:, 2:]).query(np.column_stack([i.ravel(), j.ravel()]))[0]
+    centres = np.column_stack([i.ravel(), j.ravel()])
+    return cKDTree(seen[:, :2] / seen[:, 2:]).query(centres, distance_upper_bound=REACH)[0]
 
 
 def curve(view, function):
@@ -112,8 +114,8 @@ def check(layer, coverage, distance, width, close=CLOSE):
 
 
 def circle(center, radius):
-    """(n, 3) points of a circle in the plane FLAT."""
-    angle = np.linspace(0, 2 * np.pi, 50_000)
+    """(n, 3) points of a circle in the plane FLAT, as close together whatever its radius."""
+    angle = np.linspace(0, 2 * np.pi, 100 + int(125_000 * radius))
     x, y = center[0] + radius * np.cos(angle), center[1] + radius * np.sin(angle)
     return np.column_stack([x, y, np.full_like(angle, 0.52)])
 
@@ -306,7 +308,7 @@ def test_mesh_lines_of_curved_elements(cut, size):
     mesh = shuffled(mixed_plane(seed=3), seed=1)
     plane, camera = Plane((0, 0, 0), (0, 0, 1)), Camera((1.5, 1.2, 5.0), (1.5, 1.2, 0.0), (0, 1, 0), height=3.2)
     lines, view, layer = cut(with_field(curved(mesh, bent_plane, 3), lambda p: p[..., 0], 2), plane, camera, size)
-    part = np.linspace(0, 1, 50_000)[:, None]
+    part = np.linspace(0, 1, 10_000)[:, None]
     sides = [([x, 0, 0], [x, 1, 0]) for x in range(4)] + [([1, 0, 0], [2, 1, 0])]
     sides += [([x, y, 0], [x + 1, y, 0]) for x in range(3) for y in (0, 1)]
     points = np.concatenate([bent_plane((1 - part) * a + part * b) for a, b in np.array(sides, float)])
