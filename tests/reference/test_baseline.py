@@ -1,5 +1,7 @@
 """The linear baseline: cuts fill the shapes, meshes are tight, pictures converge at second order."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,10 @@ from elvis.reference.baseline.sections import section
 from elvis.reference.baseline.templates import pulling, template
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.picture import render
-from elvis.reference.quantities import Quantities
+from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
 from elvis.renderer import Camera, Plane, Scene
-from elvis.renderer.scene import CutSurface, Faces, Isosurface, Sphere
+from elvis.renderer.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Sphere, Transfer, VolumeRendering
 from elvis.renderer.view import View
 
 SOLIDS = Shape.of_dimension(3)
@@ -226,6 +228,32 @@ def test_clips_take_away_what_is_inside():
     assert (drawn.seen & ~kept).sum() > 0
     distance = np.abs(drawn.position[drawn.seen] - 0.5).max(axis=1)
     assert np.abs(distance - 0.5).max() < 1e-12
+
+
+def test_volumes_are_clipped_and_mixed():
+    """Linear fields on straight elements: two fogs in one another, cut by a plane, a sphere and an expression."""
+    mesh = grid(Shape.TETRAHEDRON, 2)
+    ways = {"u": (1.0, 0.5, 0.2), "v": (-0.3, 0.4, 1.0)}
+    data = Dataset(
+        mesh, tuple(approximated(Dataset(mesh), name, lambda x, w=w: x @ np.array(w), 2) for name, w in ways.items())
+    )
+    fogs = tuple(
+        VolumeRendering(Transfer((-0.5, 0.4, 1.8), (0.0, most, 1.0), (color, color, (0.1, 0.2, 0.3))), quantity=name)
+        for name, most, color in (("u", 3.0, (1.0, 0.0, 0.0)), ("v", 1.5, (0.0, 0.0, 1.0)))
+    )
+    clips = (
+        Clip(Plane((0.5, 0.5, 0.7), (0.2, 0.1, 1.0)), "outside"),
+        Clip(Sphere((0.6, 0.4, 0.4), 0.25), "inside"),
+        Clip(Implicit("u-1.1"), "outside"),
+    )
+    scene = Scene("u", camera=VIEW.camera, size=(40, 30), objects=fogs, clip=clips, range=(0.0, 1.7))
+    exact = render(data, scene)
+    made = Baseline.of(data, Quantities(data, names_of(scene)), 0).draw(scene, exact.view, (0.0, 1.7))
+    assert (exact.color.min(axis=2) < 0.8).mean() > 0.1
+    assert np.abs(made.color - exact.color).max() < 1e-3
+    for gone in range(3):
+        other = render(data, replace(scene, clip=clips[:gone] + clips[gone + 1 :]))
+        assert np.abs(other.color - exact.color).max() > 0.02
 
 
 def test_volumes_are_exact_for_linear_fields_and_converge_for_others():

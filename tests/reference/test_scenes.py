@@ -8,8 +8,10 @@ import pytest
 from elvis.formats import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, ripple
+from elvis.formats.testing import approximated, curved, grid, ripple, with_field
+from elvis.formats.testing.meshes import connected
 from elvis.reference.picture import render
+from elvis.reference.study import compare_scene
 from elvis.renderer import Camera, Plane, Scene, Status
 from elvis.renderer.scene import (
     Clip,
@@ -209,6 +211,16 @@ def test_flat_data_are_drawn_with_lines_too():
     ground = CutSurface(Plane((0, 0, 0), (0, 0, 1)), Style(contours=Contours(count=3)))
     frame = render(flat, Scene("u", size=SIZE, objects=(ground,)))
     assert np.abs(frame.field - frame.position[..., 0])[frame.seen].max() < 1e-13
+
+
+def test_lines_are_not_judged():
+    """1D data: neither the device reference nor a comparison has anything exact to say of them."""
+    points, ends = np.arange(3.0)[:, None] * np.eye(3)[:1], np.array([[0, 1], [1, 2]])
+    line = with_field(connected(points, {Shape.SEGMENT: ends}, 1), lambda x: x[:, 0])
+    with pytest.raises(ElvisError, match="leave --device reference out"):
+        render(line, Scene("u", size=SIZE))
+    with pytest.raises(ElvisError, match="there are no linear pictures to compare with"):
+        compare_scene(line, Scene("u", size=SIZE))
 
 
 def test_what_it_cannot_draw_is_said():

@@ -24,6 +24,7 @@ from elvis.formats.mapping.margins import TOLERANCE
 from elvis.formats.mapping.pointwise import values
 from elvis.formats.patch import Patch, patches
 from elvis.plugins.opening import Opened
+from elvis.plugins.serving import dimension_of
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
 from elvis.reference.settling import ranged, sampled
@@ -107,6 +108,11 @@ def field_of(patches: Sequence[Patch], found: Location) -> Floats:
 def _check(dataset: Dataset, scene: Scene) -> None:
     """ElvisError for data that there are no pictures of."""
     mesh = dataset.mesh
+    if dimension_of(dataset) == 1:
+        raise ElvisError(
+            "1D data are drawn on the host from points a quarter of a pixel apart, with any device but the reference, "
+            "which would have nothing exact to judge: leave --device reference out"
+        )
     faces = bool(scene.every_object) and all(isinstance(shown, Faces) for shown in scene.every_object)
     if mesh.dimension < 2 or (mesh.space != mesh.dimension and not faces):
         raise ElvisError(

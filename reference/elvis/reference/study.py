@@ -13,6 +13,7 @@ from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
 from elvis.formats.memory import free_memory
 from elvis.formats.patch import Patch
+from elvis.plugins.serving import dimension_of
 from elvis.reference.bars import Bar, bars
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
 from elvis.reference.baseline.drawing import Baseline, affordable
@@ -144,6 +145,11 @@ def compare_scene(
     judged  longest side of the picture that the reference checks; 0 checks nothing
     meshes  whether all meshes are kept
     """
+    if dimension_of(dataset) == 1:
+        raise ElvisError(
+            "1D data are drawn as curves from points of their own: there are no linear pictures to compare with, and "
+            "nothing to judge"
+        )
     draw, scene = draw or _renderer(), replace(scene, samples=1, outputs=())
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)

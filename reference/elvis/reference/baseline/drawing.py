@@ -143,14 +143,12 @@ class Baseline:
 
     def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ends: tuple[float, float]) -> list[Fog]:
         """What the volumes add, in pieces between the depths (n,) of surfaces."""
-        found: list[Fog] = []
+        looks = []
         for shown in scene.every_object:
             if isinstance(shown, VolumeRendering):
                 name = shown.quantity or scene.field
-                transfer = colored(shown.transfer, scene, ends if name == scene.field else None)
-                for part in self._solid():
-                    found += fogs(part, name, transfer, view, cuts)
-        return found
+                looks.append((name, colored(shown.transfer, scene, ends if name == scene.field else None)))
+        return [fog for part in self._solid() for fog in fogs(part, looks, scene.clip, view, cuts)] if looks else []
 
 
 def affordable(patches: Sequence[Patch], level: int, quantities: int, limit: int) -> tuple[bool, int]:

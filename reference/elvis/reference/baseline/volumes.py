@@ -1,4 +1,4 @@
-"""Volumes of linear meshes: along a ray the quantity is linear in every tetrahedron, whose ways are summed up."""
+"""Volumes of linear meshes: along a ray the quantities are linear in every tetrahedron, whose ways are summed up."""
 
 from __future__ import annotations
 
@@ -6,38 +6,84 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Bools, Floats
 from elvis.reference.baseline.mesh import LinearMesh
+from elvis.reference.clipping import clipped
 from elvis.reference.composing import Fog
+from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
-from elvis.reference.scenes.volumes import integrated, lengths, points_along
-from elvis.reference.scenes.ways import Ways
-from elvis.renderer.scene import Transfer
+from elvis.reference.scenes.volumes import Look, depths_by_pixel, integrated, lengths, points_along
+from elvis.reference.scenes.ways import Ways, points_of
+from elvis.renderer.scene import Clip, Implicit, Transfer
 from elvis.renderer.view import View
 
 #: parts of the way through a tetrahedron, of two Gauss points each
 _PARTS = 8
 
 
-def fogs(mesh: LinearMesh, name: str, transfer: Transfer, view: View, cuts: Sequence[Floats]) -> list[Fog]:
-    """What a volume adds along rays, in pieces between the depths (n,) of surfaces.
+def fogs(
+    mesh: LinearMesh, looks: Sequence[Look], clips: Sequence[Clip], view: View, cuts: Sequence[Floats]
+) -> list[Fog]:
+    """What volumes, mixed, add along rays where no clip takes them away, in pieces between the depths (n,) of surfaces.
 
-    transfer  with its colours
+    looks  of each volume, with colours
     """
     found, places = [], points_along(_PARTS)
-    for ways in _ways(mesh, name, view):
-        parted = ways.between(cuts)
-        values = parted.first + places * (parted.last - parted.first)
-        color, alpha = integrated([values], lengths(parted, view), [transfer])
+    surfaces = [clip.surface for clip in clips]
+    names = [*(name for name, _ in looks), *(own.expression for own in surfaces if isinstance(own, Implicit))]
+    walls = [
+        depth
+        for own in surfaces
+        if not isinstance(own, Implicit)
+        for depth in depths_by_pixel(*surface_hits(own, view)[:2], view.count)
+    ]
+    glowing = ~np.all([_dark(mesh.values[name][mesh.simplices], transfer) for name, transfer in looks], axis=0)
+    for ways in _ways(mesh.part(glowing), names, view):
+        parted = ways.between([*cuts, *walls])
+        for column in range(len(looks), len(names)):
+            parted = _parted(parted, column)
+        parted = parted.part(~_gone(parted, clips, names, view, mesh.size))
+        values = [
+            parted.first[:, None, i] + places * (parted.last - parted.first)[:, None, i] for i in range(len(looks))
+        ]
+        color, alpha = integrated(values, lengths(parted, view), [transfer for _, transfer in looks])
         shown = alpha > 0
         depth = 0.5 * (parted.near + parted.far)
         found.append(Fog(parted.pixel[shown], depth[shown], color[shown], alpha[shown]))
     return found
 
 
-def _ways(mesh: LinearMesh, name: str, view: View) -> Iterator[Ways]:
-    """The ways of rays through tetrahedra, some at a time, with the values (k, 1) at both ends."""
-    corners, values = mesh.points[mesh.simplices], mesh.values[name][mesh.simplices]
+def _dark(values: Floats, transfer: Transfer) -> Bools:
+    """(m,) which simplices with values (m, 4) at their corners neither send out nor take up light."""
+    nodes, bright = np.asarray(transfer.values), np.flatnonzero(np.asarray(transfer.densities) > 0)
+    low, high = values.min(axis=1), values.max(axis=1)
+    begins, ends = np.concatenate([[-np.inf], nodes[:-1]])[bright], np.concatenate([nodes[1:], [np.inf]])[bright]
+    lit = np.zeros(len(values), bool)
+    for begin, end in zip(begins, ends, strict=True):
+        lit |= (high > begin) & (low < end)
+    return ~lit
+
+
+def _parted(ways: Ways, column: int) -> Ways:
+    """Ways parted where one of their values is zero."""
+    first, last = ways.first[:, column], ways.last[:, column]
+    which = np.flatnonzero((first < 0) != (last < 0))
+    share = (first[which] / (first - last)[which])[:, None]
+    middle = ways.first[which] + share * (ways.last - ways.first)[which]
+    return ways.halved(which, ways.near[which] + share[:, 0] * (ways.far - ways.near)[which], middle)
+
+
+def _gone(ways: Ways, clips: Sequence[Clip], names: Sequence[str], view: View, size: float) -> Bools:
+    """(k,) which ways clips take away: those whose middle they do."""
+    middle = 0.5 * (ways.first + ways.last)
+    points = points_of(view, ways.pixel, 0.5 * (ways.near + ways.far))
+    return clipped(clips, points, lambda name: middle[:, names.index(name)], size)
+
+
+def _ways(mesh: LinearMesh, names: Sequence[str], view: View) -> Iterator[Ways]:
+    """The ways of rays through tetrahedra, some at a time, with the values (k, names) at both ends."""
+    corners = mesh.points[mesh.simplices]
+    values = np.stack([mesh.values[name][mesh.simplices] for name in names], axis=2)
     gradients = barycentric_gradients(corners)
     for cell, pixel in boxed(view, corners):
         row, column = np.divmod(pixel, view.width)
@@ -52,5 +98,5 @@ def _ways(mesh: LinearMesh, name: str, view: View) -> Iterator[Ways]:
         far = np.where(slope < 0, zero, np.inf).min(axis=1)
         here = np.flatnonzero((near < far) & np.isfinite(far))
         ends = [base[here] + depth[here, None] * slope[here] for depth in (near, far)]
-        first, last = (np.einsum("nk,nk->n", end, values[cell[here]])[:, None] for end in ends)
+        first, last = (np.einsum("nk,nkv->nv", end, values[cell[here]]) for end in ends)
         yield Ways(pixel[here], cell[here], near[here], far[here], first, last)

@@ -41,14 +41,14 @@ def visible(ways: Ways, patch: Patch, quantities: Quantities, clips: Sequence[Cl
         if isinstance(own, Implicit):
             ways = _parted(ways, partial(_values, patch=patch, quantities=quantities, name=own.expression, view=view))
         else:
-            ways = ways.between(_depths(*surface_hits(own, view)[:2], view.count))
+            ways = ways.between(depths_by_pixel(*surface_hits(own, view)[:2], view.count))
     middle = np.full(len(ways.pixel), 0.5)
     reference, points = places(ways, patch, view, middle[:, None])
     gone = clipped(clips, points, lambda name: quantities.values(name, patch, ways.row, reference), size)
     return ways.part(~gone)
 
 
-def _depths(pixel: Ints, depth: Floats, count: int) -> Floats:
+def depths_by_pixel(pixel: Ints, depth: Floats, count: int) -> Floats:
     """(k, count) depths by pixel, infinite where a pixel has fewer than others."""
     order = np.argsort(pixel, kind="stable")
     rank = np.empty_like(order)
