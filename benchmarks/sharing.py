@@ -15,15 +15,15 @@ from scenes import WORDS, exact
 from shown import Shown
 from tables import Table, seconds
 
-from elvis.renderer import Renderer, Scene
-from elvis.renderer.compositing import FAINT, Coat
+from elvis.renderer import Renderer, Scene, compositing
+from elvis.renderer.compositing import Coats
 from elvis.renderer.stages import Stages
 from elvis.renderer.volume_rendering import Gathered, Medium, VolumeRenderer
 
 PARTS = ("cut", "faces", "isosurface", "volume")
 SHARINGS = {
     "one march": "a march for each stretch between surfaces",
-    "depth": "marches go on behind opaque surfaces",
+    "depth": "segments are listed behind opaque surfaces too",
     "light": "elements without light are traversed too",
     "samples": "surfaces are found anew for their contours",
 }
@@ -65,14 +65,12 @@ def _without(name: str, renderer: Renderer, scene: Scene) -> Any:
 def _off(name: str) -> Iterator[None]:
     draw, layers = VolumeRenderer.draw, Stages.layers
 
-    def stretches(self: VolumeRenderer, view: Any, media: Any, error: float, coats: Any, clips: Any) -> Gathered:
-        for coat in coats:
-            draw(self, view, media, error, [Coat(coat.depth, coat.color, np.ones_like(coat.alpha))], clips)
-        return draw(self, view, media, error, coats, clips)
-
-    def onwards(self: VolumeRenderer, view: Any, media: Any, error: float, coats: Any, clips: Any) -> Gathered:
-        glass = [Coat(coat.depth, coat.color, np.minimum(coat.alpha, 1.0 - 2 * FAINT)) for coat in coats]
-        return draw(self, view, media, error, glass, clips)
+    def stretches(self: VolumeRenderer, view: Any, media: Any, coats: Coats, error: float, clips: Any) -> Gathered:
+        depths = coats.device.read(coats.buffers["coat_depths"], np.float64).reshape(coats.count, -1)
+        for depth in depths:
+            wall = [(depth, np.ones((len(depth), 3)), np.ones(len(depth)))]
+            draw(self, view, media, Coats.of(coats.device, coats.pixels, wall, (1, 1, 1)).compose(), error, clips)
+        return draw(self, view, media, coats, error, clips)
 
     def twice(self: Stages, *arguments: Any) -> Iterator[Any]:
         for layer in layers(self, *arguments):
@@ -81,7 +79,7 @@ def _off(name: str) -> Iterator[None]:
 
     changed = {
         "one march": (VolumeRenderer, "draw", stretches),
-        "depth": (VolumeRenderer, "draw", onwards),
+        "depth": (compositing, "FAINT", -1.0),
         "light": (Medium, "counts", lambda self, low, high: np.ones(len(low), bool)),
         "samples": (Stages, "layers", twice),
     }
@@ -106,7 +104,7 @@ def table(numbers: dict[str, Any]) -> Table:
         add(f"- {title}", numbers[name]["best"], numbers[name]["processor"])
     shown.notes = [
         f"{numbers['pixels']}^2 pixels, all from one camera. Pictures without a sharing differ by "
-        f"{max(numbers['off'].values()):.1e} of colour at most; marches go on where surfaces let 0.2 % through.",
+        f"{max(numbers['off'].values()):.1e} of colour at most.",
         "Isosurface and volume list segments each for itself: they look at the elements that bounds leave to each. "
         f"Finding the isosurface takes {seconds(numbers['level'])} CPU s, the most that a common list could save.",
     ]

@@ -16,6 +16,7 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as judge
 from elvis.renderer import Renderer, Scene, Status
+from elvis.renderer.compositing import Coats
 from elvis.renderer.device import ADVICE, adapters
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
@@ -115,15 +116,16 @@ def same_on(draw):
 
 @pytest.fixture(scope="session")
 def gather(renderer):
-    """What rays gather in a dataset's first field."""
+    """What rays gather in a dataset's first field, and from coats given as depths, colours and alphas."""
 
-    def draw(dataset, view, *looks, **options):
+    def draw(dataset, view, *looks, coats=(), **options):
         media = [look if isinstance(look, Medium) else Medium(look) for look in looks]
         names = {medium.quantity for medium in media} - {None}
         volume = volume_of(dataset, [dataset.fields[0].name, *sorted(names)])
         loaded = Loaded(renderer("vulkan").device, volume)
         faces = FaceDrawer(loaded, faces_of(dataset, volume))
-        return VolumeRenderer(loaded, lambda: faces).draw(view, media, **options)
+        under = Coats.of(loaded.device, view.count, coats, (0.0, 0.0, 0.0)).compose()
+        return VolumeRenderer(loaded, lambda: faces).draw(view, media, under, **options)
 
     return draw
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis.renderer import Camera
-from elvis.renderer.compositing import Coat, composite
+from elvis.renderer.compositing import Coats
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import UNITS, Marks
 from elvis.renderer.painting import Brush, Look
@@ -27,7 +27,7 @@ def layer_at(depths, normal=(0.0, 0.0, 1.0)):
 def coat(depths, color, opacity=1.0):
     """A coat of one colour."""
     alpha = np.where(np.isfinite(depths), opacity, 0.0)
-    return Coat(np.asarray(depths, float), alpha[:, None] * color, alpha)
+    return np.asarray(depths, float), alpha[:, None] * color, alpha
 
 
 @pytest.fixture(params=["vulkan", "cpu"], scope="module")
@@ -35,26 +35,57 @@ def brush(request, renderer):
     return Brush(renderer(request.param).device)
 
 
-def test_the_nearest_hides_what_lies_behind_pixel_by_pixel():
+@pytest.fixture
+def composite(brush):
+    """(n, 3) colours of coats over a background."""
+    return lambda coats, behind: Coats.of(brush._device, len(coats[0][0]), coats, tuple(behind)).compose().colors()
+
+
+@pytest.fixture
+def coated(brush):
+    """(n, 3) colours times alpha, and (n,) alphas, of a layer that is painted as the last coat of two."""
+
+    def paint(view, layer, look):
+        coats = Coats(brush._device, view.count, 2, tuple(WHITE))
+        brush.coat(view, layer, look, coats, 1)
+        made = brush._device.read(coats.buffers["coat_colors"], np.float64).reshape(2, view.count, 4)[1]
+        depths = brush._device.read(coats.buffers["coat_depths"], np.float64).reshape(2, view.count)[1]
+        assert np.array_equal(depths, layer.depth)
+        return made[:, :3], made[:, 3]
+
+    return paint
+
+
+def test_the_nearest_hides_what_lies_behind_pixel_by_pixel(composite):
     result = composite([coat([1, 3, np.inf, np.inf], RED), coat([2, 2, 2, np.inf], GREEN)], WHITE)
     assert np.array_equal(result, [RED, GREEN, GREEN, WHITE])
 
 
-def test_opacity_in_depth_order_whatever_the_order_given():
+def test_opacity_in_depth_order_whatever_the_order_given(composite):
     coats = [coat([3.0], RED), coat([1.0], BLUE, 0.25), coat([2.0], GREEN, 0.5)]
     expected = 0.25 * BLUE + 0.75 * (0.5 * GREEN + 0.5 * RED)
     for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
         assert np.allclose(composite([coats[k] for k in order], WHITE), expected, rtol=0, atol=1e-15)
 
 
-def test_equal_depths_keep_the_order_given():
+def test_equal_depths_keep_the_order_given(composite):
     assert np.array_equal(composite([coat([1.0], RED), coat([1.0], GREEN)], WHITE), [RED])
 
 
-def test_background_of_each_pixel_shines_through():
-    background = np.array([RED, GREEN])
-    result = composite([coat([1.0, np.inf], BLUE, 0.5)], background)
-    assert np.array_equal(result, [0.5 * BLUE + 0.5 * RED, GREEN])
+def test_random_coats_are_mixed_as_by_hand(composite):
+    """Twelve coats of 500 pixels, some of them not there, some at one depth, some opaque."""
+    rng = np.random.default_rng(5)
+    depths = rng.choice([1.0, 2.0, 3.5, 7.0, np.inf], size=(12, 500))
+    alphas = np.where(np.isfinite(depths), rng.choice([0.2, 0.7, 1.0], size=depths.shape), 0.0)
+    colors = rng.random((12, 500, 3)) * alphas[..., None]
+    expected, through = np.zeros((500, 3)), np.ones(500)
+    order = np.argsort(depths, axis=0, kind="stable")
+    for rank in order:
+        own = rank, np.arange(500)
+        expected += through[:, None] * colors[own]
+        through *= 1 - alphas[own]
+    result = composite(list(zip(depths, colors, alphas, strict=True)), BLUE)
+    assert np.abs(result - expected - through[:, None] * BLUE).max() < 1e-14
 
 
 def sight(count, **camera):
@@ -68,7 +99,7 @@ def marks(brush, distances, width):
     return Marks(brush._device, held, width, np.zeros(len(distances), np.uint32))
 
 
-def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(brush):
+def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(brush, coated):
     """Lines of a pixel's width cover 1 - their distance of it."""
     layer = layer_at([1.0, 1.0, 1.0, np.inf])
     mesh, contours = marks(brush, [1.0, 0.5, 0.0, 0.0], 1.0), marks(brush, [1.0, 1.0, 0.75, 0.0], 1.0)
@@ -77,7 +108,8 @@ def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(brush):
     surface = 0.5 * GREEN + 0.5 * WHITE
     expected = [surface, 0.5 * RED + 0.5 * surface, 0.25 * BLUE + 0.75 * RED, WHITE]
     assert np.allclose(brush.over(sight(4), layer, look, WHITE, whole=False), expected)
-    assert np.allclose(composite([brush.coat(sight(4), layer, look)], WHITE), expected)
+    color, alpha = coated(sight(4), layer, look)
+    assert np.allclose(color + (1 - alpha)[:, None] * WHITE, expected)
     assert np.array_equal(
         brush.over(sight(4), layer, look, WHITE, whole=True), np.floor(255 * np.array(expected) + 0.5)
     )
@@ -94,12 +126,12 @@ def test_colours_are_those_of_the_colour_map(brush):
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 75.0])
-def test_lambert_s_law(brush, degrees):
+def test_lambert_s_law(coated, degrees):
     angle = np.deg2rad(degrees)
     layer = layer_at([5.0], (np.sin(angle), 0.0, np.cos(angle)))
 
     def shade(*lights, ambient=0.2):
-        return brush.coat(sight(1), layer, Look(tuple(WHITE), 1.0, lights, ambient)).color[0, 0]
+        return coated(sight(1), layer, Look(tuple(WHITE), 1.0, lights, ambient))[0][0, 0]
 
     assert shade(Light(None, 0.5)) == pytest.approx(0.2 + 0.5 * np.cos(angle))
     assert shade(Light((3.0, 0.0, 0.0), 0.5)) == pytest.approx(0.2 + 0.5 * np.sin(angle))
@@ -109,9 +141,9 @@ def test_lambert_s_law(brush, degrees):
     assert shade(ambient=1.0) == 1.0
 
 
-def test_headlight_shines_along_each_ray(brush):
+def test_headlight_shines_along_each_ray(coated):
     view, layer = sight(3, fov=90.0), layer_at([2.0, 2.0, 2.0])
     towards = view.rays(np.arange(3), np.zeros(3))[1]
     expected = 0.5 * 2.0 / np.linalg.norm(2.0 * towards, axis=1)
     look = Look(tuple(WHITE), 1.0, [Light(None, 0.5)], 0.0)
-    assert np.allclose(brush.coat(view, layer, look).color[:, 0], expected)
+    assert np.allclose(coated(view, layer, look)[0][:, 0], expected)

@@ -11,7 +11,6 @@ from elvis.formats.mesh import Composite
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, with_field
 from elvis.renderer import Camera, Plane, SceneError
-from elvis.renderer.compositing import Coat
 from elvis.renderer.scene import Clip, Transfer
 from elvis.renderer.view import View
 
@@ -161,9 +160,7 @@ def test_the_error_asked_for_is_kept_across_breakpoints(gather, shape):
 
 def coat(view, depth, color=(0.0, 0.0, 0.0), alpha=1.0):
     """A surface at one depth, in all pixels."""
-    return Coat(
-        np.full(view.count, depth), np.tile(np.multiply(color, alpha), (view.count, 1)), np.full(view.count, alpha)
-    )
+    return np.full(view.count, depth), np.tile(np.multiply(color, alpha), (view.count, 1)), np.full(view.count, alpha)
 
 
 def plane_at(view, depth, away):
@@ -194,7 +191,7 @@ def test_surfaces_end_the_march(gather):
         for low, high in ((1.6, 1.9), (1.9, 99.0))
     )
     color, through = np.array(before.color), 1 - before.fog
-    for (hue, alpha), light in (((glass[1].color[0], 0.5), between), ((glass[0].color[0], 0.3), last)):
+    for (hue, alpha), light in (((glass[1][1][0], 0.5), between), ((glass[0][1][0], 0.3), last)):
         color += through[:, None] * hue
         through = through * (1 - alpha)
         color += through[:, None] * light.color

@@ -1,62 +1,65 @@
-"""Coats of colour: what lies before over what lies behind."""
+"""Coats of colour on a device: what lies before over what lies behind (shaders/coats.slang, compose.slang)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
+from elvis.renderer.device import Device
+from elvis.renderer.scene import Vector
 
-#: what lies behind surfaces that together let less than this part of the light through does not count
+if TYPE_CHECKING:
+    import slangpy
+
+#: what lies behind a surface that lets less than this part of the light through does not count
 FAINT = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Coat:
-    """What one layer adds to n pixels.
+class Coats:
+    """What some layers add to n pixels, in any order, and the picture that they make over a background.
 
-    depth  (n,)    of the layer, infinite where it has nothing
-    color  (n, 3)  times alpha
-    alpha  (n,)    part in [0, 1] of what lies behind that is hidden
+    Once they are composed the buffers have the picture, what volumes are to add to it (see Gathered), and the depths
+    beyond which nothing counts.
+
+    whole  whether colours are wanted in steps of 1/255, as numbers of 8 bits
     """
 
-    depth: Floats
-    color: Floats
-    alpha: Floats
+    def __init__(self, device: Device, pixels: int, count: int, background: Vector, *, whole: bool = False) -> None:
+        self.device, self.pixels, self.count, self.background, self.whole = device, pixels, count, background, whole
+        self.buffers: dict[str, slangpy.Buffer] = {}
+        for name, size in (("coat_depths", 1), ("coat_colors", 4)):
+            self.buffers[name] = device.empty(np.float64, size * pixels * count)
 
+    @staticmethod
+    def of(device: Device, pixels: int, coats: Sequence[tuple[Floats, Floats, Floats]], background: Vector) -> Coats:
+        """Coats with depths (n,), infinite where they have nothing, colours (n, 3) times alpha, and alphas (n,)."""
+        made = Coats(device, pixels, len(coats), background)
+        if coats:
+            made.buffers["coat_depths"] = device.buffer(np.concatenate([depth for depth, _, _ in coats]))
+            colors = [np.column_stack([color, alpha]) for _, color, alpha in coats]
+            made.buffers["coat_colors"] = device.buffer(np.concatenate(colors))
+        return made
 
-def composite(coats: Sequence[Coat], background: Floats | Sequence[float]) -> Floats:
-    """Colours (n, 3) of n pixels: coats in any order, nearest over farther, equal depths in the order given.
+    def compose(self) -> Coats:
+        """Make the picture, as far as there are no volumes in it."""
+        kernel, device = self.device.kernel("compose"), self.device
+        pile = np.zeros(1, kernel.dtype("pile"))
+        pile["background"], pile["count"], pile["pixels"] = self.background, self.count, self.pixels
+        pile["whole"] = self.whole
+        made = {"picture": (np.float64, 0 if self.whole else 3), "packed": (np.uint32, int(self.whole))}
+        made |= {"end": (np.float64, 1), "tally": (np.uint32, 2)}
+        self.buffers |= {name: device.empty(dtype, size * self.pixels) for name, (dtype, size) in made.items()}
+        self.buffers |= {"pile": device.buffer(pile), "faint": device.buffer(np.array([FAINT]))}
+        kernel(self.pixels, self.buffers)
+        return self
 
-    background  (3,) or (n, 3)
-    """
-    depth, alpha, color = (np.array(values) for values in (coats[0].depth, coats[0].alpha, coats[0].color))
-    layers = np.isfinite(depth).astype(np.uint8)
-    for coat in coats[1:]:
-        nearer = np.flatnonzero(coat.depth < depth)
-        depth[nearer], alpha[nearer], color[nearer] = coat.depth[nearer], coat.alpha[nearer], coat.color[nearer]
-        layers += np.isfinite(coat.depth)
-
-    # the nearest coat is all there is, unless it lets others through
-    mixed = np.flatnonzero((layers > 1) & (alpha < 1.0))
-    if len(mixed):
-        parts = [Coat(coat.depth[mixed], coat.color[mixed], coat.alpha[mixed]) for coat in coats]
-        color[mixed], alpha[mixed] = _mixed(parts)
-    clear = np.flatnonzero(alpha < 1.0)
-    behind = np.broadcast_to(np.asarray(background, dtype=np.float64), color.shape)
-    color[clear] += (1.0 - alpha[clear, None]) * behind[clear]
-    return color
-
-
-def _mixed(coats: Sequence[Coat]) -> tuple[Floats, Floats]:
-    """Colours (n, 3) times alpha, and alphas (n,), of coats one over the other."""
-    order = np.argsort(np.stack([coat.depth for coat in coats]), axis=0, kind="stable")
-    color, through = np.zeros((order.shape[1], 3)), np.ones(order.shape[1])
-    for rank in range(len(coats)):
-        for number, coat in enumerate(coats):
-            here = np.flatnonzero((order[rank] == number) & np.isfinite(coat.depth))
-            color[here] += through[here, None] * coat.color[here]
-            through[here] *= 1.0 - coat.alpha[here]
-    return color, 1.0 - through
+    def colors(self) -> Floats | NDArray[np.uint8]:
+        """(n, 3) the picture's colours."""
+        if self.whole:
+            packed: NDArray[Any] = self.device.read(self.buffers["packed"], np.uint32)[: self.pixels]
+            return packed.view(np.uint8).reshape(-1, 4)[:, :3]
+        return self.device.read(self.buffers["picture"], np.float64)[: 3 * self.pixels].reshape(-1, 3)

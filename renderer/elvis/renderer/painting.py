@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.renderer.compositing import Coat
+from elvis.renderer.compositing import Coats
 from elvis.renderer.device import Device
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Marks, sight
@@ -19,10 +19,6 @@ from elvis.renderer.view import View
 
 if TYPE_CHECKING:
     import slangpy
-
-
-#: what the kernel makes: kind of number, and how many a pixel
-_MADE = {"colors": (np.float64, 3), "alphas": (np.float64, 1), "packed": (np.uint32, 1)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,28 +43,36 @@ class Brush:
     """Paints layers on a device."""
 
     def __init__(self, device: Device) -> None:
-        self._device = device
+        self._device, self._nothing = device, device.empty(np.float64, 1)
 
-    def coat(self, view: View, layer: Layer, look: Look) -> Coat:
-        """What a layer adds to a picture of many."""
-        made = self._painted(view, layer, look, (0.0, 0.0, 0.0))
-        return Coat(layer.depth, self._read(made, "colors", view).reshape(-1, 3), self._read(made, "alphas", view))
+    def coat(self, view: View, layer: Layer, look: Look, coats: Coats, number: int) -> None:
+        """Paint a layer as one of the coats of a picture."""
+        buffers = {name: coats.buffers[name] for name in ("coat_depths", "coat_colors")}
+        self._paint(view, layer, look, (0.0, 0.0, 0.0), {**buffers, "packed": self._nothing}, number * view.count)
 
     def over(self, view: View, layer: Layer, look: Look, background: Vector, *, whole: bool) -> Any:
         """Colours (n, 3) of a layer over a background, or (``whole``) these in steps of 1/255 as numbers of 8 bits."""
-        made = self._painted(view, layer, look, background, whole=whole)
-        if whole:
-            return self._read(made, "packed", view).view(np.uint8).reshape(-1, 4)[:, :3]
-        return self._read(made, "colors", view).reshape(-1, 3)
+        if not whole:
+            coats = Coats(self._device, view.count, 1, background)
+            self.coat(view, layer, look, coats, 0)
+            return coats.compose().colors()
+        packed = self._device.empty(np.uint32, view.count)
+        made = {"coat_depths": self._nothing, "coat_colors": self._nothing, "packed": packed}
+        self._paint(view, layer, look, background, made, whole=True)
+        return self._device.read(packed, np.uint8).reshape(-1, 4)[: view.count, :3]
 
-    def _read(self, made: Mapping[str, slangpy.Buffer], name: str, view: View) -> Any:
-        dtype, size = _MADE[name]
-        return self._device.read(made[name], dtype)[: size * view.count]
-
-    def _painted(
-        self, view: View, layer: Layer, look: Look, behind: Vector, *, whole: bool = False
-    ) -> Mapping[str, slangpy.Buffer]:
-        """What shaders/paint.slang makes (see _MADE): packed colours where they are to be whole, else the others."""
+    def _paint(
+        self,
+        view: View,
+        layer: Layer,
+        look: Look,
+        behind: Vector,
+        made: Mapping[str, slangpy.Buffer],
+        first: int = 0,
+        *,
+        whole: bool = False,
+    ) -> None:
+        """Run shaders/paint.slang: packed colours where they are to be whole, else a coat."""
         device, kernel = self._device, self._device.kernel("paint")
         record = np.zeros(1, kernel.dtype("look"))
         table = np.array([look.colors, look.colors])
@@ -76,14 +80,12 @@ class Brush:
             table, span = np.vstack([look.colors.table, NOT_A_NUMBER]), look.colors.high - look.colors.low
             record["low"], record["scale"] = look.colors.low, (len(table) - 1) / span if span > 0 else 0.0
         record["steps"], record["lights"], record["whole"] = len(table) - 1, len(look.lights), whole
+        record["first"] = first
         record["opacity"], record["ambient"], record["behind"] = look.opacity, look.ambient, behind
         normals, flat = layer.normals(device, needed=look.ambient < 1.0 or len(look.lights) > 0)
-        made = {
-            name: device.empty(dtype, size * view.count if (name == "packed") == whole else 1)
-            for name, (dtype, size) in _MADE.items()
-        }
         buffers = {
             **{name: layer.on(device, name) for name in ("owner", "field")},
+            "depth": self._nothing if whole else layer.on(device, "depth"),
             "normals": normals,
             "look": device.buffer(record),
             "table": device.buffer(table),
@@ -92,14 +94,13 @@ class Brush:
             **self._lines(look, kernel.dtype("inks")),
         }
         kernel(view.count, {**buffers, **made})
-        return made
 
     def _lines(self, look: Look, dtype: np.dtype[Any]) -> dict[str, slangpy.Buffer]:
         """Marks of mesh lines and contours, and the Ink records of both."""
-        inks, nothing, marks = np.zeros(2, dtype), self._device.empty(np.uint32, 1), {}
+        inks, marks = np.zeros(2, dtype), {}
         for ink, name in zip(inks, ("mesh", "contours"), strict=True):
             lines = getattr(look, name)
-            marks[name] = nothing if lines is None else lines[0].held
+            marks[name] = self._nothing if lines is None else lines[0].held
             if lines is not None:
                 width, ink["mask"], ink["color"] = lines[0].width, lines[0].mask, lines[1]
                 ink["reach"], ink["most"] = 0.5 * width + 0.5, min(1.0, width)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
 from elvis.formats.errors import ElvisError
-from elvis.renderer.compositing import Coat, composite
+from elvis.renderer.compositing import Coats
 from elvis.renderer.frame import Legend, Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import levels
@@ -105,25 +105,25 @@ class Painter:
             look = self._look(view, *drawn[0])
             painted: Floats = self._brush.over(view, drawn[0][1], look, self.scene.background, whole=whole)
             return painted
-        coats = [self._brush.coat(view, layer, self._look(view, sheet, layer)) for sheet, layer in drawn]
-        background = self.scene.background
-        colors = composite(coats, background) if coats else np.tile(np.asarray(background, float), (view.count, 1))
-        return self._fogged(view, volumes, coats, colors) if volumes else colors
+        coats = Coats(self.stages.loaded.device, view.count, len(drawn), self.scene.background, whole=whole)
+        for number, (sheet, layer) in enumerate(drawn):
+            self._brush.coat(view, layer, self._look(view, sheet, layer), coats, number)
+        coats.compose()
+        if volumes:
+            self._fog(view, volumes, coats)
+        return coats.colors()
 
-    def _fogged(self, view: View, volumes: Sequence[VolumeRendering], coats: Sequence[Coat], colors: Floats) -> Floats:
-        """The colours (n, 3) of coats over the background, with volumes before, between and behind them."""
+    def _fog(self, view: View, volumes: Sequence[VolumeRendering], coats: Coats) -> None:
+        """Draw volumes before, between and behind coats."""
         clips = [(clip.surface, clip.away) for clip in self.scene.clip]
         media = [self._medium(item) for item in volumes]
         for surface, away in clips:
             if isinstance(surface, Implicit):
                 media.append(Medium.clip(self.stages.named(surface.expression, self.scene), away))
         error = min(item.error for item in volumes)
-        light = self.stages.volumes.draw(view, media, error, coats, self.scene.clip)
+        light = self.stages.volumes.draw(view, media, coats, error, self.scene.clip)
         self.glow = light.status()
         self.gathered.update(light.counts())
-        held = np.flatnonzero(light.segments)
-        colors[held] = light.color[held] + (1.0 - light.alpha[held, None]) * np.asarray(self.scene.background)
-        return colors
 
     def _medium(self, item: VolumeRendering) -> Medium:
         """A volume with its colours."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.renderer.compositing import FAINT, Coat
+from elvis.renderer.compositing import Coats
 from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
@@ -61,7 +62,6 @@ class Medium:
         return np.asarray((high < 0.0) & (self.gate < 0) | (low > 0.0) & (self.gate > 0))
 
 
-@dataclass(frozen=True, eq=False)
 class Gathered:
     """What n rays gather in volumes, and from the surfaces between.
 
@@ -75,19 +75,27 @@ class Gathered:
     lost       (n,)   places in curved elements, and ends of segments, that were not found
     """
 
-    color: Floats
-    alpha: Floats
-    fog: Floats
-    length: Floats
-    error: Floats
-    segments: Ints
-    undefined: Ints
-    lost: Ints
+    def __init__(self, tally: NDArray[np.uint32], lost: Ints, lights: Callable[[], NDArray[Any]]) -> None:
+        """From what shaders/volume_march.slang counts, and what reads its lights."""
+        self.segments, self.undefined, self.lost = tally[:, 0], tally[:, 1] >> 1, lost
+        self._glows, self._read = tally[:, 1] & 1, lights
+
+    @cached_property
+    def _lights(self) -> NDArray[Any]:
+        lights = self._read().copy()
+        lights[self.segments == 0] = 0
+        return lights
+
+    def __getattr__(self, name: str) -> Any:
+        """What is read from the device when it is first asked for."""
+        if name not in ("color", "alpha", "fog", "length", "error"):
+            raise AttributeError(name)
+        return self._lights[name]
 
     def status(self) -> NDArray[np.uint8]:
         """(n,) what is known of the volumes (see frame.Status): failed where something was not found, ambiguous where
         elements without numbers are left out."""
-        known = np.where(self.fog > 0.0, Status.CERTAIN, Status.MISS)
+        known = np.where(self._glows, Status.CERTAIN, Status.MISS)
         known[self.undefined > 0] = Status.AMBIGUOUS
         known[self.lost > 0] = Status.FAILED
         return known.astype(np.uint8)
@@ -143,26 +151,25 @@ class VolumeRenderer:
         self,
         view: View,
         media: Sequence[Medium],
+        coats: Coats,
         error: float = 1e-3,
-        coats: Sequence[Coat] = (),
         clips: Sequence[Clip] = (),
     ) -> Gathered:
-        """The light that reaches the eye from all volumes and surfaces, as far as there are volumes.
+        """The light that reaches the eye from all volumes and surfaces, where there are volumes; it enters the picture.
 
+        coats  the picture's surfaces, composed
         error  greatest estimated error of a pixel's colour
-        coats  surfaces, in any order
         clips  what they take away of the volumes, by all but implicit surfaces, for which there are media
 
         Raises SceneError for 2D data, for curved elements without faces, and where densities times lengths overflow.
         """
         for medium in media:
             self._check(medium.transfer)
-        march = _March(self, view, media, error, coats, clips)
+        march = _March(self, view, media, coats, error, clips)
         for tiles in march.bands():
             self.pulse()
             march.band(tiles)
-        names = ("color", "alpha", "fog", "length", "error", "segments", "undefined")
-        return Gathered(**{name: np.array(march.lights[name]) for name in names}, lost=march.lost)
+        return march.gathered()
 
     def _check(self, transfer: Transfer) -> None:
         if self.loaded.dimension != 3:
@@ -188,12 +195,12 @@ class _March:
         renderer: VolumeRenderer,
         view: View,
         media: Sequence[Medium],
+        coats: Coats,
         error: float,
-        coats: Sequence[Coat],
         clips: Sequence[Clip],
     ) -> None:
         self.renderer, self.loaded, self.traversal = renderer, renderer.loaded, renderer.traversal
-        self.device, self.view, self.media, self.error, self.coats = self.loaded.device, view, media, error, coats
+        self.device, self.view, self.media, self.error = self.loaded.device, view, media, error
         self.visibility = Visibility(clips, view)
         self.quantities = list(dict.fromkeys(medium.quantity for medium in media))
         parts = range(len(self.loaded.parts))
@@ -203,12 +210,9 @@ class _March:
         bent = [[own[n] & (n in at) for own, at in zip(self.chosen, self.curved, strict=True)] for n in parts]
         self.bent = np.concatenate([np.any(some, axis=0) for some in bent])
         self.march = self.device.kernel("volume_march", line_degree=self.degree, media=len(media))
-        self.lights = np.zeros(view.count, self.march.dtype("lights"))
         self.lost = np.zeros(view.count, np.int64)
-        end = np.full(view.count, np.inf)
-        for coat in coats:
-            np.minimum(end, coat.depth, out=end, where=coat.alpha > 1.0 - FAINT)
-        self.fixed = {**self.traversal.lines(self.degree), "end": self.device.buffer(end)}
+        self.fixed = {**self.traversal.lines(self.degree), **coats.buffers}
+        self.fixed["lights"] = self.device.empty(self.march.dtype("lights"), view.count)
         self.shared = self._shared()
         self.parts = [
             self._curved(k, n) if n in curved else self._straight(k, n)
@@ -287,7 +291,7 @@ class _March:
             rows[some.listed, np.searchsorted(places, _place(some.tiles))] += some.rows
         most = rows.max(axis=0)
         size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
-        fixed = self.march.dtype("stops").itemsize * (len(self.coats) + self.visibility.most)
+        fixed = self.march.dtype("stops").itemsize * self.visibility.most
         band = np.cumsum(LANES * (most * size + fixed)) // MOST_BYTES
         for own in np.split(np.arange(len(places)), np.flatnonzero(np.diff(band)) + 1):
             tiles = np.zeros(len(own), self.march.dtype("tiles"))
@@ -305,18 +309,21 @@ class _March:
         pixel = np.where(held, y * self.view.width + x, 0)
 
         ask = np.zeros(1, self.march.dtype("march_of"))
-        ask["error"], ask["rows"] = self.error, tiles["room"].sum()
+        ask["error"], ask["rows"], ask["stops"] = self.error, tiles["room"].sum(), self.visibility.most
         stops, hidden = self._stops(pixel.ravel())
-        ask["stops"] = stops.shape[1]
         lists |= {"stops": self.device.buffer(stops), "hidden": self.device.buffer(hidden)}
         lists |= {"march_of": self.device.buffer(ask), "tiles": self.device.buffer(tiles), **self.shared}
         lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(tiles))
-        lists["lights"] = self.device.empty(self.march.dtype("lights"), LANES * len(tiles))
         self.march(len(tiles), lists, groups=True)
-        found = self.device.read(lists["lights"], self.lights.dtype).reshape(len(tiles), LANES)
-        self.lights[pixel[held]] = found[held]
-        lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
-        self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
+        if any(self.curved):
+            lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
+            self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
+
+    def gathered(self) -> Gathered:
+        """What all rays have gathered."""
+        count, dtype, device = self.view.count, self.march.dtype("lights"), self.device
+        tally = device.read(self.fixed["tally"], np.uint32)[: 2 * count].reshape(-1, 2)
+        return Gathered(tally, self.lost, lambda: device.read(self.fixed["lights"], dtype)[:count])
 
     def _listed(self, tiles: NDArray[Any]) -> dict[str, Any]:
         """The segments of all parts; once more where the lists of some tiles were too short, which become longer."""
@@ -335,15 +342,14 @@ class _March:
 
     def _stops(self, pixel: Ints) -> tuple[NDArray[Any], NDArray[np.int32]]:
         """Stop records (m, k) along the rays of pixels (m,), and how many clips hide what comes before."""
+        if not self.visibility.most:
+            return np.zeros(0, self.march.dtype("stops")), np.zeros(0, np.int32)
         hidden, depths, changes = self.visibility.along(pixel)
-        every = np.concatenate([*(coat.depth[pixel][None] for coat in self.coats), depths])
-        order = np.argsort(every, axis=0, kind="stable").T
-        stops = np.zeros((len(pixel), len(every)), self.march.dtype("stops"))
-        for number, coat in enumerate(self.coats):
-            stops["alpha"][:, number], stops["color"][:, number] = coat.alpha[pixel], coat.color[pixel]
-        stops["hides"][:, len(self.coats) :] = changes.T
-        stops["depth"] = every.T
-        return np.take_along_axis(stops, order, axis=1), hidden.astype(np.int32)
+        order = np.argsort(depths, axis=0, kind="stable")
+        stops = np.zeros(depths.T.shape, self.march.dtype("stops"))
+        for name, values in (("depth", depths), ("hides", changes)):
+            stops[name] = np.take_along_axis(values, order, axis=0).T
+        return stops, hidden.astype(np.int32)
 
     def _empty(self, tiles: int, rows: int) -> dict[str, Any]:
         """Lists without segments: those of all tiles, with so many rows together, for each quantity."""
