@@ -28,6 +28,8 @@ _MODULES = {
 def __getattr__(name: str) -> object:
     module = next((module for module, names in _MODULES.items() if name in names), "scene")
     found = import_module(f"elvis.renderer.{module}")
+    if name == "__all__":
+        return [*found.__all__, *(own for names in _MODULES.values() for own in names)]
     if name not in _MODULES.get(module, ()) and name not in found.__all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(found, name)

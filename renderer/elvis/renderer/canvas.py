@@ -160,17 +160,12 @@ class Canvas:
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:
     """Empty channels by name, (height, width[, 3]); those that aren't kept take no room."""
-    shape, make = (view.height, view.width), np.full if records else _nowhere
-    colors, status = np.zeros((*shape, 3), np.float64 if records else np.uint8), np.zeros(shape, np.uint8)
-    scalars = {"field": np.nan, "depth": np.inf, "element": -1}
-    arrays = {name: make(shape, value) for name, value in scalars.items()}
-    vectors = {name: make((*shape, 3), np.nan) for name in ("reference", "normal")}
-    return {"color": colors, "status": status, **arrays, **vectors}
-
-
-def _nowhere(shape: tuple[int, ...], value: float) -> Any:
-    """An array of one value that takes no room."""
-    return np.broadcast_to(np.array(value), shape)
+    shape, values = (view.height, view.width), {"field": np.nan, "depth": np.inf, "element": -1}
+    full = np.full if records else lambda shape, value: np.broadcast_to(np.array(value), shape)
+    scalars = {name: full(shape, value) for name, value in values.items()}
+    vectors = {name: full((*shape, 3), np.nan) for name in ("reference", "normal")}
+    color = np.zeros((*shape, 3), np.float64 if records else np.uint8)
+    return {"color": color, "status": np.zeros(shape, np.uint8), **scalars, **vectors}
 
 
 def _check_memory(view: View, records: bool) -> None:

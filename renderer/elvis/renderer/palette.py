@@ -39,9 +39,8 @@ class Palette:
     def named(name: str, low: float, high: float) -> Palette:
         """The colour map that the cmap catalogue, or FIRST, calls ``name``, or of an .xml file; SceneError else."""
         if name in FIRST or name.lower().endswith(".xml"):
-            place, *parts = np.array(FIRST.get(name) or points_in(name)).T
-            table = np.stack([np.interp(np.linspace(0.0, 1.0, STEPS), place, part) for part in parts], axis=1)
-            return Palette(table, low, high)
+            places = np.array(FIRST.get(name) or points_in(name))
+            return Palette(_between(places[:, 0], places[:, 1:], (0.0, 1.0)), low, high)
         import cmap
 
         # a plain name stands for matplotlib's map where several collections have one
@@ -58,9 +57,8 @@ class Palette:
     @staticmethod
     def of_transfer(transfer: Transfer) -> Palette:
         """The colours of a transfer function that has its own."""
-        low, high = transfer.values[0], transfer.values[-1]
-        steps, parts = np.linspace(low, high, STEPS), np.array(transfer.colors, np.float64).T
-        return Palette(np.stack([np.interp(steps, transfer.values, part) for part in parts], axis=1), low, high)
+        ends = transfer.values[0], transfer.values[-1]
+        return Palette(_between(np.array(transfer.values), np.array(transfer.colors, np.float64), ends), *ends)
 
     def steps(self, values: Floats) -> NDArray[np.uint16]:
         """Steps (…) of values (…): finite values beyond the range take the last one there, all others STEPS."""
@@ -74,6 +72,12 @@ class Palette:
     def colors(self, values: Floats) -> Floats:
         """Colours (…, 3) in [0, 1] of values (…)."""
         return np.vstack([self.table, NOT_A_NUMBER]).take(self.steps(values), axis=0)
+
+
+def _between(places: Floats, colors: Floats, ends: tuple[float, float]) -> Floats:
+    """(STEPS, 3) colours in equal steps between two places, from those (k, 3) at some places (k,)."""
+    steps = np.linspace(*ends, STEPS)
+    return np.stack([np.interp(steps, places, part) for part in colors.T], axis=1)
 
 
 def points_in(file: str) -> list[tuple[float, ...]]:

@@ -54,30 +54,22 @@ def _framed(frame: Frame, image: Image.Image) -> Image.Image:
     """The image on white with its axes; the title above, to its right a bar for each colour map, contours below."""
     unit = max(10, round(min(image.size) / 45))
     font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
-    measure = ImageDraw.Draw(image).textlength
-    bars = [legend for legend in frame.legends if legend.palette]
-    title = frame.scene.title if frame.scene.title is not None else bars[0].title if len(bars) == 1 else ""
-    scales = [_scale(legend, max(3, image.height // (4 * unit))) for legend in bars]
-    rooms = [max(measure(text, font=small) for _, text in [*scale, (0, "0.00")]) for scale in scales]
-    names = [legend.title if len(bars) > 1 else "" for legend in bars]
-    widths = [
-        round(5 * unit + max(room, measure(name, font=small) - 3 * unit))
-        for room, name in zip(rooms, names, strict=True)
-    ]
-    width = max(image.width + 2 * unit + sum(widths), round(measure(title, font=font)) + 3 * unit)
+    mapped = [legend for legend in frame.legends if legend.palette]
+    bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, image.height, small) for legend in mapped]
+    title = frame.scene.title if frame.scene.title is not None else mapped[0].title if len(mapped) == 1 else ""
+    width = max(image.width + 2 * unit + sum(bar.width for bar in bars), round(font.getlength(title)) + 3 * unit)
     below = notes(frame, width - 2 * unit, small)
 
     # title and image, then what stands beside and below them
-    top, foot = 3 * unit if title or any(names) else unit, round(1.6 * unit)
+    top, foot = 3 * unit if title or any(bar.name for bar in bars) else unit, round(1.6 * unit)
     sheet = Image.new("RGB", (width, image.height + top + unit + foot * len(below)), "white")
     sheet.paste(image, (unit, top))
     draw = ImageDraw.Draw(sheet)
     draw.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
     x = image.width + 5 * unit // 2
-    for legend, scale, name, own in zip(bars, scales, names, widths, strict=True):
-        draw.text((x, top - 1.2 * unit), name, fill=INK, font=small, anchor="lm")
-        _bar(legend, draw, sheet, (x, top), unit, image.height, scale, small)
-        x += own
+    for bar in bars:
+        bar.draw(sheet, (x, top))
+        x += bar.width
     for number, line in enumerate(below):
         draw.text((unit, top + image.height + unit + foot * number), line, fill=INK, font=small, anchor="lt")
     if min(image.size) >= 16 * unit and not frame.view.faces_ground:
@@ -85,11 +77,38 @@ def _framed(frame: Frame, image: Image.Image) -> Image.Image:
     return sheet
 
 
-def _scale(legend: Legend, most: int) -> list[tuple[float, str]]:
-    """Values beside the bar of a legend, and their texts."""
-    assert legend.palette is not None
-    values = ticks(legend.palette.low, legend.palette.high, most)
-    return list(zip(values, labels(values), strict=True))
+class _Bar:
+    """A colour map from low (below) to high (above), so many pixels high, under its name where it has one."""
+
+    def __init__(self, legend: Legend, name: str, unit: int, height: int, font: Font) -> None:
+        assert legend.palette is not None
+        self.palette, self.marks, self.name = legend.palette, legend.marks, name
+        self.unit, self.height, self.font = unit, height, font
+        values = ticks(self.palette.low, self.palette.high, max(3, height // (4 * unit)))
+        self.scale = list(zip(values, labels(values), strict=True))
+        room = max(font.getlength(text) for text in (*labels(values), "0.00"))
+        self.width = round(5 * unit + max(room, font.getlength(name) - 3 * unit))
+
+    def draw(self, sheet: Image.Image, corner: tuple[int, int]) -> None:
+        """The bar with a thin border, contours across it and numbers beside it."""
+        palette, unit, draw = self.palette, self.unit, ImageDraw.Draw(sheet)
+        column = palette.colors(np.linspace(palette.high, palette.low, self.height))[:, None, :]
+        (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)
+        sheet.paste(Image.fromarray(np.rint(column * 255).astype(np.uint8).repeat(width, axis=1), "RGB"), corner)
+        draw.text((x, y - 1.2 * unit), self.name, fill=INK, font=self.font, anchor="lm")
+
+        def line(value: float, left: int, right: int, ink: tuple[int, ...]) -> float:
+            level = y + (palette.high - value) / (palette.high - palette.low) * (self.height - 1)
+            draw.line([(x + left, level), (x + right, level)], fill=ink, width=thin)
+            return level
+
+        for value, color in self.marks:
+            if palette.low <= value <= palette.high:
+                line(value, 0, width - 1, tuple(round(255 * part) for part in color))
+        draw.rectangle([x, y, x + width - 1, y + self.height - 1], outline=INK)
+        for value, text in self.scale:
+            level = line(value, width, width + unit // 3, INK)
+            draw.text((x + width + unit // 2, level), text, fill=INK, font=self.font, anchor="lm")
 
 
 def shortest(value: float, slack: float) -> str:
@@ -123,41 +142,6 @@ def _note(legend: Legend, typed: set[float], width: float, font: Font) -> list[s
         else:
             lines.append(word)
     return lines
-
-
-def _bar(
-    legend: Legend,
-    draw: ImageDraw.ImageDraw,
-    sheet: Image.Image,
-    corner: tuple[int, int],
-    unit: int,
-    height: int,
-    scale: list[tuple[float, str]],
-    font: Font,
-) -> None:
-    """The colour map from low (below) to high (above), with a thin border, contours across it and numbers beside it."""
-    palette = legend.palette
-    assert palette is not None
-    values = np.linspace(palette.high, palette.low, height)
-    column = np.rint(palette.colors(values)[:, None, :] * 255).astype(np.uint8)
-    (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)
-    sheet.paste(Image.fromarray(np.repeat(column, width, axis=1), "RGB"), corner)
-
-    def level(value: float) -> float:
-        return y + (palette.high - value) / (palette.high - palette.low) * (height - 1)
-
-    for value, color in legend.marks:
-        if palette.low <= value <= palette.high:
-            draw.line([(x, level(value)), (x + width - 1, level(value))], fill=_ink(color), width=thin)
-    draw.rectangle([x, y, x + width - 1, y + height - 1], outline=INK)
-    for value, text in scale:
-        draw.line([(x + width, level(value)), (x + width + unit // 3, level(value))], fill=INK, width=thin)
-        draw.text((x + width + unit // 2, level(value)), text, fill=INK, font=font, anchor="lm")
-
-
-def _ink(color: tuple[float, float, float]) -> tuple[int, int, int]:
-    r, g, b = (round(255 * part) for part in color)
-    return r, g, b
 
 
 #: colours of the arrows along x, y and z
