@@ -111,10 +111,9 @@ class _Bar:
             draw.text((x + width + unit // 2, level), text, fill=INK, font=self.font, anchor="lm")
 
 
-def shortest(value: float, slack: float) -> str:
-    """The text of fewest digits that says a value to within ``slack``."""
-    digits = next((n for n in range(1, 18) if abs(float(f"{value:.{n}g}") - value) <= slack), 17)
-    return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
+def shortest(value: float) -> str:
+    """The text of fewest digits that is a value and no other."""
+    return f"{value:.{next((n for n in range(6, 17) if float(f'{value:.{n}g}') == value), 17)}g}"
 
 
 def notes(frame: Frame, width: float, font: Font) -> list[str]:
@@ -130,8 +129,9 @@ def notes(frame: Frame, width: float, font: Font) -> list[str]:
 def _note(legend: Legend, typed: set[float], width: float, font: Font) -> list[str]:
     values = [value for value, _ in legend.marks]
     gaps = np.diff(np.unique(values))
-    slack = (gaps.min() if len(gaps) else 1e-4 * abs(values[0])) / 20
-    words = [f"{shortest(value, 0.0 if value in typed else slack)}," for value in values]
+    step = max(gaps.min() if len(gaps) else 1e-4 * abs(values[0]), 1e-300)
+    decimals = 1 - int(np.floor(np.log10(step)))
+    words = [f"{shortest(value if value in typed else round(value, decimals))}," for value in values]
     if len(values) > 16:
         words = [*words[:3], "…", words[-1]]
     lines = [f"contours of {legend.title} at"]
