@@ -113,7 +113,8 @@ class _Bar:
 
 def shortest(value: float) -> str:
     """The text of fewest digits that is a value and no other."""
-    return f"{value:.{next((n for n in range(6, 17) if float(f'{value:.{n}g}') == value), 17)}g}"
+    text = f"{value:.6g}"
+    return text if float(text) == value else repr(float(value)).removesuffix(".0")
 
 
 def notes(frame: Frame, width: float, font: Font) -> list[str]:
