@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import bent
 import cases
 import conversion
 import floor
@@ -71,10 +72,12 @@ def isosurface(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 
 def volume(options: argparse.Namespace) -> tuple[Any, list[Table]]:
-    """Everything in one picture of the delta wing, its volume among it, and what is saved by sharing."""
+    """Everything in one picture of the delta wing, what is saved by sharing, and growth with elements."""
     side, rounds = (60, 1) if options.quick else (1000, 2)
     found = sharing.measure(shown.DELTA, options.device, side, rounds, options.quick)
-    return found, [sharing.table(found)]
+    side, rounds = (60, 1) if options.quick else (400, 2)
+    found["growth"] = bent.measure(options.device, side, rounds, options.quick)
+    return found, [sharing.table(found), bent.table(found["growth"])]
 
 
 def order(options: argparse.Namespace) -> tuple[Any, list[Table]]:

@@ -193,7 +193,7 @@ def growth_table(numbers: dict[str, Any]) -> list[Table]:
     over = Table("Growth with elements", ["picture", *(f"{count:,}" for count in counts), "exponent"])
     for kind in ("cut", "faces", "isosurface"):
         times = [row[kind]["best"] for row in rows]
-        over.rows.append([f"{WORDS[kind]}, s", *map(seconds, times), _exponent(counts, times)])
+        over.rows.append([f"{WORDS[kind]}, s", *map(seconds, times), exponent(counts, times)])
     over.rows.append(["device over raw bytes", *(f"{row['bytes'] / row['raw']:.2f}" for row in rows), ""])
     over.rows.append(["loading, s", *(seconds(row["load"]) for row in rows), ""])
     over.notes = [f"Straight tetrahedra of a cube, cubic field, {numbers['side']}^2 pixels, best of several runs."]
@@ -202,10 +202,10 @@ def growth_table(numbers: dict[str, Any]) -> list[Table]:
     pixels = Table("Growth with pixels", ["picture", *(f"{side}^2" for side in sides), "exponent"])
     for kind, found in numbers["pixels"].items():
         times = [found[str(side)]["best"] for side in sides]
-        pixels.rows.append([f"{WORDS[kind]}, s", *map(seconds, times), _exponent([n * n for n in sides], times)])
+        pixels.rows.append([f"{WORDS[kind]}, s", *map(seconds, times), exponent([n * n for n in sides], times)])
     pixels.notes = ["The delta wing, overview. An exponent of 1 is in proportion."]
     return [over, pixels]
 
 
-def _exponent(counts: Sequence[int], times: Sequence[float]) -> str:
+def exponent(counts: Sequence[int], times: Sequence[float]) -> str:
     return f"{log(times[-1] / times[0]) / log(counts[-1] / counts[0]):.2f}"

@@ -126,6 +126,42 @@ def test_inverted_elements_are_drawn(gather):
     assert np.abs(lengths[0] - lengths[1]).max() < 1e-12
 
 
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_curved_elements_turned_inside_out_have_the_same_chords(gather, shape):
+    """The mirror image of a bent mesh, seen in the mirror: all its Jacobians are negative."""
+    mesh, mirrored = (curved(grid(shape, 2), lambda p, k=k: sheared(p) * [1, 1, k], 3) for k in (1, -1))
+    lengths = []
+    for data, side in ((mesh, 1), (mirrored, -1)):
+        view = View.through(Camera((0.47, 0.53, side * 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), SIZE)
+        light = gather(with_field(data, lambda p: p[:, 0], 3), view, EVEN)
+        assert not light.lost.any()
+        lengths.append(light.length.reshape(SIZE[::-1])[:, ::side])
+    assert np.abs(lengths[0] - lengths[1]).max() < 1e-9
+    assert lengths[0].max() > 0.99
+
+
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_integrals_in_curved_elements_converge_with_the_error_asked_for(gather, shape):
+    """Heights s become z = 1.3 s - 0.3 s^2, so that s bends along the ray; density and red are 3 s, seen from above."""
+    mesh = curved(grid(shape, 2), lambda p: p + np.outer(0.3 * p[:, 2] * (1 - p[:, 2]), [0, 0, 1]), 3)
+    data = with_field(mesh, lambda p: (1.3 - np.sqrt(1.69 - 1.2 * np.clip(p[:, 2], 0, 1))) / 0.6, 4)
+    ramp = Transfer((0.0, 1.0), (0.0, 3.0), ((0, 0, 0), (1, 0, 0)))
+    view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), (4, 4))
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    s = (nodes + 1) / 2
+    passed = 3 * (0.65 * (1 - s**2) - 0.2 * (1 - s**3))
+    exact = 0.5 * weights @ (3 * s**2 * np.exp(-passed) * (1.3 - 0.6 * s))
+    errors, counts = [], []
+    for asked in (1e-2, 1e-4, 1e-6, 1e-8):
+        light = gather(data, view, ramp, error=asked)
+        errors.append(np.abs(light.color[:, 0] - exact).max())
+        counts.append(int(light.segments.sum()))
+        assert errors[-1] <= asked
+        assert not light.lost.any()
+    assert errors[-1] < 1e-3 * max(errors[0], 1e-6)
+    assert counts[-1] > counts[0]
+
+
 def test_light_of_a_ramp_in_closed_form(gather):
     """Density z, colour from black to red with z, seen from above: D = (1 - z^2) / 2, C the integral of z^2 exp(-D).
 
