@@ -8,7 +8,7 @@ from PIL import ImageFont
 
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import grid
-from elvis.renderer import Contours, CutSurface, Faces, Plane, SceneError, Style
+from elvis.renderer import Camera, Contours, CutSurface, Faces, Plane, SceneError, Style
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.picture import AXES, labels, notes, picture, shortest, ticks
 
@@ -111,8 +111,10 @@ def test_unknown_colour_maps_are_refused():
         ([1.0, np.nan, -3.0, np.inf], (-3.0, 1.0)),
         ([np.nan, -np.inf], (0.0, 1.0)),
         ([], (0.0, 1.0)),
-        ([5.0, 5.0], (5.0 - 5e-6, 5.0 + 5e-6)),
-        ([0.0], (-1e-6, 1e-6)),
+        ([5.0, 5.0], (2.5, 7.5)),
+        ([-2.0, -2.0 - 1e-15], (-3.0, -1.0)),
+        ([0.0], (-1.0, 1.0)),
+        ([1.0, 1.0 + 1e-12], (1.0, 1.0 + 1e-12)),
     ],
 )
 def test_the_automatic_range(values, expected):
@@ -204,8 +206,9 @@ def test_axes_point_along_the_view(solid, draw, linear):
     """Seen from (1, 1, 1), z goes up and x and y to both sides; 2D data have no axes."""
     plain, framed = np.asarray(picture(solid, plain=True)).astype(int), np.asarray(picture(solid)).astype(int)
     image = framed[30 : 30 + 200, 10 : 10 + 240]
-    corner = image[120:, :80]
-    assert (plain != image).any(axis=2)[:120].sum() == 0
+    changed = (plain != image).any(axis=2)
+    corner = np.where(changed[..., None], image, 255)[120:]
+    assert changed[:120].sum() == 0
     places = []
     for color in AXES:
         near = np.abs(corner - color).max(axis=2) < 60
@@ -227,6 +230,44 @@ def test_legends_fit_at_any_size(draw, linear, size):
     assert (framed[:, -2:] == 255).all()
     assert (framed[-2:] == 255).all()
     assert (framed[:, :2] == 255).all()
+
+
+def test_numbers_beside_a_bar_of_any_height_stay_apart(draw, linear):
+    """Rows of a bar's ticks, each with its number, lie as far from one another as numbers are high."""
+    framed = np.asarray(picture(draw(linear(grid(Shape.QUADRILATERAL, 1)), size=(3, 2), range=(-1.0, 1.0))))
+    dark = (framed[26:, 46:] < 120).all(axis=2).any(axis=1)
+    numbers = np.flatnonzero(np.diff(dark.astype(int), prepend=0) == 1)
+    assert len(numbers) == 3
+    assert np.diff(numbers).min() >= 12
+
+
+def test_axes_keep_clear_of_the_data(draw, linear):
+    """They stand in a corner where nothing is seen, at the lower left if they can; else a pale disc lies under them."""
+    data = linear(grid(Shape.HEXAHEDRON, 1))
+
+    def framed(eye, at, height):
+        frame = draw(data, objects=(Faces(),), camera=Camera(eye, at, height=height), size=(240, 200))
+        image = np.asarray(picture(frame))[30 : 30 + 200, 10 : 10 + 240]
+        return frame.seen, (image != np.asarray(picture(frame, plain=True))).any(axis=2)
+
+    seen, axes = framed((3.0, 2.5, 2.0), (0.5, 0.5, 0.5), 2.5)
+    assert axes[130:, :70].any()
+    assert not axes[seen].any()
+    seen, axes = framed((3.2, 2.9, 2.5), (0.7, 0.9, 1.0), 2.2)
+    assert seen[130:, :70].any()
+    assert axes.any()
+    assert not axes[seen].any()
+    seen, axes = framed((3.0, 2.5, 2.0), (0.5, 0.5, 0.5), 0.2)
+    assert seen.all()
+    assert axes[130:, :70].mean() > 0.7
+
+
+def test_legends_name_files_without_their_folders(draw, linear, tmp_path):
+    import trimesh
+
+    trimesh.creation.box((0.4, 0.4, 0.4)).export(tmp_path / "box.stl")
+    data, field = linear(grid(Shape.QUADRILATERAL, 1)), f"distance('{tmp_path / 'box.stl'}')"
+    assert [legend.title for legend in draw(data, field=field, size=(30, 20)).legends] == ["distance('box.stl')"]
 
 
 def test_titles_are_the_scenes(draw, linear):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
 from dataclasses import field as default
 from enum import IntEnum
 from functools import cached_property
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
+from elvis.formats.distances.files import renamed
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.scene import Scene, Vector
 from elvis.renderer.view import PlaneView, View
@@ -128,8 +130,9 @@ class Frame:
 
     @property
     def legends(self) -> tuple[Legend, ...]:
-        """What the colours and lines of the picture mean."""
-        return (Legend(self.scene.field, self.palette),) if self.drawing is None else self.drawing.legends
+        """What the colours and lines of the picture mean; of files that distances are measured to the bare names."""
+        found = (Legend(self.scene.field, self.palette),) if self.drawing is None else self.drawing.legends
+        return tuple(replace(one, title=renamed(one.title, os.path.basename)) for one in found)
 
     @cached_property
     def color(self) -> Floats:

@@ -15,6 +15,8 @@ from elvis.renderer.scene import Transfer
 #: colour of what is seen but is not a finite number
 NOT_A_NUMBER = (1.0, 0.0, 1.0)
 STEPS = 256
+#: part of its size by which the rounding of a constant's evaluation may change it
+CONSTANT = 1e-14
 #: characters of a file with a colour map, at most
 LARGEST = 1 << 20
 #: colour maps of the first ElVis: places in [0, 1] and colours there; its diverging one is K. Moreland's (2009)
@@ -115,11 +117,15 @@ def points_in(file: str) -> list[tuple[float, ...]]:
 
 
 def automatic_range(values: Floats) -> tuple[float, float]:
-    """Least and greatest finite value; (0, 1) where there is none, a sliver around a constant."""
+    """Least and greatest finite value; (0, 1) where there is none; half as much and half as much again of a constant.
+
+    A constant is also what varies by rounding alone, by less than CONSTANT of its size.
+    """
     finite = values[np.isfinite(values)]
     if not len(finite):
         return 0.0, 1.0
     low, high = float(finite.min()), float(finite.max())
-    if low == high:
-        return low - max(abs(low), 1.0) * 1e-6, high + max(abs(high), 1.0) * 1e-6
+    size = max(abs(low), abs(high))
+    if high - low <= CONSTANT * size:
+        return low - (0.5 * size or 1.0), high + (0.5 * size or 1.0)
     return low, high

@@ -55,14 +55,15 @@ def _framed(frame: Frame, image: Image.Image) -> Image.Image:
     unit = max(10, round(min(image.size) / 45))
     font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
     mapped = [legend for legend in frame.legends if legend.palette]
-    bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, image.height, small) for legend in mapped]
+    tall = max(image.height, 6 * unit if mapped else 0)  # what numbers beside a bar need
+    bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, tall, small) for legend in mapped]
     title = frame.scene.title if frame.scene.title is not None else mapped[0].title if len(mapped) == 1 else ""
     width = max(image.width + 2 * unit + sum(bar.width for bar in bars), round(font.getlength(title)) + 3 * unit)
     below = notes(frame, width - 2 * unit, small)
 
     # title and image, then what stands beside and below them
     top, foot = 3 * unit if title or any(bar.name for bar in bars) else unit, round(1.6 * unit)
-    sheet = Image.new("RGB", (width, image.height + top + unit + foot * len(below)), "white")
+    sheet = Image.new("RGB", (width, tall + top + unit + foot * len(below)), "white")
     sheet.paste(image, (unit, top))
     draw = ImageDraw.Draw(sheet)
     draw.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
@@ -71,9 +72,9 @@ def _framed(frame: Frame, image: Image.Image) -> Image.Image:
         bar.draw(sheet, (x, top))
         x += bar.width
     for number, line in enumerate(below):
-        draw.text((unit, top + image.height + unit + foot * number), line, fill=INK, font=small, anchor="lt")
+        draw.text((unit, top + tall + unit + foot * number), line, fill=INK, font=small, anchor="lt")
     if min(image.size) >= 16 * unit and not frame.view.faces_ground:
-        _axes(frame, sheet, (unit, top + image.height), unit, small)
+        _axes(frame, sheet, (unit, top), unit, small)
     return sheet
 
 
@@ -135,8 +136,8 @@ def _note(legend: Legend, typed: set[float], width: float, font: Font) -> list[s
     words = [f"{shortest(value if value in typed else round(value, decimals))}," for value in values]
     if len(values) > 16:
         words = [*words[:3], "…", words[-1]]
-    lines = [f"contours of {legend.title} at"]
-    for word in [*words[:-1], words[-1].rstrip(",")]:
+    lines = ["contours"]
+    for word in ["of", legend.title, "at", *words[:-1], words[-1].rstrip(",")]:
         longer = f"{lines[-1]} {word}"
         if font.getlength(longer) <= width:
             lines[-1] = longer
@@ -145,17 +146,35 @@ def _note(legend: Legend, typed: set[float], width: float, font: Font) -> list[s
     return lines
 
 
+def _emptiest(frame: Frame, side: int) -> tuple[int, int, bool]:
+    """Column and row of a corner's square, with the disc where least is seen, lower left if possible; if nothing is."""
+    x, y = np.meshgrid(*2 * [np.arange(side) + 0.5 - side / 2])
+    disc = np.hypot(x, y) < side / 2
+    columns, rows = (0, frame.view.width - side), (frame.view.height - side, 0)
+    places = [(x, y) for y in rows for x in columns]
+    seen = [int((frame.status[y : y + side, x : x + side] != 0)[disc].sum()) for x, y in places]
+    return *places[int(np.argmin(seen))], min(seen) == 0
+
+
 #: colours of the arrows along x, y and z
 AXES = ((200, 40, 40), (30, 140, 30), (40, 70, 200))
 
 
 def _axes(frame: Frame, sheet: Image.Image, corner: tuple[int, int], unit: int, font: Font) -> None:
-    """Arrows along x, y and z in the lower left corner of the image, those that point away from the viewer first."""
+    """Arrows along x, y and z in a corner of the image, those that point away from the viewer first.
+
+    Where all corners show data, a pale disc keeps them legible.  ``corner`` is that of the image.
+    """
     right, up, forward = frame.view.camera.basis()
     side, finer = 7 * unit, 4
     shape = (side * finer, side * finer)
     arrows, middle = Image.new("L", shape), np.array([0.5, 0.5]) * shape
-    place = (corner[0], corner[1] - side)
+    column, row, free = _emptiest(frame, side)
+    place = (corner[0] + column, corner[1] + row)
+    if not free:
+        disc = Image.new("L", shape)
+        ImageDraw.Draw(disc).ellipse((0, 0, shape[0] - 1, shape[1] - 1), fill=110)
+        sheet.paste((255, 255, 255), place, disc.resize((side, side), Image.Resampling.LANCZOS))
     for axis in np.argsort(-forward):
         tip = middle + 2.4 * unit * finer * np.array([right[axis], -up[axis]])
         along = tip - middle

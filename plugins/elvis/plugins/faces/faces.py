@@ -65,7 +65,8 @@ class Faces:
         for word in words:
             found = self._named(word)
             if not any(mask.any() for mask in found):
-                raise ElvisError(f"no face of the data belongs to {word!r}")
+                there = ", ".join(sorted({block.solid for block in self.blocks}))
+                raise ElvisError(f"no face of the data belongs to {word!r}: the shapes are {there}")
             chosen = [mask | more for mask, more in zip(chosen, found, strict=True)]
         return tuple(np.flatnonzero(mask) for mask in chosen)
 

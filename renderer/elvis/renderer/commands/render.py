@@ -68,7 +68,12 @@ OPTIONS = {
     "plane": _many("--plane", "planes", metavar="POINT:NORMAL", parse="plane", help="A cut plane; repeatable."),
     "objects": [
         _many("--cut", "cuts", metavar="SURFACE", parse="surface", help=CUT),
-        _many("--faces", metavar="NAMES", parse="faces", help="Faces: all, boundaries, element:ID, shape:NAME."),
+        _many(
+            "--faces",
+            metavar="NAMES",
+            parse="faces",
+            help="Any of all, inner, a boundary's name, element:ID, shape:NAME, region:NAME.",
+        ),
         _many("--isosurface", "isosurfaces", metavar="[Q=]V,V", parse="isosurface", help="Where Q is V."),
         _many("--volume", "volumes", metavar="[Q=]V:D,V:D", parse="volume", help="Fog: density D where Q is V."),
         _option("--contours", metavar="N|V,V", parse="contours", help="N contour lines, or those of values."),

@@ -107,7 +107,7 @@ class Faces:
     style: Style = field(default_factory=Style)
 
     def __post_init__(self) -> None:
-        check(self.select, "select of faces", "all, boundaries or elements", "none")
+        check(self.select, "select of faces", "all, names of boundaries or elements", "none")
 
 
 @dataclass(frozen=True)
