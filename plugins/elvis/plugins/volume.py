@@ -43,6 +43,8 @@ class Quantity:
     degree   as Part.degree, of the part's map and the quantity's values
     bounds   optional: certified least and greatest value of each element, (n,) each, NaN where it is not a number
     is_distance  whether its value is the distance to the first of the surfaces in its buffers (`distances`)
+    level    optional, where degree is 0: for a value, a quantity with a degree and the value that this one has in the same
+             places, but for poles; None where none is known
     """
 
     type: str
@@ -51,6 +53,7 @@ class Quantity:
     degree: int = 0
     bounds: Callable[[], tuple[Floats, Floats]] | None = None
     is_distance: bool = False
+    level: Callable[[float], tuple[Quantity, float] | None] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,7 @@ class Part:
     affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
                  coordinates; their hull points are these corners
     shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy (`twins`)
-    is_distance  as Quantity.is_distance, of the part's own field
+    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
 
@@ -99,6 +102,7 @@ class Part:
     shape: Shape | None = None
     unit: bool = False
     is_distance: bool = False
+    level: Callable[[float], tuple[Quantity, float] | None] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Bools, Floats
 from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
+from elvis.renderer.solids import sampled
 from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
 from elvis.renderer.view import View
 
@@ -55,20 +56,48 @@ class IsosurfaceDrawer:
         if self.loaded.dimension != 3:
             raise SceneError("isosurfaces are drawn of 3D data: draw contours of 2D data")
         self.counts = {"flat": 0, "undefined": 0, "pieces": 0}
-        hits = None
+        hits, stands_in, unproved = None, False, np.zeros(view.count, bool)
         before = self.device.buffer(np.zeros(view.count) if beyond is None else beyond)
         for number in range(len(self.loaded.parts)):
-            straight = self.traversal.is_straight(number, quantity)
-            draw = self._kernel("iso_line" if straight else "iso_draw", number, quantity)
+            own, level = self.loaded.leveled(number, quantity, value)
+            stands_in |= own != quantity
+            unproved = unproved | self._unproved(view, number, own, level)
+            straight = self.traversal.is_straight(number, own)
+            draw = self._kernel("iso_line" if straight else "iso_draw", number, own)
             if hits is None:
                 hits = self.device.buffer(np.zeros(view.count, draw.dtype("hits")))
-            buffers = {**self.loaded.bound(number, quantity), "hits": hits, "beyond": before}
+            buffers = {**self.loaded.bound(number, own), "hits": hits, "beyond": before}
             if straight:
-                self._draw_straight(draw, view, number, quantity, value, buffers)
+                self._draw_straight(draw, view, number, own, level, buffers)
             else:
-                self._draw_pieces(draw, view, number, quantity, value, buffers)
+                self._draw_pieces(draw, view, number, own, level, buffers)
         assert hits is not None
-        return _layer(self.device.read(hits, draw.dtype("hits")))
+        layer = _layer(self.device.read(hits, draw.dtype("hits")), value)
+        layer.status[unproved & (layer.status == Status.MISS)] = Status.AMBIGUOUS
+        if stands_in:
+            self._check_poles(layer, quantity, value)
+        return layer
+
+    def _unproved(self, view: View, number: int, quantity: str | None, value: float) -> Bools:
+        """(n,) pixels that may see elements with the value, of which nothing is proved as they are no polynomials."""
+        if self.traversal.degree(number, quantity) > 0:
+            return np.zeros(view.count, bool)
+        low, high = self.traversal.bounds(number, quantity)
+        boxes = self.loaded.parts[number].boxes.astype(np.float64)
+        corners = np.stack([boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
+        sections = seen(view, corners, (low <= value) & (high >= value))
+        edges = np.zeros((view.height + 1, view.width + 1), np.int64)
+        (x0, y0), (x1, y1) = sections["least"][:, :2].T, sections["most"][:, :2].T + 1
+        for x, y, sign in ((x0, y0, 1), (x1, y0, -1), (x0, y1, -1), (x1, y1, 1)):
+            np.add.at(edges, (y, x), sign)
+        return np.asarray(edges.cumsum(axis=0).cumsum(axis=1)[:-1, :-1].reshape(-1) > 0)
+
+    def _check_poles(self, layer: Layer, quantity: str | None, value: float) -> None:
+        """Hits are ambiguous where the quantity has not the value that its stand-in says: at its poles."""
+        hit = layer.owner != NOBODY
+        found = sampled(self.loaded, layer, quantity)[hit]
+        wrong = ~np.isfinite(found) | (np.abs(found - value) > 1e-6 * abs(value) if value else False)
+        layer.status[np.flatnonzero(hit)[wrong]] = Status.AMBIGUOUS
 
     def _draw_straight(
         self,
@@ -201,7 +230,7 @@ def _series(degree: int) -> tuple[Floats, Floats]:
     return np.cos(angles), transform
 
 
-def _layer(hits: NDArray[Any]) -> Layer:
+def _layer(hits: NDArray[Any], value: float) -> Layer:
     """The record of the kernels, in the layout of layers."""
     missed = hits["owner"] == 0
     owner = np.where(missed, NOBODY, hits["owner"] - 1).astype(np.uint32)
@@ -209,7 +238,7 @@ def _layer(hits: NDArray[Any]) -> Layer:
     doubtful = (hits["doubt"] > 0) & (hits["doubt"] <= depth) | (hits["ambiguous"] != 0)
     status = np.where(missed, Status.MISS, Status.CERTAIN)
     status[doubtful] = Status.AMBIGUOUS
-    field = np.where(missed, np.nan, hits["field"])
+    field = np.where(missed, np.nan, value)
     nowhere = missed[:, None]
     reference, normal = (np.where(nowhere, np.nan, hits[name]) for name in ("reference", "normal"))
     return Layer(owner, field, reference, depth, normal, status.astype(np.uint8))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +30,8 @@ class Loaded:
 
     def __init__(self, device: Device, volume: Volume) -> None:
         device.include(volume.shader_folder)
-        self.device, self.parts, self.dimension = device, volume.parts, volume.dimension
+        self.device, self.parts, self.dimension = device, list(volume.parts), volume.dimension
+        self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
         self.bytes, self._brought = 0, dict[int, "slangpy.Buffer"]()
         self._bounds: dict[str | None, slangpy.Buffer] = {}
         self.buffers = [self._bring(part.buffers) for part in self.parts]
@@ -46,6 +48,17 @@ class Loaded:
         """The buffers of a part, or of one of its quantities, by name."""
         own = {} if quantity is None else self._bring(self.parts[number].quantities[quantity].buffers)
         return {**self.buffers[number], **own}
+
+    def leveled(self, number: int, quantity: str | None, value: float) -> tuple[str | None, float]:
+        """A quantity of a part and its value that are in the same places, those of a polynomial where one is known."""
+        part, key = self.parts[number], (number, f"{quantity} at {value!r}")
+        own = part if quantity is None else part.quantities[quantity]
+        if key not in self._levels:
+            self._levels[key] = quantity, value
+            if own.level is not None and (found := own.level(value)) is not None:
+                self.parts[number] = replace(part, quantities={**part.quantities, key[1]: found[0]})
+                self._levels[key] = key[1], found[1]
+        return self._levels[key]
 
     def bounds(self, quantity: str | None = None) -> slangpy.Buffer:
         """On the device, by running number of elements, the certified bounds of a quantity in single precision."""

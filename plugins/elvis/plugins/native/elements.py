@@ -18,6 +18,7 @@ from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_coeffi
 from elvis.formats.quantities import Expression, pointwise
 from elvis.formats.quantities.attributes import Attributes, from_ideal, is_constant
 from elvis.formats.quantities.cells import Cells
+from elvis.formats.quantities.levels import same_level
 from elvis.formats.quantities.tree import Node
 from elvis.formats.shapes import Shape
 from elvis.plugins.distances import buffers_of
@@ -29,6 +30,8 @@ from elvis.plugins.volume import Part, Quantity
 
 #: highest degree of expressions whose isosurfaces are found as those of polynomials
 HIGHEST = 8
+#: the same of those that only isosurfaces ask for, in straight tetrahedra
+HIGHEST_STRAIGHT = 16
 #: elements whose bounds are found together
 _CELLS = 4096
 
@@ -79,6 +82,7 @@ class Elements:
             affine=self._is_affine and shape is Shape.TETRAHEDRON,
             bounds=own.bounds,
             is_distance=own.is_distance,
+            level=own.level,
         )
 
     @cached_property
@@ -87,8 +91,8 @@ class Elements:
         found = (own.homogeneous for patch in self.patches for own in patch.fields if own is not None)
         return next((series for series in found if series), None)
 
-    def _quantity(self, expression: Expression) -> Quantity:
-        """The type and buffers of an expression on these elements."""
+    def _quantity(self, expression: Expression, *, bounded: bool = False) -> Quantity:
+        """The type and buffers of an expression on these elements; ``bounded`` where it stands for another's level."""
         names = expression.fields if len(expression.fields) < 2 else self._several
         space, net = self._net(names)
         shape = self.geometry.shape
@@ -105,10 +109,20 @@ class Elements:
         formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions))
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
-        known = 0 if found is None or found > HIGHEST or self.series else max(*self.geometry.degrees, found)
-        bounds = partial(self._certified, expression) if formula.targets and not self.series else None
+        highest = HIGHEST_STRAIGHT if bounded and self._is_affine and shape is Shape.TETRAHEDRON else HIGHEST
+        known = 0 if found is None or found > highest or self.series else max(*self.geometry.degrees, found)
+        bounds = partial(self._certified, expression) if (bounded or not known) and not self.series else None
         plain = expression.root.op == "attribute" and bool(formula.targets)
-        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known, bounds, plain)
+        level = None if known or plain else partial(self._level, expression)
+        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known, bounds, plain, level)
+
+    def _level(self, expression: Expression, value: float) -> tuple[Quantity, float] | None:
+        """As Quantity.level, of an expression."""
+        found = same_level(expression.root, value)
+        if found is None:
+            return None
+        quantity = self._quantity(Expression(f"{expression.text} at {value!r}", found[0]), bounded=True)
+        return (quantity, found[1]) if quantity.degree else None
 
     def _certified(self, expression: Expression) -> tuple[Floats, Floats]:
         """(n,) what an expression is not less and not greater than on each element, by interval arithmetic."""

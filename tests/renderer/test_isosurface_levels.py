@@ -1,0 +1,112 @@
+"""Isosurfaces of expressions with roots and quotients: those of polynomials that have values in the same places."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.dataset import Dataset
+from elvis.formats.quantities import Expression, Names
+from elvis.formats.quantities.levels import same_level
+from elvis.formats.quantities.sampling import Sampler
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import approximated, curved, grid, ripple
+from elvis.plugins.serving import volume_of
+from elvis.renderer import Camera, Status
+from elvis.renderer.isosurface import IsosurfaceDrawer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.view import View
+
+COUNT = 160
+VIEW = View.through(Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.5), fov=32), (32, 26))
+
+
+def gas(shape, bend, modes):
+    mesh = curved(grid(shape, 2), ripple(bend), n=3) if bend else grid(shape, 2)
+    functions = {
+        "u": lambda p: np.sin(3 * p[:, 0] + p[:, 1]),
+        "v": lambda p: np.cos(2 * p[:, 1] - p[:, 2]),
+        "p": lambda p: 1 + 0.5 * np.sin(4 * p[:, 2] + p[:, 0]),
+        "rho": lambda p: 1.2 + 0.4 * np.cos(3 * p[:, 0] * p[:, 1]),
+    }
+    return Dataset(mesh, tuple(approximated(Dataset(mesh), name, f, modes) for name, f in functions.items()))
+
+
+CASES = [
+    (Shape.TETRAHEDRON, 0.0, "sqrt(u^2+v^2)", 0.8, True),
+    (Shape.TETRAHEDRON, 0.0, "sqrt(u^2+v^2)/sqrt(1.4*p/rho)", 0.7, True),
+    (Shape.HEXAHEDRON, 0.05, "p/rho", 0.8, True),
+    (Shape.HEXAHEDRON, 0.0, "u/p*tanh(v)", 0.1, False),
+]
+
+
+@pytest.mark.parametrize(("shape", "bend", "text", "value", "proved"), CASES)
+def test_nothing_certain_is_refuted_by_dense_samples(renderer, shape, bend, text, value, proved):
+    dataset = gas(shape, bend, 3)
+    layer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(dataset, [text]))).draw(VIEW, None, value)
+    sampler = Sampler(dataset, [Expression.of(dataset, text)])
+    origins, ways = VIEW.every_ray()
+    hit, sure = np.isfinite(layer.depth), layer.status != Status.AMBIGUOUS
+    assert hit.mean() > 0.04
+    assert (sure[hit].mean() > 0.95) == proved
+    assert (layer.field[hit] == value).all()
+    found = sampler.sample((origins + layer.depth[:, None] * ways)[hit], all=True)
+    near = np.abs(found.values[:, 0] - value) < 1e-9
+    assert set(found.location.point[near]) == set(range(hit.sum()))
+
+    depths = np.linspace(1.5, 5.0, COUNT)
+    dense = sampler.sample((origins[:, None] + depths[:, None] * ways[:, None]).reshape(-1, 3))
+    element = dense.location.element_id.reshape(-1, COUNT)
+    above = np.where(element >= 0, dense.values[:, 0].reshape(-1, COUNT) - value, np.nan)
+    crosses = (above[:, 1:] * above[:, :-1] < 0) & (element[:, 1:] == element[:, :-1])
+    first = np.where(crosses.any(axis=1), depths[1 + crosses.argmax(axis=1)], np.inf)
+    assert crosses.any()
+    assert (layer.depth[sure] <= first[sure]).all()
+
+
+TEXTS = {
+    "sqrt(x^2+y^2)": 0.7,
+    "2*sqrt(x*x+y*y)+1": 2.1,
+    "3-x/(1+y^2)": 2.8,
+    "1/(1+x^2)": 0.8,
+    "exp(-x*y)": 0.9,
+    "log(1+x*x)": 0.2,
+    "abs(x)/sqrt(1+y)": 0.3,
+    "(x/y)^2": 0.5,
+    "tanh(x-y)": 0.25,
+}
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_levels_are_in_the_same_places(text):
+    """Bisection along random lines: the expression has its value where the other one has its own."""
+    names = Names(("u",))
+    level = same_level(Expression.parse(text, names).root, TEXTS[text])
+    assert level is not None
+    rng = np.random.default_rng(1)
+    ends = rng.uniform(0.05, 1.5, (2, 400, 2))
+    other = [evaluated(level[0], end) - level[1] for end in ends]
+    own = [evaluated(Expression.parse(text, names).root, end) - TEXTS[text] for end in ends]
+    assert np.array_equal(other[0] * other[1] < 0, own[0] * own[1] < 0)
+    assert (own[0] * own[1] < 0).any()
+
+
+def evaluated(root, points):
+    """(n,) an expression of x and y at points (n, 2)."""
+    from elvis.formats.quantities.functions import function
+    from elvis.formats.quantities.tree import folded
+
+    def leaf(node):
+        return np.full(len(points), node.value) if node.op == "number" else points[:, node.axes[0]]
+
+    return folded(root, leaf, lambda node, parts: function(node).numpy(*parts))
+
+
+def test_values_that_nothing_has_and_what_is_no_quotient_have_no_other_level():
+    names = Names(("u", "v"))
+    for text, value in (
+        ("sqrt(u)", -1.0),
+        ("min(u, v)", 0.2),
+        ("sin(u)", 0.1),
+        ("exp(u)", -0.5),
+        ("sqrt(u)*sqrt(v)", 1.0),
+    ):
+        assert same_level(Expression.parse(text, names).root, value) is None
