@@ -68,6 +68,8 @@ def test_time_limits(draw, cube):
     with pytest.raises(SceneError, match="not done after 1e-06 s, the time limit: nothing is written"):
         draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e-6)
     assert draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e3).seen.any()
+    with pytest.raises(SceneError, match="the time limit: nothing is written"):
+        draw(cube, plane=PLANE, size=(40, 30), timeout=1e-6)
     with pytest.raises(SceneError, match="timeout: expected seconds above 0, found 0"):
         Scene("u", timeout=0.0)
 

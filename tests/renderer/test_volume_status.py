@@ -11,7 +11,7 @@ from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, with_field
 from elvis.formats.writing import write
 from elvis.plugins import command
-from elvis.renderer import Camera, SceneError, Status
+from elvis.renderer import Camera, Isosurface, SceneError, Status
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.scene import Transfer, VolumeRendering
 from elvis.renderer.view import View
@@ -47,6 +47,27 @@ def test_elements_without_numbers_are_marked_counted_and_told(draw):
     assert holed.stats["remarks"] == ["elements left out of a volume because their u is not a number: 6"]
     assert whole.stats["remarks"] == []
     assert whole.stats["volume"]["undefined"] == whole.stats["volume"]["inverted_elements"] == 0
+
+
+def test_isosurfaces_without_some_elements_are_marked_counted_and_told(draw):
+    """Nothing is certain where an element without numbers may hide the surface; all else is as it was."""
+    data = without_numbers(rising(grid(Shape.TETRAHEDRON, 2)), 6)
+    level = Isosurface((0.3,))
+    whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(level,)) for own in (rising(data.mesh), data))
+    certain = holed.status == Status.CERTAIN
+    assert holed.stats["remarks"] == ["elements left out of an isosurface because their u is not a number: 6"]
+    assert (holed.status == Status.AMBIGUOUS).sum() > 20
+    assert (whole.status[certain] == Status.CERTAIN).all()
+    assert np.array_equal(holed.element[certain], whole.element[certain])
+    assert whole.stats["remarks"] == []
+
+
+def test_an_isosurface_of_a_constant_is_empty_and_the_reason_is_told(draw):
+    data = rising(grid(Shape.TETRAHEDRON, 1))
+    block = data.fields[0].blocks[0]
+    flat = (replace(data.fields[0], blocks=(replace(block, coefficients=0.0 * block.coefficients),)),)
+    with pytest.raises(SceneError, match=r"nothing of any object is seen; .* because their u is 0 all over"):
+        draw(Dataset(data.mesh, flat), camera=CAMERA, size=SIZE, objects=(Isosurface((0.0,)),))
 
 
 @pytest.mark.parametrize("modes", [2, 3])

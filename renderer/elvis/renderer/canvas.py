@@ -47,6 +47,7 @@ class Canvas:
     records   whether fields, elements, positions and normals are kept; else colours and statuses alone
     most      pixels that are drawn at once
     progress  is told how much of how much is done
+    start     when the time began that the scene limits, by perf_counter
     """
 
     scene: Scene
@@ -55,13 +56,13 @@ class Canvas:
     records: bool = True
     most: int = BAND
     progress: Callable[[int, int], object] = lambda done, total: None
+    start: float = field(default_factory=perf_counter)
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_memory(self.view, self.records)
-        self.start, self.done, self.total, self.undefined = perf_counter(), 0, 0, 0
+        self.done, self.total, self.undefined = 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
-        self.stages.volumes.pulse = self._check_time
         self.sheets = self.stages.sheets(self.scene)
         self.arrays = _arrays(self.view, self.records and self.view.count > self.most)
 
@@ -153,9 +154,14 @@ class Canvas:
         return np.asarray(total)
 
     def _check_time(self) -> None:
-        limit = self.scene.timeout
-        if limit is not None and perf_counter() - self.start > limit:
-            raise SceneError(f"the picture was not done after {limit:g} s, the time limit: nothing is written")
+        check_time(self.scene, self.start)
+
+
+def check_time(scene: Scene, start: float) -> None:
+    """SceneError where the time limit of a scene has passed since ``start``."""
+    limit = scene.timeout
+    if limit is not None and perf_counter() - start > limit:
+        raise SceneError(f"the picture was not done after {limit:g} s, the time limit: nothing is written")
 
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any, TypeAlias, cast
 
@@ -20,7 +21,7 @@ from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import dimension_of, names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
-from elvis.renderer.canvas import BAND, Canvas
+from elvis.renderer.canvas import BAND, Canvas, check_time
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.errors import DeviceError, DeviceLostError, SceneError
@@ -202,16 +203,18 @@ class Renderer:
         """A picture of the volume; the scene has objects.  Only exact records need reference coordinates."""
         start, frame, most = perf_counter(), None, BAND
         while frame is None:
+            self.stages.volumes.pulse = partial(check_time, scene, start)
             try:
-                frame = self._drawn(scene, references, most)
+                frame = self._drawn(scene, references, most, start)
             except DeviceLostError as error:
                 most //= 8
                 if most < FEWEST:
                     raise DeviceError(f"{error}, even where it draws a few rows of the picture at a time") from error
                 self._reopen()
+        check_time(scene, start)
         if not frame.status.any():
             boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
-            raise SceneError(missed(scene.only_plane, boxes))
+            raise SceneError("; ".join([missed(scene.only_plane, boxes), *frame.stats.get("remarks", ())]))
         frame.stats.update(
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
             elements=len(self.stages.loaded.ids) - 1,
@@ -220,12 +223,13 @@ class Renderer:
         frame.stats["seconds"] = {**self.seconds, **frame.stats.get("seconds", {}), "frame": perf_counter() - start}
         return frame
 
-    def _drawn(self, scene: Scene, references: bool, most: int) -> Frame:
+    def _drawn(self, scene: Scene, references: bool, most: int, start: float) -> Frame:
         """A frame of which so many pixels at most are drawn at once."""
         view = self._view(scene)
+        check_time(scene, start)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references)
-        return Canvas(scene, view, self.stages, references, most, self.progress).frame()
+        return Canvas(scene, view, self.stages, references, most, self.progress, start).frame()
 
     def _reopen(self) -> None:
         """A new device in place of one that was lost, with the same volume."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.judging.validity import Verdict, validity
@@ -23,6 +23,7 @@ from elvis.renderer.cut import Cutter
 from elvis.renderer.distance import DistanceDrawer
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
+from elvis.renderer.frame import Status
 from elvis.renderer.hits import outside
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.layer import Layer
@@ -123,17 +124,33 @@ class Stages:
         return count
 
     def remarks(self, scene: Scene, gathered: Mapping[str, int]) -> Iterator[str]:
-        """What a user should know of volumes and what rays gathered in them."""
+        """What a user should know of volumes, of what rays gathered in them, and of what isosurfaces leave out."""
         volumes = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
         if volumes and self.inverted:
             yield f"elements that are inverted, all or in part, and drawn nonetheless: {self.inverted}"
         for name in dict.fromkeys(item.quantity or scene.field for item in volumes):
-            own, parts = self.named(name, scene), range(len(self.loaded.parts))
-            bounds = [self.volumes.traversal.bounds(n, own)[0] for n in parts]
-            if left := sum(int(np.isnan(low).sum()) for low in bounds):
+            if left := len(self._undefined(self.named(name, scene))):
                 yield f"elements left out of a volume because their {name} is not a number: {left}"
+        levels = [item for item in scene.every_object if isinstance(item, Isosurface)]
+        for name in dict.fromkeys(item.quantity or scene.field for item in levels):
+            if left := len(self._undefined(self.named(name, scene))):
+                yield f"elements left out of an isosurface because their {name} is not a number: {left}"
+        for name, value in dict.fromkeys((item.quantity or scene.field, v) for item in levels for v in item.values):
+            if flat := sum(int((ends == value).all(axis=0).sum()) for ends in self._ends(self.named(name, scene))):
+                yield f"elements left out of an isosurface because their {name} is {value:g} all over: {flat}"
         if gathered["lost"]:
             yield f"places along rays in a volume that were not found: {gathered['lost']}"
+
+    def _ends(self, own: str | None) -> list[Floats]:
+        """For each part the certified least and greatest values (2, n) of a quantity on its elements."""
+        return [np.stack(self.volumes.traversal.bounds(n, own)) for n in range(len(self.loaded.parts))]
+
+    def _undefined(self, own: str | None) -> Ints:
+        """Global ids of the elements on which a quantity is not a number."""
+        ends = self._ends(own)
+        return np.concatenate(
+            [part.element_ids[np.isnan(low)] for part, (low, _) in zip(self.loaded.parts, ends, strict=True)]
+        )
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""
@@ -195,8 +212,17 @@ class Stages:
 
     def _at_level(self, view: View, quantity: str | None, value: float, beyond: Floats | None) -> Layer:
         """The isosurface of a quantity."""
-        drawer = self.distances if self.distances.knows(quantity) else self.isosurfaces
-        return drawer.draw(view, quantity, value, beyond)
+        if self.distances.knows(quantity):
+            return self.distances.draw(view, quantity, value, beyond)
+        layer, left = self.isosurfaces.draw(view, quantity, value, beyond), self._undefined(quantity)
+        return self._marked(layer, view, left, beyond) if len(left) and self.dataset is not None else layer
+
+    def _marked(self, layer: Layer, view: View, left: Ints, beyond: Floats | None) -> Layer:
+        """The layer, ambiguous where elements that were left out may hide it."""
+        faces = replace(self.faces.faces, regions={"left": left})
+        before = FaceDrawer(self.loaded, faces).draw(view, ("region:left",), beyond).depth < layer.depth
+        status = np.where(before, np.uint8(Status.AMBIGUOUS), layer.status)
+        return replace(layer, status=status)
 
     def _in_range(self, name: str, value: float) -> None:
         """SceneError where a quantity, by its certified bounds, has the value nowhere."""
