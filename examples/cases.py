@@ -9,8 +9,6 @@ hemisphere   about 440 quadratic tetrahedra of half a ball, a cubic wave
 folded       one quadratic tetrahedron whose node (0.5, 0, 0) was moved to (0.5, 0, 0.6): it intersects itself.  Its
              field is its Jacobian determinant in parts of that of the straight one, 1 - 2.4 x' at reference points x'
 twist        about 800 tetrahedra of a bent and twisted bar, maps of order 4, a field of order 7 that varies strongly
-distance     the mesh of delta with cubics that approximate the distance to the wing, right (distance; figure 9 draws
-             the exact one instead) and with a planted bug (careless)
 
 Running it again gives the same bytes.
 """
@@ -116,12 +114,6 @@ def twist(quick: bool) -> Dataset:
     return with_fields(replace(straight, mesh=curved(straight.mesh, bend, 5)), {"u": field}, order=7)
 
 
-def distances(quick: bool) -> Dataset:
-    """Distances to the delta wing."""
-    functions: dict[str, Function] = {"distance": delta.distance, "careless": delta.careless_distance}
-    return with_fields(delta.mesh(0.5 if quick else 1.0), functions, order=3)
-
-
 def with_fields(dataset: Dataset, functions: dict[str, Function], order: int) -> Dataset:
     """The best approximations of some functions of the world coordinates (n, 3), on each element by itself."""
     bare = replace(dataset, fields=(), metadata={}, time=None)
@@ -142,7 +134,6 @@ CASES = {
     "hemisphere": Case(hemisphere),
     "folded": Case(folded, invalid=1),
     "twist": Case(twist),
-    "distance": Case(distances),
 }
 
 

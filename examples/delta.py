@@ -110,12 +110,7 @@ def _lamb(square: Floats, core: Floats) -> Floats:
 
 def distance(points: Floats) -> Floats:
     """(n,) distance to the wing."""
-    return np.min([_triangle_distance(points, triangle, (0.0, 1.0)) for triangle in TRIANGLES], axis=0)
-
-
-def careless_distance(points: Floats) -> Floats:
-    """The same with a bug: edges have no ends, their whole lines count."""
-    return np.min([_triangle_distance(points, triangle, (-np.inf, np.inf)) for triangle in TRIANGLES], axis=0)
+    return np.min([_triangle_distance(points, triangle) for triangle in TRIANGLES], axis=0)
 
 
 def _height(points: Floats, triangle: Floats) -> Floats:
@@ -137,10 +132,10 @@ def _normal(triangle: Floats) -> Floats:
     return np.asarray(normal / np.linalg.norm(normal))
 
 
-def _triangle_distance(points: Floats, triangle: Floats, ends: tuple[float, float]) -> Floats:
-    """(n,) distance to a triangle (3, 3): to its plane above and below it, else to an edge between its ``ends``."""
+def _triangle_distance(points: Floats, triangle: Floats) -> Floats:
+    """(n,) distance to a triangle (3, 3): to its plane above and below it, else to an edge."""
     edges = np.full(len(points), np.inf)
     for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
-        t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), *ends)
+        t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
         edges = np.minimum(edges, np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
     return np.where(_above(points, triangle), _height(points, triangle), edges)

@@ -35,7 +35,7 @@ def least(corners: int, bend: Floats, slope: Floats) -> Floats:
     convex = (ss > 0) & (tt > 0) & (determinant > 1e-14 * ss * tt)
     with np.errstate(divide="ignore", invalid="ignore"):
         inner = np.stack([st * slope[:, 1] - tt * slope[:, 0], st * slope[:, 0] - ss * slope[:, 1]]) / determinant
-    inside = convex & _holds(corners, inner.T)
+        inside = convex & _holds(corners, inner.T)
     result[inside] = inner.T[inside]
     return result
 
