@@ -92,6 +92,7 @@ class Device:
         self._folders = [SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
+        self.bytes_made = 0  # of all buffers so far
 
     def close(self) -> None:
         """Give the device back; it can't be used any more."""
@@ -126,6 +127,7 @@ class Device:
 
         usage = slangpy.BufferUsage.shader_resource | slangpy.BufferUsage.unordered_access
         usage |= slangpy.BufferUsage.copy_source | slangpy.BufferUsage.copy_destination
+        self.bytes_made += count * dtype.itemsize
         try:
             # plain bytes that could be written to: slangpy takes no other arrays
             raw = None if data is None else data.view(np.uint8)
