@@ -61,7 +61,7 @@ def claims_of(*rows):
 def settled(owners, *claims):
     owner = np.array(owners, np.uint32)
     status = np.where(owner == NOBODY, Status.MISS, Status.CERTAIN).astype(np.uint8)
-    pixels = Pixels(np.where(owner == NOBODY, np.nan, 100.0 + owner), owner, np.zeros((len(owner), 3)), status)
+    pixels = Pixels(owner, status)
     settle(pixels, [claims_of(*rows) for rows in claims])
     return pixels
 
@@ -85,8 +85,9 @@ def test_who_owns_a_pixel_that_nobody_took(claims, owner, status):
         pixels = settled([NOBODY, NOBODY], order)
         assert pixels.owner.tolist() == [owner, NOBODY]
         assert pixels.status.tolist() == [status, Status.MISS]
-        assert np.isnan(pixels.field[0]) if owner == NOBODY else pixels.field[0] == 100 + owner
-        assert owner == NOBODY or (pixels.reference[0] == owner).all()
+        granted = [claim for some in pixels.granted for claim in some]
+        assert not granted if owner == NOBODY else granted[-1]["field"] == 100 + owner
+        assert owner == NOBODY or (granted[-1]["reference"] == owner).all()
 
 
 @pytest.mark.parametrize(
@@ -101,7 +102,8 @@ def test_who_owns_a_pixel_that_nobody_took(claims, owner, status):
 )
 def test_a_pixel_that_has_an_owner_goes_to_a_lower_number_only(claim, owner):
     pixels = settled([8], [claim])
-    assert (pixels.owner[0], pixels.field[0], pixels.status[0]) == (owner, 100 + owner, Status.CERTAIN)
+    assert (pixels.owner[0], pixels.status[0]) == (owner, Status.CERTAIN)
+    assert [claim["field"] for some in pixels.granted for claim in some] == [100 + owner] * (owner != 8)
 
 
 def test_claims_of_all_parts_count_together():

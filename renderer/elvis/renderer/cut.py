@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from elvis.plugins.volume import Part
 from elvis.renderer.device import Kernel
 from elvis.renderer.gaps import Gaps
+from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.proof import proved
@@ -49,8 +50,8 @@ class Cutter:
         self.tiles = 0
         self.references = True
 
-    def draw(self, view: PlaneView, *, references: bool = True) -> Pixels:
-        """The pixels of one view; without reference coordinates they are there a little sooner."""
+    def draw(self, view: PlaneView, *, references: bool = True) -> Layer:
+        """What one view shows; without reference coordinates it is there a little sooner."""
         self.references = references
         self.clock, self.tiles = Clock(), 0
         count = view.width * view.height
@@ -67,14 +68,17 @@ class Cutter:
             if len(sections[number]):
                 claims.append(self._draw_part(number, view, sections[number], image))
         with self.clock.stage("read"):
-            pixels = self._read(image, count)
+            owner = self.device.read(image["owner"], np.uint32)
+            pixels = Pixels(owner, (owner != NOBODY).view(np.uint8))  # Status.MISS is 0, Status.CERTAIN 1
         with self.clock.stage("settle"):
             settle(pixels, [some[some["verdict"] != UNKNOWN] for some in claims])
-            left = [some[(some["verdict"] == UNKNOWN) & (pixels.owner[some["pixel"]] == NOBODY)] for some in claims]
+            left = [some[some["verdict"] == UNKNOWN] for some in claims]
             settle(pixels, [proved(self.parts, view, some) for some in left if len(some)])
         with self.clock.stage("gaps"):
             self.gaps.close(view, pixels, sections)
-        return pixels
+        with self.clock.stage("grant"):
+            self._grant(pixels.granted, image)
+        return Layer.of_cut(self.device, view, pixels, image)
 
     def _draw_part(
         self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, slangpy.Buffer]
@@ -111,8 +115,9 @@ class Cutter:
         return sections[np.argsort(sections["element"])]
 
     def _retry(self, number: int, view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:
-        """Claims without doubt where the thorough search can settle them; element numbers made running."""
-        if not len(claims):
+        """Claims, element numbers made running; where none can be proved, a thorough search has settled some in doubt."""
+        if self.parts[number].solve is not None or not len(claims):
+            claims["element"] += np.uint32(self.first[number])
             return claims
         retry = self._kernel("cut_retry", self.parts[number])
         buffers = {**self.buffers[number], "view": self._view(retry, view, number, len(claims))}
@@ -136,14 +141,13 @@ class Cutter:
         record["slack"] = 1e-12 * (self.reach + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
-    def _read(self, image: dict[str, slangpy.Buffer], count: int) -> Pixels:
-        owner = self.device.read(image["owner"], np.uint32)
-        values = self.device.read(image["field"], np.float64)
-        nowhere = owner == NOBODY
-        values[nowhere] = np.nan
-        status = (~nowhere).view(np.uint8)  # Status.MISS is 0, Status.CERTAIN 1
-        if not self.references:
-            return Pixels(values, owner, None, status)
-        reference = self.device.read(image["reference"], np.float64).reshape(count, 3)
-        reference[nowhere] = np.nan
-        return Pixels(values, owner, reference, status)
+    def _grant(self, granted: list[NDArray[Any]], image: dict[str, slangpy.Buffer]) -> None:
+        """Let an image hold what claims to its pixels say."""
+        if not sum(map(len, granted)):
+            return
+        every, kernel = np.concatenate(granted)[::-1], self.device.kernel("cut_grant")
+        last = np.unique(every["pixel"], return_index=True)[1]
+        claims = np.zeros(len(last), kernel.dtype("claims"))
+        for name in ("pixel", "element", "field", "reference"):
+            claims[name] = every[name][last]
+        kernel(len(claims), {"claims": self.device.buffer(claims), **image})

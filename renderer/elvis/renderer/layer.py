@@ -82,8 +82,10 @@ class Layer:
         )
 
     def on(self, device: Device, name: str) -> slangpy.Buffer:
-        """One of the arrays on a device."""
-        return self.held.get(name) or device.buffer(getattr(self, name))
+        """One of the arrays on a device, which it is brought to once."""
+        if name not in self.held:
+            self.held = {**self.held, name: device.buffer(getattr(self, name))}
+        return self.held[name]
 
     def normals(self, device: Device, *, needed: bool = True) -> tuple[slangpy.Buffer, bool]:
         """The normals on a device, or one for all pixels; and whether it is that."""
@@ -98,12 +100,19 @@ class Layer:
         return layer
 
     @staticmethod
-    def of_cut(view: PlaneView, pixels: Pixels) -> Layer:
-        """The pixels of a plane cut, drawn with reference coordinates."""
+    def of_cut(device: Device, view: PlaneView, pixels: Pixels, held: Mapping[str, slangpy.Buffer]) -> Layer:
+        """The pixels of a plane cut, whose image a device holds."""
         normal, hit = view.normal(), pixels.owner != NOBODY
+
+        def read(name: str, size: int) -> Floats:
+            values = device.read(held[name], np.float64).reshape(-1, size)
+            values[~hit] = np.nan
+            return values if size > 1 else values[:, 0]
+
         made = {
+            "field": lambda: read("field", 1),
+            "reference": lambda: read("reference", 3),
             "depth": lambda: np.where(hit, view.depths(), np.inf),
             "normal": lambda: np.where(hit[:, None], normal, np.nan),
         }
-        own = {name: getattr(pixels, name) for name in ("owner", "field", "reference", "status")}
-        return Layer.made(made, flat=normal, **own)
+        return Layer.made(made, flat=normal, owner=pixels.owner, status=pixels.status, held=held)

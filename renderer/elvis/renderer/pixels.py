@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
 from elvis.renderer.frame import Status
 
 NOBODY = 0xFFFFFFFF
@@ -20,16 +19,16 @@ BORDER = 1e-10
 
 @dataclass
 class Pixels:
-    """What the stages leave behind, by pixel.
+    """Who owns which pixel.
 
-    owner      running element numbers over all parts, NOBODY where nothing is seen
-    reference  (n, 3), None where it was not asked for
+    owner    (n,) running element numbers over all parts, NOBODY where nothing is seen
+    status   (n,) see frame.Status
+    granted  claims that won since they were drawn; of those to one pixel the last one counts
     """
 
-    field: Floats
     owner: NDArray[np.uint32]
-    reference: Floats | None
     status: NDArray[np.uint8]
+    granted: list[NDArray[Any]] = field(default_factory=list)
 
 
 def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
@@ -51,9 +50,7 @@ def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
     better = (owner == NOBODY) | (certain & (chosen["element"] < owner))
     chosen, certain = chosen[better], certain[better]
     pixels.owner[chosen["pixel"]] = chosen["element"]
-    pixels.field[chosen["pixel"]] = chosen["field"]
-    if pixels.reference is not None:
-        pixels.reference[chosen["pixel"]] = chosen["reference"]
+    pixels.granted.append(chosen)
     pixels.status[chosen["pixel"]] = np.where(certain, Status.CERTAIN, Status.AMBIGUOUS)
 
     unknown = every["pixel"][every["verdict"] == UNKNOWN]

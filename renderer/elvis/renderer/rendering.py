@@ -270,7 +270,7 @@ class Renderer:
         element = loaded.ids.take(pixels.owner, mode="clip")
         if scene.range == "all":
             scene = replace(scene, range=automatic_range(np.array(self.stages.bounds(scene.field))))
-        reference = None if pixels.reference is None else pixels.reference.reshape(*shape, 3)
+        reference = pixels.reference.reshape(*shape, 3) if references else None
         field, status = pixels.field.reshape(shape), pixels.status.reshape(shape)
         frame = Frame(scene, view, field, element.reshape(shape), reference, status)
         sizes = {"volume": loaded.bytes, "image": 12 * pixels.owner.size}

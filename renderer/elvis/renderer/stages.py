@@ -243,7 +243,7 @@ class Stages:
         sight = PlaneView.on(view, surface)
         if sight.edge_on:
             return Layer.empty(view.count)
-        layer = self.resampled(Layer.of_cut(sight, self.cutter.draw(sight)), None, quantity)
+        layer = self.resampled(self.cutter.draw(sight), None, quantity)
         return layer if beyond is None else layer.without(~(layer.depth > beyond))
 
     def resampled(self, layer: Layer, known: str | None, wanted: str | None) -> Layer:
