@@ -15,7 +15,6 @@ from elvis.renderer.cut import Cutter
 from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.gaps import beside
-from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Lines, covered, levels
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
@@ -69,7 +68,7 @@ def cut(renderer):
     def cut(dataset, plane=FLAT, camera=CAMERAS["straight on"], size=SIZE, device="vulkan"):
         loaded = Loaded(renderer(device).device, NativeVolume.of(dataset, dataset.fields[0].name))
         view = PlaneView.on(View.through(camera, size), plane)
-        return Lines(loaded), view, Layer.of_cut(view, Cutter(loaded).draw(view))
+        return Lines(loaded), view, Cutter(loaded).draw(view)
 
     return cut
 
@@ -164,8 +163,8 @@ def test_contours_of_an_expression(renderer):
     volume = volume_of(with_field(grid(Shape.HEXAHEDRON, 3), lambda p: p[..., 0]), ["u", distance])
     loaded = Loaded(renderer("vulkan").device, volume)
     view = PlaneView.on(View.through(CAMERAS["straight on"], SIZE), FLAT)
-    layer = Layer.of_cut(view, Cutter(loaded).draw(view))
-    layer.field = sampled(loaded, layer, distance)
+    layer = Cutter(loaded).draw(view)
+    layer = layer.showing(sampled(loaded, layer, distance))
     drawn = Lines(loaded).contours(view, layer, np.array([0.2, 0.3]), 1.5, distance)
     check(layer, drawn.coverage, np.min([distances(view, circle((0.47, 0.52), r)) for r in (0.2, 0.3)], axis=0), 1.5)
 

@@ -85,7 +85,8 @@ class Lines:
         """
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
-        buffers = self._buffers(view, layer, width) | {"levels": self._device.buffer(levels)}
+        buffers = self._buffers(view, layer, width)
+        buffers |= {"levels": self._device.buffer(levels), "bounds": self._loaded.bounds(quantity)}
         buffers["depth"] = (
             self._device.buffer(np.zeros(1)) if layer.flat is not None else layer.on(self._device, "depth")
         )
@@ -122,7 +123,6 @@ class Lines:
         every = buffers | {
             "field": layer.on(self._device, "field"),
             "side": buffers["owner"] if layer.side is None else layer.on(self._device, "side"),
-            "bounds": self._loaded.bounds(quantity),
             "view": self._device.buffer(sight(kernel, view, count=strips, levels=levels)),
         }
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
