@@ -18,6 +18,8 @@ from elvis.renderer.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)
+#: of eight pictures with a million pixels in all
+WIDE = (380, 330)
 PARALLEL = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 VIEWS = {"parallel": PARALLEL, "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=40.0)}
 
@@ -84,7 +86,7 @@ def quadric(points):
 @pytest.mark.parametrize("camera", VIEWS)
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_an_ellipsoid_on_curved_elements(iso, shape, camera):
-    view = View.through(VIEWS[camera], SIZE)
+    view = View.through(VIEWS[camera], WIDE)
     layer, _ = iso(cube(shape, quadric, 5), view, LEVEL)
     truth, clear = nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL))
     assert np.isfinite(truth).mean() > 0.1
