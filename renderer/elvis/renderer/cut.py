@@ -115,7 +115,7 @@ class Cutter:
         return sections[np.argsort(sections["element"])]
 
     def _retry(self, number: int, view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:
-        """Claims, element numbers made running; where none can be proved, a thorough search has settled some in doubt."""
+        """Claims, element numbers made running; a thorough search settles what it can where nothing can be proved."""
         if self.parts[number].solve is not None or not len(claims):
             claims["element"] += np.uint32(self.first[number])
             return claims
