@@ -43,8 +43,8 @@ class Quantity:
     degree   as Part.degree, of the part's map and the quantity's values
     bounds   optional: certified least and greatest value of each element, (n,) each, NaN where it is not a number
     is_distance  whether its value is the distance to the first of the surfaces in its buffers (`distances`)
-    level    optional, where degree is 0: for a value, a quantity with a degree, and its value that is in the same places,
-             but for poles; None where none is known
+    level    optional, where degree is 0: for a value, a quantity with a degree, and its value that is in the same
+             places, but for poles; None where none is known
     """
 
     type: str
