@@ -25,6 +25,7 @@ from elvis.renderer import (
     Style,
     canvas,
     device,
+    render,
     rendering,
 )
 from elvis.renderer.errors import DeviceLostError
@@ -213,6 +214,14 @@ def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
     from elvis.renderer.commands.render import OPTIONS
 
     assert {field.name for field in fields(Scene)} - {"data"} == set(OPTIONS)
+
+
+@pytest.mark.parametrize(("own", "asked", "time"), [(3.0, None, 3.0), (3.0, 0.5, 0.5), (None, -2.0, -2.0)])
+def test_the_time_is_that_of_the_scene_or_of_the_data(cube, own, asked, time):
+    frame = render(replace(cube, time=own), field="x + t", plane=PLANE, size=(20, 16), time=asked)
+    assert np.abs(frame.field - frame.position[..., 0] - time)[frame.seen].max() < 1e-12
+    with pytest.raises(SceneError, match="time: expected a finite number, found nan"):
+        Scene("u", time=np.nan)
 
 
 def test_settings_change_any_key(run, tmp_path):

@@ -21,10 +21,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Opened:
-    """Data that a plugin has opened; whatever goes wrong in the plugin's own code is a PluginError with its name."""
+    """Data that a plugin has opened; whatever goes wrong in the plugin's own code is a PluginError with its name.
+
+    time  what stands for the source's own time, if any
+    """
 
     name: str
     source: VolumeSource
+    time: float | None = None
 
     @property
     def fields(self) -> tuple[str, ...]:

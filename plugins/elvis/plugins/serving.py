@@ -40,7 +40,8 @@ def names_of(data: Dataset | Opened) -> Names:
     """What names in expressions can stand for."""
     if isinstance(data, Dataset):
         return Names.of(data)
-    return Names(data.fields, time=guarded(data.name, "its time", lambda: float(data.source.time)))
+    own = guarded(data.name, "its time", lambda: float(data.source.time))
+    return Names(data.fields, time=own if data.time is None else data.time)
 
 
 def dimension_of(dataset: Dataset) -> int:

@@ -62,6 +62,7 @@ def render(
     """
     scene = scene or Scene(**options)
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
+    dataset = dataset if scene.time is None else replace(dataset, time=scene.time)
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device, progress)
     asked, scene = scene, completed(dataset, scene)

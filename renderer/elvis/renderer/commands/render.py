@@ -93,6 +93,7 @@ OPTIONS = {
     "lights": _many("--light", "lights", metavar="X,Y,Z[:I]", parse="light", help="A light; eye is the viewer's."),
     "ambient": _option("--ambient", type=float, help="What lit surfaces show without lights.  [default: 0.3]"),
     "clip": _many("--clip", metavar="SURFACE", parse="clip", help="Show nothing inside (outside:…) of it."),
+    "time": _option("--time", type=float, help="What t stands for in formulas.  [default: the time of the data]"),
     "timeout": _option("--timeout", type=float, help="Seconds after which an unfinished picture is given up."),
     "title": _option("--title", help="Above the picture.  [default: the field]"),
     "plain": _option("--plain", is_flag=True, default=None, help="The bare image, without anything beside it."),

@@ -94,6 +94,7 @@ class Scene:
                 certified bounds of the whole field
     ambient     part of its colour that a lit surface shows without any light
     clip        regions from which nothing is shown
+    time        what ``t`` stands for in expressions; None takes the time of the data
     timeout     seconds after which an unfinished picture is given up
     title       above the picture; None takes the field's name
     data        files of the dataset; with ``plugin`` the runtime plugin that opens them
@@ -113,6 +114,7 @@ class Scene:
     ambient: float = 0.3
     clip: tuple[Clip, ...] = ()
     title: str | None = None
+    time: float | None = None
     timeout: float | None = None
     data: tuple[FilePath, ...] = ()
     plugin: str | None = None
@@ -133,6 +135,7 @@ class Scene:
             check_range(self.range)
         check_color(self.background, "background")
         check(1 <= self.samples <= 16, "samples", "1 to 16", self.samples)
+        check(self.time is None or np.isfinite(self.time), "time", "a finite number", self.time)
         check(self.timeout is None or self.timeout > 0.0, "timeout", "seconds above 0", self.timeout)
         check(0.0 <= self.ambient <= 1.0, "ambient", "0 to 1", self.ambient)
 
