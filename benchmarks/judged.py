@@ -1,8 +1,11 @@
 """The reference on every shared case: seconds of a picture, and the bars that the device passes against it.
 
-    python benchmarks/judged.py                        all cases of ../shared/data, a cut and the outer faces of each
+    python benchmarks/judged.py                        all cases of ../shared/data, a cut, the outer faces and an
+                                                       isosurface of each
     python benchmarks/judged.py tet_small fichera_q3   some of them
     python benchmarks/judged.py --size 60 --device cpu
+
+Data of lines are left out: they have nothing exact to judge.
 
 Bar: 300 x 300 pixels in less than a minute of processor time.  One line a picture, in the form of a table.
 """
@@ -25,17 +28,21 @@ from elvis.formats.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.converting import convert
 from elvis.plugins.discovery import chosen, installed, with_defaults
+from elvis.plugins.serving import dimension_of
 from elvis.reference.bars import bars
 from elvis.reference.record import Record
 from elvis.renderer import Faces, Plane, Renderer, Scene
 from elvis.renderer.rendering import completed
 from elvis.renderer.rendering import render as draw
+from elvis.renderer.scene import Isosurface
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 HEAD = (
     "| case | elements | scene | reference, CPU s | pixels seen | ambiguous | value | position | fails |\n"
     "|---|---|---|---|---|---|---|---|---|"
 )
+#: the value of isosurfaces, between the ends of the range
+MIDDLE = 0.52
 #: endings of files that hold a mesh with its fields, or begin a conversion; what goes with them has the same stem
 MESHES = (".msh", ".mesh", ".meshb", ".vtu", ".cgns", ".e", ".gen", ".vol", ".pyfrm", ".f00001", ".h5")
 
@@ -79,7 +86,7 @@ def opened(files: tuple[Path, ...]) -> Dataset:
 
 
 def scenes(data: Dataset, size: int) -> Iterator[tuple[str, Scene]]:
-    """What there is to show of data: a cut and the faces of volumes, all else as it is."""
+    """What there is to show of data: a cut, the faces and an isosurface of volumes, all else as it is."""
     spread = [np.ptp(np.concatenate([block.coefficients.ravel() for block in own.blocks])) for own in data.fields]
     name = data.fields[int(np.argmax(spread))].name if spread else "x"
     plain = Scene(name, size=(size, size))
@@ -93,6 +100,10 @@ def scenes(data: Dataset, size: int) -> Iterator[tuple[str, Scene]]:
     x, y, z = low + 0.51 * (high - low)
     yield "cut", replace(plain, plane=Plane((x, y, z), (0.1, 0.2, 1.0)))
     yield "faces", replace(plain, objects=(Faces(),), camera="iso")
+    if name in [own.name for own in data.fields]:
+        bounds = field_range(data.field(name).blocks)
+        value = bounds.lower + MIDDLE * (bounds.upper - bounds.lower)
+        yield "isosurface", replace(plain, objects=(Isosurface((value,)),), camera="iso")
 
 
 def compared(name: str, what: str, data: Dataset, scene: Scene, device: str) -> str:
@@ -134,6 +145,8 @@ def main(arguments: list[str]) -> int:
     for name in options.cases or every:
         try:
             data = opened(every[name])
+            if dimension_of(data) == 1:
+                continue
             for what, scene in scenes(data, options.size):
                 print(compared(name, what, data, scene, options.device), flush=True)
         except (ElvisError, IndexError) as error:

@@ -69,6 +69,11 @@ class Quantities:
         number = self._number(name)
         return None if number is None else patch.fields[number]
 
+    def guessed_degree(self, name: str, patch: Patch) -> int:
+        """The greatest degree of what an expression is made of, in any direction; 2 at least."""
+        own = [patch.fields[self._evaluator.names.index(field)] for field in self._expressions[name].fields]
+        return max(2, *(modes - 1 for each in (patch.geometry, *own) if each is not None for modes in each.modes))
+
     def corners(self) -> Mapping[str, Corners]:
         """Each quantity at the same points of many elements."""
         return {name: self._at_corners(name) for name in self.names}

@@ -58,9 +58,8 @@ class Record:
         except FileNotFoundError as error:
             raise FormatError("expected a record that elvis render writes as .npz, found no file", file=path) from error
         except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
-            raise FormatError(
-                f"expected a record that elvis render writes as .npz, found {error}", file=path
-            ) from error
+            what = str(error) if isinstance(error, OSError | BadZipFile) else "other bytes"
+            raise FormatError(f"expected a record that elvis render writes as .npz, found {what}", file=path) from error
         missing = [name for name in CHANNELS if name not in found]
         if missing:
             raise FormatError(f"expected the channels {', '.join(CHANNELS)}, found no {', '.join(missing)}", file=path)

@@ -18,7 +18,7 @@ def some(number: float | None) -> str:
         return "–"
     if number == 0:
         return "0"
-    if abs(number) >= 100:
+    if abs(number) >= 99.5:
         return f"{number:,.0f}"
     return f"{number:.2g}" if abs(number) >= 1e-3 else f"{number:.1e}"
 

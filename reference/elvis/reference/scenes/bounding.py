@@ -26,8 +26,8 @@ from elvis.renderer.view import View
 
 #: how often a box is halved along each direction; samples for each degree; samples along an element at most
 _HALVINGS, _SAMPLES, _MOST = 2, 2, 128
-#: degree that is taken of what isn't a polynomial, in a box
-_GUESSED = 8
+#: degree that is taken of waves in a box, and of maps that aren't polynomials
+_GUESSED = 4
 #: values that are looked at together
 _AT_ONCE = 1 << 23
 #: boxes are this much wider than is proved, in parts of their values, for rounding
@@ -37,9 +37,9 @@ _ROUNDING = 1e-12
 def candidates(patch: Patch, quantities: Quantities, name: str, value: float, view: View) -> Ints:
     """(n,) sorted numbers row * pixels + pixel of elements and pixels whose ray may meet the value in the element."""
     function, degrees = quantities.corners()[name], field_degrees(patch, quantities, name)
-    found = [np.empty(0, np.int64)]
+    found, halvings = [np.empty(0, np.int64)], _halvings(degrees)
     for whole in _wholes(patch):
-        for own, box in _holding(patch, np.arange(len(patch)), function, degrees, value, whole, _halvings(degrees)):
+        for own, box in _holding(patch, np.arange(len(patch)), function, degrees, value, whole, halvings):
             low, high = _rectangles(patch, own, box, view)
             pairs = [own[which] * view.count + pixel for which, pixel in pixels_between(view, low, high)]
             found += [np.unique(pair) for pair in pairs]
@@ -49,7 +49,9 @@ def candidates(patch: Patch, quantities: Quantities, name: str, value: float, vi
 def field_degrees(patch: Patch, quantities: Quantities, name: str) -> tuple[int, ...]:
     """Degrees of a quantity in each collapsed coordinate."""
     expansion = quantities.expansion(name, patch)
-    return _degrees(patch, None) if expansion is None else _degrees(patch, expansion)
+    if expansion is None:
+        return (quantities.guessed_degree(name, patch),) * patch.dimension
+    return _degrees(patch, expansion)
 
 
 def degree_along(patch: Patch, quantities: Quantities, name: str) -> int:
