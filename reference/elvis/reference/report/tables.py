@@ -9,6 +9,7 @@ from typing import Any
 from elvis.reference.bars import Bar
 from elvis.reference.report.words import counted, size, some
 from elvis.reference.study import Rival, Study
+from elvis.renderer.scene import VolumeRendering
 
 Table = dict[str, Any]
 #: columns of errors that are there even where all are zero
@@ -27,18 +28,22 @@ def _scene(study: Study) -> list[tuple[str, str]]:
     assert scene is not None
     height, width = study.exact.shape
     low, high = study.ends
-    shown = [str(item) for item in (_said(own) for own in scene.every_object)]
+    shown = [_said(own, scene.field) for own in scene.every_object]
+    clips = [f"{own.away} of {_said(own, scene.field)}" for own in scene.clip]
     return [
         ("field", scene.field),
         ("shown", "; ".join(shown)),
+        *([("taken away", "; ".join(clips))] if clips else []),
         ("picture", f"{width} x {height} pixels, {int(study.exact.seen.sum()):,} of them show something"),
         ("colour range", f"{low:.6g} to {high:.6g}"),
         ("contours", ", ".join(f"{value:.4g}" for value in study.contours) or "none"),
     ]
 
 
-def _said(shown: Any) -> str:
-    """An object of a scene in words: its kind, and what it is made of."""
+def _said(shown: Any, field: str) -> str:
+    """An object or a clip of a scene in words: its kind, and what it is made of; ``field`` of the scene."""
+    if isinstance(shown, VolumeRendering):
+        return f"volume of {shown.quantity or field}"
     kind = type(shown).__name__
     inner = getattr(shown, "surface", None)
     if inner is not None:

@@ -24,8 +24,8 @@ from elvis.reference.scenes.rasters import pixels_between
 from elvis.reference.solids import spread
 from elvis.renderer.view import View
 
-#: how often a box is halved along each direction; samples for each degree; samples along an element at most
-_HALVINGS, _SAMPLES, _MOST = 2, 2, 128
+#: how often a box of few elements is halved along each direction, and one of many; samples for each degree, at most
+_HALVINGS, _FEW, _SAMPLES, _MOST = (1, 2), 256, 2, 128
 #: degree that is taken of waves in a box, and of maps that aren't polynomials
 _GUESSED = 4
 #: values that are looked at together
@@ -37,7 +37,7 @@ _ROUNDING = 1e-12
 def candidates(patch: Patch, quantities: Quantities, name: str, value: float, view: View) -> Ints:
     """(n,) sorted numbers row * pixels + pixel of elements and pixels whose ray may meet the value in the element."""
     function, degrees = quantities.corners()[name], field_degrees(patch, quantities, name)
-    found, halvings = [np.empty(0, np.int64)], _halvings(degrees)
+    found, halvings = [np.empty(0, np.int64)], _halvings(patch, degrees)
     for whole in _wholes(patch):
         for own, box in _holding(patch, np.arange(len(patch)), function, degrees, value, whole, halvings):
             low, high = _rectangles(patch, own, box, view)
@@ -81,8 +81,10 @@ def _wholes(patch: Patch) -> list[Floats]:
     return [np.array(box).T for box in product(*ends)]
 
 
-def _halvings(degrees: tuple[int, ...]) -> int:
-    return next(n for n in range(_HALVINGS, -1, -1) if n == 0 or _SAMPLES * max(degrees) << n <= _MOST)
+def _halvings(patch: Patch, degrees: tuple[int, ...]) -> int:
+    """Halvings that pay: what is tabulated for them serves all elements."""
+    most = _HALVINGS[len(patch) >= _FEW]
+    return next(n for n in range(most, -1, -1) if n == 0 or _SAMPLES * max(degrees) << n <= _MOST)
 
 
 def _holding(
