@@ -63,7 +63,7 @@ own Lagrange cells through its own filters.
 The picture is made by `python examples/reports/shoot.py twist`.
 
 Linear pictures of mild fields on many elements are right to within one pixel after 3 refinements, with 70 to 85 times
-the memory of the coefficients (of a distance, which has none, 230 times that of the mesh); of few, curved elements after
+the memory of the coefficients (of a distance, which has none, 230 times the mesh); of few, curved elements after
 5, with thousands of times. Of order 7 they are 1.5 pixels off even then, and 6 refinements would need 22 GB; an
 isosurface with cracks is not right after 3.
 
