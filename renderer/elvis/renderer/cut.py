@@ -61,10 +61,11 @@ class Cutter:
                 "owner": self.device.buffer(np.full(count, NOBODY, np.uint32)),
                 "reference": self.device.empty(np.float64, 3 * count if references else 1),
             }
-        sections, claims = [], []
+        every, sections, claims = [], [], []
         for number in range(len(self.parts)):
             with self.clock.stage("cull"):
-                sections.append(self._sections(number, view))
+                every.append(self._sections(number, view))
+                sections.append(every[number][(every[number]["least"] <= every[number]["most"]).all(axis=1)])
             if len(sections[number]):
                 claims.append(self._draw_part(number, view, sections[number], image))
         with self.clock.stage("read"):
@@ -78,7 +79,9 @@ class Cutter:
             self.gaps.close(view, pixels, sections)
         with self.clock.stage("grant"):
             self._grant(pixels.granted, image)
-        return Layer.of_cut(self.device, view, pixels, image)
+        for some, first in zip(every, self.first, strict=False):
+            some["element"] += np.uint32(first)
+        return Layer.of_cut(self.device, view, pixels, image, np.concatenate(every) if every else None)
 
     def _draw_part(
         self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, slangpy.Buffer]

@@ -64,7 +64,7 @@ class Gaps:
 
     def _settle(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
         """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w)."""
-        claims = [_pairs(some, first, mask) for some, first in zip(sections, self._first, strict=False)]
+        claims = [pairs(some, first, mask) for some, first in zip(sections, self._first, strict=False)]
         settle(pixels, [proved(self._parts, view, some) for some in claims if len(some)])
 
     def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
@@ -83,22 +83,23 @@ class Gaps:
         return np.asarray(known[elements] == 1)
 
 
-def _pairs(sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
+def pairs(sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
     """Claims without an answer, one for each pixel of the mask (h, w) within the bounds of each section of a part."""
     tiles = tiles_of(sections, TILES)
     tiles = tiles[_any_near(mask, tiles["x"], tiles["y"])]
 
     # all pixels of these tiles, then those that the bounds and the mask allow
-    x = (tiles["x"][:, None] + np.arange(TILE * TILE) % TILE).reshape(-1)
-    y = (tiles["y"][:, None] + np.arange(TILE * TILE) // TILE).reshape(-1)
-    held = np.flatnonzero((x < mask.shape[1]) & (y < mask.shape[0]))
-    held = held[mask[y[held], x[held]]]
-    x, y, section = x[held], y[held], sections[tiles["section"][held // (TILE * TILE)]]
+    width = mask.shape[1]
+    steps = np.arange(TILE)[:, None] * width + np.arange(TILE)
+    flat = np.append(mask, np.zeros((TILE + 1) * width, bool))
+    held = np.flatnonzero(flat[(tiles["y"].astype(np.int64) * width + tiles["x"])[:, None] + steps.reshape(-1)])
+    tile, place = tiles[held // TILE**2], held % TILE**2
+    x, y, section = tile["x"] + place % TILE, tile["y"] + place // TILE, sections[tile["section"]]
     place = np.stack([x, y, x + y, x - y], axis=1)
-    within = ((section["least"] <= place) & (place <= section["most"])).all(axis=1)
+    within = ((section["least"] <= place) & (place <= section["most"])).all(axis=1) & (x < width)
 
     claims = np.zeros(int(within.sum()), CLAIM)
-    claims["pixel"] = y[within] * mask.shape[1] + x[within]
+    claims["pixel"] = y[within] * width + x[within]
     claims["element"] = first + section["element"][within]
     return claims
 
@@ -119,6 +120,7 @@ def _any_near(mask: Bools, x: Ints, y: Ints) -> Bools:
     rows, columns = (side // TILE + 2 for side in mask.shape)
     padded = np.zeros((rows * TILE, columns * TILE), bool)
     padded[: mask.shape[0], : mask.shape[1]] = mask
-    cells: Bools = np.asarray(padded.reshape(rows, TILE, columns, TILE).any(axis=(1, 3)))
+    strips = padded.reshape(rows, TILE, columns * TILE).any(axis=1)  # axis by axis, which is sooner done than both
+    cells: Bools = np.asarray(strips.reshape(rows, columns, TILE).any(axis=2))
     i, j = y // TILE, x // TILE
     return np.asarray(cells[i, j] | cells[i + 1, j] | cells[i, j + 1] | cells[i + 1, j + 1])

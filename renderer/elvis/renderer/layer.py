@@ -34,6 +34,8 @@ class Layer:
     side       (n,)    numbers that tell elements apart, and the faces of each; None: the owners do
     flat       (3,)    the normal where all of it lies in one plane, else None
     held       buffers of a device that hold some of these arrays, by name
+    sections   of a plane cut: where elements may be seen, by running number, as cut_cull lists them
+    offset     of a plane cut: normal · x
     """
 
     owner: NDArray[np.uint32]
@@ -45,12 +47,21 @@ class Layer:
     side: NDArray[np.uint32] | None = default(default_factory=lambda: None)
     flat: Floats | None = None
     held: Mapping[str, slangpy.Buffer] = default(default_factory=dict)
+    sections: NDArray[Any] | None = default(default_factory=lambda: None)
+    offset: float = 0.0
 
     @staticmethod
     def made(made: Mapping[str, Callable[[], Any]], **known: Any) -> Layer:
         """A layer of which some arrays are made (or read from a device) when they are first asked for."""
         layer = object.__new__(Layer)
-        known = {"held": {}, "flat": None, **({} if "side" in made else {"side": None}), **known}
+        known = {
+            "held": {},
+            "flat": None,
+            "sections": None,
+            "offset": 0.0,
+            **({} if "side" in made else {"side": None}),
+            **known,
+        }
         vars(layer).update(known, _made=made)
         return layer
 
@@ -79,6 +90,8 @@ class Layer:
             np.where(gone, np.uint8(0), self.status),
             None if self.side is None else np.where(gone, np.uint32(NOBODY), self.side),
             self.flat,
+            sections=self.sections,
+            offset=self.offset,
         )
 
     def on(self, device: Device, name: str) -> slangpy.Buffer:
@@ -100,7 +113,13 @@ class Layer:
         return layer
 
     @staticmethod
-    def of_cut(device: Device, view: PlaneView, pixels: Pixels, held: Mapping[str, slangpy.Buffer]) -> Layer:
+    def of_cut(
+        device: Device,
+        view: PlaneView,
+        pixels: Pixels,
+        held: Mapping[str, slangpy.Buffer],
+        sections: NDArray[Any] | None,
+    ) -> Layer:
         """The pixels of a plane cut, whose image a device holds."""
         normal, hit = view.normal(), pixels.owner != NOBODY
 
@@ -115,4 +134,5 @@ class Layer:
             "depth": lambda: np.where(hit, view.depths(), np.inf),
             "normal": lambda: np.where(hit[:, None], normal, np.nan),
         }
-        return Layer.made(made, flat=normal, owner=pixels.owner, status=pixels.status, held=held)
+        known = {"owner": pixels.owner, "status": pixels.status, "held": held, "sections": sections}
+        return Layer.made(made, flat=normal, offset=float(normal @ view.plane.point), **known)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.renderer.device import ROWS, Device, Kernel
 from elvis.renderer.errors import SceneError
-from elvis.renderer.gaps import beside
+from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
@@ -32,7 +32,7 @@ MOST, WIDEST = 1024, 100.0
 UNITS = 1 << 26
 NOTHING = 0xFFFFFFFF
 #: an element to be searched around a pixel, as in shaders/line.slang
-PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32)])
+PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32), ("element", np.uint32)])
 #: lanes of a wave where lanes share what they read (native_data.slang)
 WAVE = 8
 #: lines from the centre of a reference shape that look for its facets
@@ -90,8 +90,10 @@ class Lines:
         buffers["depth"] = (
             self._device.buffer(np.zeros(1)) if layer.flat is not None else layer.on(self._device, "depth")
         )
-        pieces = self._found(view, layer, buffers, len(levels), quantity)
-        self._run("line_draw", view, layer, pieces, buffers, quantity, reach=0.5 * width + 0.5, levels=len(levels))
+        slivers = self._slivers(view, layer, levels, quantity)
+        pieces = np.concatenate([self._found(view, layer, buffers, len(levels)), slivers])
+        size = {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": layer.offset}
+        self._run("line_draw", view, layer, pieces, buffers, quantity, **size)
         return Marks(self._device, buffers["marks"], width, layer.owner, NOTHING - MOST + 1)
 
     def mesh(self, view: View, layer: Layer, width: float) -> Marks:
@@ -102,6 +104,7 @@ class Lines:
         near = near[layer.owner[near] != NOBODY]
         pieces = np.zeros(len(near), PIECE)
         pieces["pixel"] = pieces["base"] = near
+        pieces["element"] = layer.owner[near]
         self._run("line_border", view, layer, pieces, buffers, reach=reach)
         return Marks(self._device, buffers["marks"], width, layer.owner)
 
@@ -114,9 +117,31 @@ class Lines:
             "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
 
-    def _found(
-        self, view: View, layer: Layer, buffers: dict[str, slangpy.Buffer], levels: int, quantity: str | None
-    ) -> NDArray[Any]:
+    def _slivers(self, view: View, layer: Layer, levels: Floats, quantity: str | None) -> NDArray[Any]:
+        """Pieces of thin sections that may show in a pixel's square but own none of the nine pixels around it."""
+        if layer.sections is None or not len(levels):
+            return np.zeros(0, PIECE)
+        sections, ends = layer.sections, self._loaded.every(quantity)
+        low, high = ends[sections["element"]].T
+        sections = sections[np.searchsorted(levels, low) < np.searchsorted(levels, high, "right")]
+        owner = layer.owner.reshape(view.height, view.width)
+        sections = sections[_thin(sections, owner, len(ends))]
+        sections["least"] -= 1
+        sections["most"] += 1
+        sections["least"][:, :2] = np.maximum(sections["least"][:, :2], 0)
+        sections["most"][:, :2] = np.minimum(sections["most"][:, :2], [view.width - 1, view.height - 1])
+        claims = pairs(sections, 0, _near_others(owner, 1))
+        pixel, element = claims["pixel"].astype(np.int64), np.ascontiguousarray(claims["element"])
+        around = np.pad(owner, 1, constant_values=NOBODY).reshape(-1)
+        corner, free = pixel + 2 * (pixel // view.width), np.ones(len(pixel), bool)
+        for k in range(9):
+            free &= around[corner + (k // 3 * (view.width + 2) + k % 3)] != element
+        pieces = np.zeros(int(free.sum()), PIECE)
+        pieces["pixel"] = pieces["base"] = pixel[free]
+        pieces["whole"], pieces["element"] = 2, element[free]
+        return pieces
+
+    def _found(self, view: View, layer: Layer, buffers: dict[str, slangpy.Buffer], levels: int) -> NDArray[Any]:
         """The pieces that line_find.slang lists."""
         kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
@@ -138,8 +163,8 @@ class Lines:
         **size: float,
     ) -> None:
         """A stage over the pieces of each part, sorted by element."""
-        pieces = _waves(pieces, layer.owner[pieces["base"]])
-        ends = np.searchsorted(layer.owner[pieces["base"]], self._loaded.first)
+        pieces = _waves(pieces)
+        ends = np.searchsorted(pieces["element"], self._loaded.first)
         gathered = "reference" not in layer.held
         for number, part in enumerate(self._loaded.parts):
             own = pieces[ends[number] : ends[number + 1]]
@@ -166,10 +191,10 @@ class Lines:
         return self._facets[number]
 
 
-def _waves(pieces: NDArray[Any], element: NDArray[np.uint32]) -> NDArray[Any]:
+def _waves(pieces: NDArray[Any]) -> NDArray[Any]:
     """Pieces by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
-    order = np.argsort(element, kind="stable")
-    pieces, element = pieces[order], element[order]
+    pieces = pieces[np.argsort(pieces["element"], kind="stable")]
+    element = pieces["element"]
     first = np.flatnonzero(np.diff(element.astype(np.int64), prepend=-1))
     counts = np.diff(np.append(first, len(element)))
     rooms = -(-counts // WAVE) * WAVE
@@ -221,6 +246,14 @@ def _near_others(owner: NDArray[np.uint32], steps: int) -> Bools:
     for _ in range(steps - 1):
         near = beside(near)
     return near
+
+
+def _thin(sections: NDArray[Any], owner: NDArray[np.uint32], elements: int) -> Bools:
+    """(n,) sections with few pixels for how long they are; their pixels are counted in every fourth row."""
+    sides = sections["most"] - sections["least"] + 1
+    length = np.maximum(sides[:, :2].max(axis=1), sides[:, 2:].max(axis=1) / np.sqrt(2))
+    counts = np.bincount(np.minimum(owner[::4].reshape(-1), elements), minlength=elements)
+    return np.asarray(4 * counts[sections["element"]] < 0.15 * np.maximum(length, 8.0) ** 2)
 
 
 def _sphere(count: int) -> Floats:

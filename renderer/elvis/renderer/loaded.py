@@ -34,6 +34,7 @@ class Loaded:
         self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
         self.bytes, self._brought = 0, dict[int, "slangpy.Buffer"]()
         self._bounds: dict[str | None, slangpy.Buffer] = {}
+        self._ends: dict[str | None, NDArray[np.float32]] = {}
         self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
@@ -63,10 +64,16 @@ class Loaded:
     def bounds(self, quantity: str | None = None) -> slangpy.Buffer:
         """On the device, by running number of elements, the certified bounds of a quantity in single precision."""
         if quantity not in self._bounds:
-            every = _outward(np.concatenate([self.ends(part, quantity) for part in self.parts]))
+            every = self.every(quantity)
             self._bounds[quantity] = self.device.buffer(every)
             self.bytes += every.nbytes
         return self._bounds[quantity]
+
+    def every(self, quantity: str | None = None) -> NDArray[np.float32]:
+        """(n, 2) certified bounds of a quantity by running number of elements, in single precision; made once."""
+        if quantity not in self._ends:
+            self._ends[quantity] = _outward(np.concatenate([self.ends(part, quantity) for part in self.parts]))
+        return self._ends[quantity]
 
     def ends(self, part: Part, quantity: str | None) -> Floats:
         """(n, 2) least and greatest values of a part's elements, widened by rounding; infinite where none are known."""
