@@ -92,12 +92,12 @@ def refused():
 
     def check(*paths, match, megabytes=60, seconds=5):
         tracemalloc.start()
-        start = time.monotonic()
+        start = time.process_time()
         try:
             with pytest.raises(FormatError, match=match) as caught:
                 read(*paths)
             assert tracemalloc.get_traced_memory()[1] < megabytes * (1 << 20)
-            assert time.monotonic() - start < seconds
+            assert time.process_time() - start < seconds
         finally:
             tracemalloc.stop()
         assert "\n" not in str(caught.value)

@@ -111,7 +111,7 @@ def test_rays_beside_the_plane_show_nothing():
 @pytest.mark.parametrize(
     ("case", "sentence"),
     [
-        ("line_1d", "pictures are made of 2D data in the plane and of 3D data, found DIM=1 SPACE=2"),
+        ("line_1d", "1D data are drawn on the host from points a quarter of a pixel apart"),
         ("sphere_manifold", "pictures are made of 2D data in the plane and of 3D data, found DIM=2 SPACE=3"),
         ("naca_h1d_line", "pictures are made of 2D data in the plane and of 3D data, found DIM=1 SPACE=2"),
     ],

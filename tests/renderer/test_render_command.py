@@ -215,7 +215,7 @@ def test_3d_data_alone_show_their_outer_faces(render, case_name, device_name, tm
 @pytest.mark.parametrize(
     ("case_name", "options", "sentence"),
     [
-        ("line_1d", ("--device", "reference"), "pictures are made of 2D data"),
+        ("line_1d", ("--device", "reference"), "1D data are drawn on the host"),
         ("line_1d", ("--plane", "0,0,0:0,0,1"), "1D data show themselves: leave cuts, isosurfaces and volumes out"),
     ],
 )

@@ -235,7 +235,7 @@ def test_yaml_reads_numbers_as_people_write_them(tmp_path):
 
 
 def test_scenes_of_the_examples_are_read():
-    files = sorted((Path(__file__).parents[2] / "examples" / "scenes").glob("*"))
+    files = sorted((Path(__file__).parents[2] / "examples" / "scenes").glob("*.toml"))
     assert len(files) > 3
     for path in files:
         assert read_scene(path).every_object
