@@ -26,7 +26,7 @@ NAMES = ("delta", "wing", "hemisphere", "folded", "twist")
 
 def make(*arguments):
     return subprocess.run(
-        [sys.executable, EXAMPLES / "cases.py", *arguments], capture_output=True, text=True, timeout=300
+        [sys.executable, EXAMPLES / "cases.py", *arguments], capture_output=True, text=True, timeout=600
     )
 
 

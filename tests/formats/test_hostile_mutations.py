@@ -172,9 +172,9 @@ def change_group(file, name, random):
         file.move(name, f"{name}_other")
 
 
-def attempt(paths, what):
+def attempt(paths, what, seconds):
     """Read the files, and let nothing but an ElvisError of one sentence out."""
-    start, message = time.monotonic(), "read and evaluated"
+    start, message = time.process_time(), "read and evaluated"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -188,7 +188,7 @@ def attempt(paths, what):
         raise AssertionError(f"{what}: {type(error).__name__}: {error}") from error
     assert "\n" not in message, what
     assert 10 < len(message) < 1000, what
-    assert time.monotonic() - start < SECONDS_EACH, what
+    assert time.process_time() - start < seconds, what
 
 
 def damage(path, case, seed):
@@ -209,7 +209,7 @@ def damage(path, case, seed):
 
 
 @pytest.mark.parametrize("case", [*XML_CASES, *HDF5_CASES])
-def test_damaged_files_are_read_or_refused(case, nektar, tmp_path):
+def test_damaged_files_are_read_or_refused(case, nektar, tmp_path, slowness):
     files = sorted(path for path in (nektar / case).iterdir() if path.suffix in SUFFIXES)
     for seed in range(ROUNDS):
         for path in files:
@@ -217,4 +217,4 @@ def test_damaged_files_are_read_or_refused(case, nektar, tmp_path):
         target = tmp_path / files[seed % len(files)].name
         done = damage(target, case, seed)
         given = [tmp_path / path.name for path in files if path.suffix != ".nekg"]
-        attempt(given, f"{case}, {target.name}, round {seed}, {done}")
+        attempt(given, f"{case}, {target.name}, round {seed}, {done}", slowness * SECONDS_EACH)

@@ -6,18 +6,25 @@ import sys
 
 import pytest
 
-HELP = [sys.executable, "-c", "from elvis.plugins.command import main; main(['--help'])"]
+HELP = "from elvis.plugins.command import main; main(['--help'])"
 
 
-def test_help_takes_less_than_three_tenths_of_a_second():
-    # of the processor, which is what it waits for: other programs hardly touch them
-    def seconds():
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run(HELP, check=True, capture_output=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+def test_help_takes_little_more_than_its_library():
+    """Processor time of the help, as a multiple of what loading click takes: 4.5 on a quiet machine.
 
-    assert min(seconds() for _ in range(8)) < 0.3
+    A ratio, so that no slower machine breaks it; the bar in seconds is one of the benchmark ``start``.
+    """
+    library = min(processor_seconds("import click") for _ in range(8))
+    command = min(processor_seconds(HELP) for _ in range(8))
+    assert command < 8 * library
+
+
+def processor_seconds(code):
+    """Seconds of the processor, user's and system's, that a new interpreter takes to run some code."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
 @pytest.mark.parametrize("heavy", ["numpy", "lxml", "h5py", "slangpy", "rich", "PIL", "asyncio"])

@@ -20,7 +20,7 @@ def elvis(miniature):
     def run(*arguments, **options):
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
         environ = environment | options.pop("env", {})
-        return subprocess.run([*ELVIS, *arguments], env=environ, timeout=60, **options)
+        return subprocess.run([*ELVIS, *arguments], env=environ, timeout=600, **options)
 
     return run
 

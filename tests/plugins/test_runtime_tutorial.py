@@ -49,7 +49,7 @@ def truth(points):
 
 
 def run(command, **options):
-    process = subprocess.run(command, capture_output=True, text=True, timeout=120, **options)
+    process = subprocess.run(command, capture_output=True, text=True, timeout=600, **options)
     assert process.returncode == 0, process.stdout + process.stderr
     return process
 

@@ -59,7 +59,7 @@ def opened(browser, folder, tmp_path, *options):
         "--virtual-time-budget=5000",
         *options,
     ]
-    done = subprocess.run([*command, f"file://{folder}/index.html"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([*command, f"file://{folder}/index.html"], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     return done.stderr, done.stdout
 
