@@ -19,6 +19,15 @@ def solvers():
     return DATA
 
 
+@pytest.fixture(scope="session")
+def findings():
+    """The folder of unusual and damaged files, which lies there too."""
+    folder = DATA.parent / "findings"
+    if not folder.is_dir():
+        pytest.skip(f"there is no {folder}")
+    return folder
+
+
 @pytest.fixture
 def elvis():
     """Run a command in this process and return what it printed; failures come out as they are."""

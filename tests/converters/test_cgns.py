@@ -63,6 +63,44 @@ def test_a_file_of_the_library(tmp_path):
     assert conversion.report.elements == {"tetrahedron": count}
 
 
+def test_the_older_container(findings, tmp_path):
+    """A mesh of hexahedra of Nek5000's tools: as many, with the nodes that VTK's own reader finds."""
+    reader = pytest.importorskip("vtkmodules.vtkIOCGNSReader").vtkCGNSReader()
+    path = findings / "sh27.cgns"
+    done = check(Cgns, [path])
+    assert done.report.elements == {"hexahedron": 160}
+    assert done.report.geometry.is_exact
+    assert any("WALL is specified on Vertex" in note for note in done.report.notes)
+    reader.SetFileName(str(path))
+    reader.Update()
+    grid = reader.GetOutput().GetBlock(0).GetBlock(0)
+    wanted = np.array([grid.GetPoint(i) for i in range(grid.GetNumberOfPoints())])
+    # of each cell of 27 nodes the last is the middle, the first eight are the corners
+    middles = np.array([grid.GetPoint(grid.GetCell(i).GetPointId(26)) for i in range(160)])
+    assert np.abs(positions_at(done, 0, np.arange(160), np.zeros((160, 3))) - middles).max() < 1e-14
+    corners = {grid.GetCell(i).GetPointId(j) for i in range(160) for j in range(8)}
+    found, own = done.dataset.mesh.vertices, wanted[sorted(corners)]
+    assert len(found) == len(own)
+    assert np.abs(own[:, None] - found).max(axis=2).min(axis=1).max() < 1e-14
+
+
+def test_solutions_in_the_older_container_are_left_out_in_a_sentence(findings, tmp_path):
+    raw = (findings / "sh27.cgns").read_bytes()
+    label = b"DiscreteData_t"
+    assert raw.count(label) == 1
+    (tmp_path / "a.cgns").write_bytes(raw.replace(label, b"FlowSolution_t"))
+    assert "the solutions PID were left out" in Cgns([tmp_path / "a.cgns"]).notes
+
+
+def test_files_that_only_resemble_the_older_container(tmp_path):
+    path = tmp_path / "a.cgns"
+    mark = b"@(#)ADF Database Version"
+    for start, is_ours in ((mark, True), (bytes(b | 128 for b in mark[:4]) + mark[4:], True),
+                           (bytes(b | 128 for b in mark), False), (b" " + mark, False), (mark[:9], False)):  # fmt: skip
+        path.write_bytes(start)
+        assert Cgns.opens([path]) == is_ours
+
+
 def test_what_it_does_not_take(solvers, tmp_path):
     assert not Cgns.opens([solvers / "gmsh" / "mixed_o3.msh"])
     assert not Cgns.opens([tmp_path / "missing.cgns"])

@@ -1,5 +1,6 @@
 """Gmsh files: the library's own values are reproduced, for files of ours and for meshes that it makes in the test."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -392,3 +393,46 @@ def test_other_files_are_refused(tmp_path):
         assert not Gmsh.opens([path])
         with pytest.raises(FormatError, match=r"expected \$MeshFormat at the beginning"):
             Gmsh([path])
+
+
+COMMENTS = b"\n$Comments\nmade by hand\n$Nodes\nof no account\n$EndComments\n$Author\n$EndAuthor\n\n"
+
+
+@pytest.mark.parametrize(
+    ("version", "binary", "name"),
+    [(1, 0, "mesh.mesh"), (2.2, 0, "mesh.mesh"), (2.2, 1, "mesh.msh"), (4.1, 0, "mesh"), (4.1, 1, "mesh")],
+)
+def test_comments_and_other_names(session, tmp_path, version, binary, name):
+    """Sections of unknown names are comments (Gmsh reference manual); a file is known by what it holds."""
+    mixed(1)
+    raw = save(tmp_path / "plain.msh", version, binary).read_bytes()
+    path = tmp_path / name
+    path.write_bytes(COMMENTS + raw)
+    assert Gmsh.opens([path])
+    plain, source = Gmsh([tmp_path / "plain.msh"]), Gmsh([path])
+    assert [len(block) for block in source.blocks] == [len(block) for block in plain.blocks]
+    for own, wanted in zip(source.blocks, plain.blocks, strict=True):
+        at = own.frame
+        assert np.array_equal(source.positions(own, at), plain.positions(wanted, at))
+
+
+def test_a_damaged_file_of_another_name_is_called_by_it(session, tmp_path):
+    path = tmp_path / "bad.mesh"
+    path.write_text(TEXT.replace("7 4 2 0 1 1 2 3 4", "7 444 2 0 1 1 2 3 4"))
+    with pytest.raises(FormatError, match=r"bad\.mesh"):
+        Gmsh([path])
+
+
+def test_the_mesh_of_a_miniapp(findings, session, tmp_path):
+    """MFEM's squircle has the suffix of another format; its places are those that the library itself reads."""
+    path = findings / "sq_2D_9_quad.mesh"
+    done = check(Gmsh, [path])
+    shutil.copy(path, tmp_path / "named.msh")
+    session.open(str(tmp_path / "named.msh"))
+    kind, (own,) = session.model.mesh.getElementTypes(2)[0], session.model.mesh.getElements(2)[1]
+    points = session.model.mesh.getIntegrationPoints(kind, "Gauss4")[0]
+    places = session.model.mesh.getJacobians(kind, points)[2].reshape(len(own), -1, 3)
+    blocks, rows = where(Gmsh([path]), own)
+    for at in range(places.shape[1]):
+        local = np.tile(points.reshape(-1, 3)[at, :2], (len(own), 1))
+        assert np.abs(positions_at(done, blocks[0], rows, local) - places[:, at]).max() < 1e-13

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -28,8 +30,11 @@ print(*found[:1], end="", flush=True)
 os._exit(1 if found else 0)
 """
 
-#: how files of the older container begin
-_ADF = b"@(#)ADF Database"
+#: how files of the older container begin; the library sets the highest bit of the first four bytes
+_ADF, _MASK = b"@(#)ADF Database", bytes([0x7F] * 4 + [0xFF] * 12)
+
+#: a node of that container: a mark, its name and its label, padded with blanks
+_ADF_SOLUTION = re.compile(rb"NoDe(.{32})FlowSolution_t ", re.DOTALL)
 
 
 class Cgns(Gmsh):
@@ -54,7 +59,7 @@ class Cgns(Gmsh):
             named.symlink_to(path.resolve())
             _try(path, named)
             try:
-                self._mesh = read_mesh(Contents(named, True, True, (), ()), with_entities=True)
+                self._mesh = read_mesh(Contents(named, True, True, (), ()), with_entities=True, suffix=".cgns")
             except FormatError as error:
                 raise FormatError(error.message, file=path) from error
         self._groups = self._mesh.groups
@@ -73,21 +78,33 @@ def _try(path: Path, named: Path) -> None:
 
 
 def _is_adf(path: Path) -> bool:
+    """Whether a file is in the older container."""
     try:
         with path.open("rb") as file:
-            return _ADF in file.read(64)
+            start = file.read(len(_ADF))
     except OSError:
         return False
+    return bytes(byte & mask for byte, mask in zip(start, _MASK, strict=False)) == _ADF
 
 
 def _left_out(path: Path) -> list[str]:
     """A note where the file has solutions."""
-    if _is_adf(path):
-        return []
+    found = _adf_solutions(path) if _is_adf(path) else _hdf5_solutions(path)
+    return [f"the solutions {', '.join(found)} were left out"] if found else []
+
+
+def _adf_solutions(path: Path) -> list[str]:
+    """Names of the solutions in a file of the older container, whose nodes are marked and stand one after another."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        return [name.decode("ascii", "replace").strip() for name in _ADF_SOLUTION.findall(data)]
+
+
+def _hdf5_solutions(path: Path) -> list[str]:
+    """Paths of the solutions in an HDF5 file."""
     found: list[str] = []
     with opened(path) as file:
         file.visititems(lambda name, node: found.append(name) if _label(node) == "FlowSolution_t" else None)
-    return [f"the solutions {', '.join(found)} were left out"] if found else []
+    return found
 
 
 def _label(node: object) -> str:

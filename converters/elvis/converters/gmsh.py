@@ -12,13 +12,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from elvis.converters.gmsh_data import MAGIC, MAGIC_1, Contents, Scheme, Section, scan
+from elvis.converters.gmsh_data import MAGIC, Contents, Scheme, Section, beginning, scan
 from elvis.converters.gmsh_mesh import Functions, Group, Mesh, read_mesh
 from elvis.converters.names import components
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
+
+#: how many bytes tell what a file is, comments at its beginning included
+_HEAD = 1 << 16
 
 
 @dataclass(eq=False)
@@ -168,9 +171,10 @@ class Gmsh(Converter):
 
 
 def _starts(path: Path) -> bool:
+    """Whether a file is Gmsh's, whatever its name."""
     try:
         with path.open("rb") as file:
-            return file.read(len(MAGIC)).startswith((MAGIC, MAGIC_1))
+            return beginning(file.read(_HEAD)) >= 0
     except OSError:
         return False
 

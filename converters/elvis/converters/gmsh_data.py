@@ -28,7 +28,10 @@ MAGIC_1, _SECTIONS_1 = b"$NOD", (b"$ENDNOD", b"$ELM", b"$ENDELM")
 _DATA = (b"InterpolationScheme", b"NodeData", b"ElementNodeData", b"ElementData")
 _MESH = (b"MeshFormat", b"PhysicalNames", b"Entities", b"PartitionedEntities", b"Nodes", b"Elements", b"Periodic",
          b"GhostElements", b"Parametrizations")  # fmt: skip
-_OPENING = re.compile(rb"(?m)^\$(" + b"|".join(_DATA + _MESH) + rb")[ \t\r]*\n")
+_OPENING = re.compile(rb"(?m)^\$(\w+)[ \t\r]*\n")
+
+#: what may come before the format: blank lines, and sections of any other name with comments
+_BEFORE = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 
 #: tags (n,), values (n,) of each, and all values (sum, components)
 Values: TypeAlias = tuple[Ints, Ints, Floats]
@@ -194,6 +197,8 @@ class Contents:
     """What a file holds beside its mesh; ``mesh`` are the ranges of bytes of that, where it comes first.
 
     The library writes the mesh again with each set of data that it appends.
+
+    is_plain  whether the file begins with its format and holds nothing but a mesh
     """
 
     path: Path
@@ -206,14 +211,18 @@ class Contents:
 def scan(path: Path) -> Contents:
     """The data sections of a file; FormatError where one is damaged."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        if data[: len(MAGIC_1)] == MAGIC_1:
-            return _of_version_1(path, data)
-        order = _byte_order(path, data)
+        start = beginning(data)
+        if data[start : start + len(MAGIC_1)] == MAGIC_1:
+            return _of_version_1(path, data, start)
+        order = _byte_order(path, data, start)
         schemes: dict[str, dict[Shape, Scheme]] = {}
         sections: list[Section] = []
         kept: dict[bytes, tuple[int, int]] = {}
-        end, is_plain = 0, True
+        end, is_plain = start, start == 0
         while (found := _OPENING.search(data, end)) is not None:
+            if found[1] not in _DATA + _MESH:
+                end = _after(data, found)
+                continue
             stop, end = _closing(path, data, found)
             if found[1] in _MESH and found[1] not in kept:
                 kept[found[1]] = (found.start(), end)
@@ -227,12 +236,34 @@ def scan(path: Path) -> Contents:
         return Contents(path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()))
 
 
-def _of_version_1(path: Path, data: mmap.mmap) -> Contents:
-    """A mesh alone; FormatError where one of its sections is missing."""
+def beginning(data: bytes | mmap.mmap) -> int:
+    """Where a file, or its first bytes, names its format, behind comments if need be; -1 where it doesn't."""
+    at = 0
+    while (found := _BEFORE.match(data, at)) is not None:
+        name = b"$" + found[1]
+        if name in (MAGIC, MAGIC_1):
+            return found.start(1) - 1
+        at = _after(data, found)
+        if at == found.end():
+            return -1
+    return -1
+
+
+def _after(data: bytes | mmap.mmap, found: re.Match[bytes]) -> int:
+    """Where a section without meaning ends; the end of its first line where it has no other."""
+    stop = data.find(b"\n$End" + found[1], found.end() - 1)
+    if stop < 0:
+        return found.end()
+    line = data.find(b"\n", stop + 1)
+    return len(data) if line < 0 else line + 1
+
+
+def _of_version_1(path: Path, data: mmap.mmap, start: int) -> Contents:
+    """A mesh alone, from ``start`` on; FormatError where one of its sections is missing."""
     for name in _SECTIONS_1:
-        if data.find(name) < 0:
+        if data.find(name, start) < 0:
             raise FormatError(f"expected {name.decode()}, found the end", file=path)
-    return Contents(path, True, True, (), ())
+    return Contents(path, True, start == 0, (), ((start, len(data)),))
 
 
 def _closing(path: Path, data: mmap.mmap, found: re.Match[bytes]) -> tuple[int, int]:
@@ -245,14 +276,15 @@ def _closing(path: Path, data: mmap.mmap, found: re.Match[bytes]) -> tuple[int, 
     return stop, len(data) if line < 0 else line + 1
 
 
-def _byte_order(path: Path, data: mmap.mmap) -> str:
-    """``<`` or ``>`` for a binary file, empty for a text."""
-    found = re.match(rb"\$MeshFormat\s*\n(\S+)\s+(\d)\s+(\d+)[ \t\r]*\n", data[:200])
+def _byte_order(path: Path, data: mmap.mmap, start: int) -> str:
+    """``<`` or ``>`` for a binary file, empty for a text; the format begins at ``start``."""
+    head = data[start : start + 200]
+    found = re.match(rb"\$MeshFormat\s*\n(\S+)\s+(\d)\s+(\d+)[ \t\r]*\n", head)
     if found is None:
         raise FormatError("expected version, type and size after $MeshFormat, found something else", file=path)
     if found[2] == b"0":
         return ""
-    one = data[found.end() : found.end() + 4]
+    one = head[found.end() : found.end() + 4]
     if one not in (b"\1\0\0\0", b"\0\0\0\1"):
         raise FormatError("expected a 1 in either byte order after the format, found other bytes", file=path)
     return "<" if one[0] else ">"

@@ -38,8 +38,8 @@ CORNERS = {Shape.PRISM: (0, 2, 5, 3, 1, 4)}
 #: functions that differ by more from a polynomial aren't one
 _ROUNDING, _HIGHEST = 1e-8, 15
 
-#: how the library says that it couldn't read
-_ERROR = "Error: "
+#: how the library says that it couldn't read, and that it left something out
+_ERROR, _WARNING = "Error: ", "Warning: "
 
 
 @dataclass(eq=False)
@@ -132,22 +132,28 @@ def _from_native(shape: Shape, frame: Floats, points: Floats) -> Floats:
     return points @ matrix.T + offset
 
 
-def read_mesh(contents: Contents, with_entities: bool = False) -> Mesh:
+def read_mesh(contents: Contents, with_entities: bool = False, suffix: str = ".msh") -> Mesh:
     """The mesh of a file; FormatError with the library's first complaint.
 
     with_entities  whether entities that are in no physical group are parts by their own names
+    suffix         by which the library knows the format; a file of another name is linked
     """
     with TemporaryDirectory() as folder, session() as gmsh:
         path = contents.path
-        if not contents.is_plain:  # the library reads a copy without data
+        if contents.is_plain and path.suffix != suffix:
+            path = Path(folder) / f"mesh{suffix}"
+            path.symlink_to(contents.path.resolve())
+        elif not contents.is_plain:  # the library reads a copy without data and comments
             path = Path(folder) / "mesh.msh"
             with contents.path.open("rb") as whole, path.open("wb") as part:
                 for start, end in contents.mesh:
                     whole.seek(start)
                     part.write(whole.read(end - start))
         _check(gmsh, path, contents.path)
-        _load(gmsh, path, contents.path)
-        return _mesh(gmsh, contents.path, with_entities)
+        warnings = _load(gmsh, path, contents.path)
+        mesh = _mesh(gmsh, contents.path, with_entities)
+        mesh.notes += dict.fromkeys(warnings)
+        return mesh
 
 
 @contextmanager
@@ -190,15 +196,24 @@ def _check(gmsh: Any, path: Path, named: Path) -> None:
                 check(named, raw, width)
 
 
-def _load(gmsh: Any, path: Path, named: Path) -> None:
-    found = complaints(gmsh, str(path))
-    if found:
-        reason = found[0].replace(str(path), named.name)
+def _load(gmsh: Any, path: Path, named: Path) -> list[str]:
+    """What the library warns of when it opens a file; FormatError with its first complaint."""
+    lines = _log(gmsh, str(path))
+    errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
+    if errors:
+        reason = errors[0].replace(str(path), named.name)
         raise FormatError(f"expected a whole mesh, found: {reason}", file=named)
+    warnings = (line.removeprefix(_WARNING) for line in lines if line.startswith(_WARNING))
+    return [f"Gmsh: {warning.replace(str(path), named.name)}" for warning in warnings]
 
 
 def complaints(gmsh: Any, path: str) -> list[str]:
     """What the library has to complain of when it opens a file."""
+    return [line.removeprefix(_ERROR) for line in _log(gmsh, path) if line.startswith(_ERROR)]
+
+
+def _log(gmsh: Any, path: str) -> list[str]:
+    """The lines that the library logs when it opens a file."""
     gmsh.logger.start()
     with suppress(Exception):  # the log says what
         gmsh.open(path)
@@ -207,7 +222,7 @@ def complaints(gmsh: Any, path: str) -> list[str]:
     except UnicodeDecodeError:
         lines = [f"{_ERROR}names that are no text"]
     gmsh.logger.stop()
-    return [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
+    return lines
 
 
 def _mesh(gmsh: Any, path: Path, with_entities: bool) -> Mesh:
