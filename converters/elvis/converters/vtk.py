@@ -15,6 +15,7 @@ import numpy as np
 from elvis.converters.names import components
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, kind_of, read
+from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.polynomials.quadrature import lobatto
@@ -35,6 +36,9 @@ class Vtk(Converter):
     options = (
         Option("nodes", "Where the nodes of Lagrange cells lie.", ("auto", "equispaced", "gll"), "auto"),
         Option("hexahedra", "How edges of Lagrange hexahedra are numbered.", ("as-read", "exchanged"), "as-read"),
+        Option(
+            "wedges", "How the third quadrilateral of Lagrange wedges is numbered.", ("auto", "as-read", "vtk8"), "auto"
+        ),
         Option("step", "Which step of a series, counted from 0; the last by default."),
     )
 
@@ -44,7 +48,12 @@ class Vtk(Converter):
         return bool(paths) and all(kind_of(path) for path in paths)
 
     def __init__(
-        self, paths: Sequence[Path], nodes: str = "auto", hexahedra: str = "as-read", step: str | None = None
+        self,
+        paths: Sequence[Path],
+        nodes: str = "auto",
+        hexahedra: str = "as-read",
+        wedges: str = "auto",
+        step: str | None = None,
     ) -> None:
         if step is not None and not step.lstrip("-").isdigit():
             raise ElvisError(f"expected a number for --step, found {step!r}")
@@ -52,6 +61,7 @@ class Vtk(Converter):
         self.notes = []
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
+        self._number_wedges(wedges)
         self._place_nodes(nodes)
         self.blocks = [_block(part, number) for number, part in enumerate(self._parts)]
         self.fields = [*self._fields(True), *self._fields(False)]
@@ -99,16 +109,30 @@ class Vtk(Converter):
         for part in self._every():
             if part.cell.kind.type not in LAGRANGE or part.cell.shape is not Shape.HEXAHEDRON:
                 continue
-            pair = _upright(part.cell)
+            pair = upright(part.cell)
             if hexahedra == "exchanged":
                 part.nodes[:, np.concatenate(pair)] = part.nodes[:, np.concatenate(pair[::-1])]
-            wrong = _exchanged(np.asarray(part.grid.points[part.nodes], np.float64), part.cell, pair)
+            wrong = exchanged(np.asarray(part.grid.points[part.nodes], np.float64), part.cell, pair)
             if wrong > len(part.nodes) / 2:
                 raise FormatError(
                     f"expected nodes of edges near their edges, found those of two edges exchanged in {wrong} "
                     "hexahedra, as by a wrong version of the file; see --hexahedra",
                     file=part.grid.file,
                 )
+
+    def _number_wedges(self, wedges: str) -> None:
+        """Mirror the nodes of a face of Lagrange wedges where asked, or where they lie so; FormatError in doubt."""
+        known = [part for part in self._every() if LAGRANGE.get(part.cell.kind.type) is Shape.PRISM]
+        for file in dict.fromkeys(part.grid.file for part in known):
+            parts = [part for part in known if part.grid.file == file]
+            if wedges == "auto" and not _is_mirrored(parts, file):
+                continue
+            if wedges != "as-read":
+                for part in parts:
+                    inside, mirrored = third_face(part.cell)
+                    part.nodes[:, inside] = part.nodes[:, mirrored]
+            if wedges == "auto":
+                self.notes = [*self.notes, "wedges are numbered as by VTK 8, and were taken so (--wedges)"]
 
     def _place_nodes(self, nodes: str) -> None:
         """Move the nodes of Lagrange cells to Gauss-Lobatto places where asked, or where edges show them."""
@@ -255,24 +279,15 @@ def _dimension(grids: Sequence[Grid], paths: Sequence[Path]) -> int:
     return dimension
 
 
-def _upright(cell: Cell) -> tuple[Ints, Ints]:
-    """The nodes inside the edges over the corners (1, 1) and (0, 1), which two versions of files number differently."""
-    inside = (cell.nodes[:, 2] > 0) & (cell.nodes[:, 2] < 1) & (cell.nodes[:, 1] == 1)
-    return np.flatnonzero(inside & (cell.nodes[:, 0] == 1)), np.flatnonzero(inside & (cell.nodes[:, 0] == 0))
-
-
-def _exchanged(places: Floats, cell: Cell, pair: tuple[Ints, Ints]) -> int:
-    """In how many cells, nodes at (n, nodes, 3), both edges' nodes lie nearer the other edge's ends than their own."""
-    if not len(pair[0]):
-        return 0
-    corners = places[:, cell.vertex_nodes()]
-    middles = [(corners[:, low] + corners[:, high]) / 2 for low, high in ((2, 6), (3, 7))]
-    found = [places[:, own].mean(axis=1) for own in pair]
-    own, other = (
-        sum(np.linalg.norm(found[i] - middles[j], axis=1) for i, j in pairs)
-        for pairs in (((0, 0), (1, 1)), ((0, 1), (1, 0)))
-    )
-    return int(np.sum(other < own))
+def _is_mirrored(parts: Sequence[Part], file: str) -> bool:
+    """Whether the wedges of a file have a face numbered as by VTK 8; FormatError where they don't tell."""
+    asked = [part for part in parts if not np.array_equal(*third_face(part.cell))]
+    votes = [reversed_faces(np.asarray(part.grid.points[part.nodes], np.float64), part.cell) for part in asked]
+    own, other = np.sum(votes, axis=0) if votes else (1, 0)
+    if bool(own) == bool(other):
+        found = f"{own} as of VTK 9 and {other} as of VTK 8"
+        raise FormatError(f"expected wedges of one numbering, found {found}; choose one with --wedges", file=file)
+    return bool(other)
 
 
 def _votes(part: Part) -> tuple[int, int]:

@@ -1,0 +1,79 @@
+"""Cells whose nodes two versions of VTK number differently, told by where the nodes lie.
+
+Of Lagrange hexahedra the nodes of two edges are exchanged; of Lagrange wedges those of the third quadrilateral run the
+other way along the triangle.  The library knows the first from versions of files, the second it doesn't know.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.converters.vtk_cells import Cell
+from elvis.formats.arrays import Floats, Ints
+
+#: nodes are near their places where they are that much nearer than they would be otherwise
+_NEARER = 0.5
+
+
+def upright(cell: Cell) -> tuple[Ints, Ints]:
+    """The nodes inside the edges of a hexahedron over the corners (1, 1) and (0, 1)."""
+    inside = (cell.nodes[:, 2] > 0) & (cell.nodes[:, 2] < 1) & (cell.nodes[:, 1] == 1)
+    return np.flatnonzero(inside & (cell.nodes[:, 0] == 1)), np.flatnonzero(inside & (cell.nodes[:, 0] == 0))
+
+
+def exchanged(places: Floats, cell: Cell, pair: tuple[Ints, Ints]) -> int:
+    """In how many cells, nodes at (n, nodes, 3), both edges' nodes lie nearer the other edge's ends than their own."""
+    if not len(pair[0]):
+        return 0
+    corners = places[:, cell.vertex_nodes()]
+    middles = [(corners[:, low] + corners[:, high]) / 2 for low, high in ((2, 6), (3, 7))]
+    found = [places[:, own].mean(axis=1) for own in pair]
+    own, other = (
+        sum(np.linalg.norm(found[i] - middles[j], axis=1) for i, j in pairs)
+        for pairs in (((0, 0), (1, 1)), ((0, 1), (1, 0)))
+    )
+    return int(np.sum(other < own))
+
+
+def third_face(cell: Cell) -> tuple[Ints, Ints]:
+    """The nodes inside the face r = 0 of a wedge, and for each of them the node at the mirrored place, 1 - s for s."""
+    r, s, t = cell.nodes.T
+    inside = np.flatnonzero((r == 0) & (s > 0) & (s < 1) & (t > 0) & (t < 1))
+    opposite = cell.nodes[inside] * [1, -1, 1] + [0, 1, 0]
+    distance = np.abs(cell.nodes - opposite[:, None]).max(axis=2)
+    return inside, np.asarray(distance.argmin(axis=1), np.int64)
+
+
+def reversed_faces(places: Floats, cell: Cell) -> tuple[int, int]:
+    """In how many wedges, nodes at (n, nodes, 3), the nodes of the third face lie as read, and in how many mirrored.
+
+    Compared are the places inside the face that its edges suggest; wedges in which neither is much nearer don't count.
+    """
+    inside, mirrored = third_face(cell)
+    if np.array_equal(inside, mirrored):
+        return 0, 0
+    suggested = np.matmul(_blend(cell, inside), places)
+    own, other = (np.linalg.norm(places[:, nodes] - suggested, axis=2).sum(axis=1) for nodes in (inside, mirrored))
+    return int(np.sum(own < _NEARER * other)), int(np.sum(other < _NEARER * own))
+
+
+def _blend(cell: Cell, inside: Ints) -> Floats:
+    """(inside, nodes) weights of the nodes of the edges around the face r = 0 in the places that they suggest inside.
+
+    A bilinear Coons patch: the sum of what is ruled between opposite edges, less what is bilinear between the corners
+    (Coons, Surfaces for Computer-Aided Design of Space Forms, 1967).
+    """
+    result = np.zeros((len(inside), len(cell.nodes)))
+    for row, (_, s, t) in enumerate(cell.nodes[inside]):
+        for end, weight in ((0, 1 - s), (1, s)):
+            result[row, _node(cell, end, t)] += weight
+        for end, weight in ((0, 1 - t), (1, t)):
+            result[row, _node(cell, s, end)] += weight
+            result[row, _node(cell, 0, end)] -= weight * (1 - s)
+            result[row, _node(cell, 1, end)] -= weight * s
+    return result
+
+
+def _node(cell: Cell, s: float, t: float) -> int:
+    """The node at (0, s, t)."""
+    return int(np.abs(cell.nodes - [0, s, t]).max(axis=1).argmin())
