@@ -1,5 +1,8 @@
 """NGSolve: the library's own values are reproduced, from stored samples and from those exported in the test."""
 
+import gzip
+import shutil
+
 import numpy as np
 import pytest
 
@@ -260,3 +263,64 @@ def test_bad_own_files_are_refused_in_a_sentence(solvers, tmp_path, spaces, chan
     with pytest.raises(ElvisError, match=message) as caught:
         NGSolve(paths, spaces=spaces)
     assert "\n" not in str(caught.value)
+
+
+def test_a_compressed_mesh_is_read_like_the_plain_one(tmp_path):
+    mesh = ball()
+    for name in ("case.vol", "case.vol.gz"):
+        mesh.ngmesh.Save(str(tmp_path / name))
+    assert (tmp_path / "case.vol.gz").read_bytes()[:2] == b"\x1f\x8b"
+    function = random(ngsolve.H1(ngsolve.Mesh(str(tmp_path / "case.vol")), order=3))
+    function.Save(str(tmp_path / "case.u.gfu"))
+    shutil.copy(tmp_path / "case.vol.gz", tmp_path / "other")
+    plain, *others = (
+        check(NGSolve, [tmp_path / name, tmp_path / "case.u.gfu"], spaces="H1:3")
+        for name in ("case.vol", "case.vol.gz", "other")
+    )
+    assert plain.report.geometry.order == 3
+    for each in others:
+        assert np.array_equal(each.dataset.mesh.vertices, plain.dataset.mesh.vertices)
+        assert np.array_equal(
+            each.dataset.fields[0].blocks[0].coefficients, plain.dataset.fields[0].blocks[0].coefficients
+        )
+    assert [each.report.fields[0].name for each in (plain, *others)] == ["u", "u", "case.u"]
+    raw = (tmp_path / "case.vol.gz").read_bytes()
+    for cut in (b"", b"\0" * 40):
+        (tmp_path / "cut.vol.gz").write_bytes(raw[: len(raw) * 2 // 3] + cut)
+        with pytest.raises(FormatError, match=r"cut\.vol\.gz: expected a whole compressed file"):
+            NGSolve([tmp_path / "cut.vol.gz"])
+    with gzip.open(tmp_path / "bomb.vol.gz", "wb") as file:
+        file.write(b"mesh3d\n" + b"\n" * 10**7)
+    with pytest.raises(FormatError, match=r"bomb\.vol\.gz: expected at most 100 times the bytes"):
+        NGSolve([tmp_path / "bomb.vol.gz"])
+
+
+def test_a_mesh_without_an_end_is_read_where_its_sections_are_whole(tmp_path):
+    mesh = cube()
+    mesh.ngmesh.Save(str(tmp_path / "whole.vol"))
+    text = (tmp_path / "whole.vol").read_text()
+    text = text[: text.index("endmesh")]
+    path = tmp_path / "open.vol"
+    path.write_text(text)
+    (note,) = [note for note in check(NGSolve, [path]).report.notes if "endmesh" in note]
+    assert "whatever followed its section" in note
+    assert NGSolve([path]).summary() == NGSolve([tmp_path / "whole.vol"]).summary()
+    for broken in (
+        text.rstrip(),
+        text.rstrip()[:-8],
+        text.rstrip().rpartition("\n")[0] + "\n",
+        text + "curvedelements\n3\n",
+    ):
+        path.write_text(broken)
+        with pytest.raises(FormatError, match=r"open\.vol: (expected a whole mesh, found no endmesh|.*as many lines)"):
+            NGSolve([path])
+
+
+def test_a_plane_mesh_without_elements_is_named(tmp_path):
+    netgen = pytest.importorskip("netgen.meshing")
+    own = netgen.Mesh(dim=2)
+    points = [own.Add(netgen.MeshPoint(netgen.Pnt(x, 0, 0))) for x in (0.0, 1.0)]
+    own.Add(netgen.Element1D(points, index=1))
+    own.Save(str(tmp_path / "empty.vol"))
+    with pytest.raises(FormatError, match=r"empty\.vol: expected elements, found none"):
+        NGSolve([tmp_path / "empty.vol"])

@@ -3,7 +3,7 @@
 Of its own files the library makes the same samples: for each shape S (tet, pyramid, prism, hex, trig, quad) S_elem (n,)
 numbers, S_verts (n, k) vertices as NGSolve has them, S_ref (m, d) reference points, S_xyz (n, m, D), S_f_NAME (n, m,
 components), S_region (n,) names if there are any; order: the degree of the map and the highest of the fields;
-order_NAME, continuous, time, boundary_S_verts and boundary_S_region may be there too.
+order_NAME, continuous, time, boundary_S_verts, boundary_S_region and notes (sentences) may be there too.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _HIGHEST = 30
 class NGSolve(Converter):
     """Elements with values at points that determine their polynomials."""
 
-    format = "NGSolve's meshes and grid functions (.vol, .gfu), samples from a session (.elems.npz)"
+    format = "NGSolve's meshes and grid functions (.vol, .vol.gz, .gfu), samples from a session (.elems.npz)"
     keeps = "curved elements of all shapes and orders, H1 and L2 functions exactly, materials, boundaries, time"
     loses = (
         "pickled sessions, which run what they hold: export from Python; .vol and .gfu files need the package ngsolve"
@@ -67,8 +67,9 @@ class NGSolve(Converter):
             raise FormatError("expected elements, found none", file=self._path)
         self.fields = self._source_fields(names)
         self.boundaries = self._borders()
+        self.notes = [str(note) for note in self._data.get("notes", ())]
         if "pyramid_xyz" in self._data:
-            self.notes = [
+            self.notes += [
                 "NGSolve's own functions on pyramids, with an apex a little off, are met to 1e-7, not to rounding"
             ]
         self.time = float(self._data["time"]) if "time" in self._data else None

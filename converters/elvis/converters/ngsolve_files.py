@@ -6,11 +6,15 @@ looked for before it reads.
 
 from __future__ import annotations
 
+import gzip
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -36,6 +40,13 @@ _ELEMENTS = {
     "volumeelements": 1,
 }
 
+#: sections of which any may be the last of a mesh that has no end, one line for each thing that they count
+_LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsgi2", "edgesegmentsgi3", "pointelements",
+          "materials", "bcnames", "cd2names", "cd3names", "face_colours", "face_transparencies"}  # fmt: skip
+
+#: how compressed files begin, and how many times their size they may hold: ten times what meshes do
+_GZIP, _EXPANSION = b"\x1f\x8b", 100
+
 #: what a process of its own tries, with bytes of memory at most
 _TRIAL = """
 import resource, sys
@@ -48,12 +59,17 @@ _LIMIT, _PER_BYTE = 4 << 30, 200
 
 
 def is_mesh(path: Path) -> bool:
-    """Whether a file begins as Netgen's meshes do."""
+    """Whether a file begins as Netgen's meshes do, compressed or not."""
     try:
-        with path.open("rb") as file:
+        with gzip.open(path) if _is_compressed(path) else path.open("rb") as file:
             return _BEGIN.search(file.read(_HEAD)) is not None
-    except OSError:
+    except (OSError, EOFError, zlib.error):
         return False
+
+
+def _is_compressed(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_GZIP)) == _GZIP
 
 
 def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
@@ -73,10 +89,23 @@ def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
             f"the converter ngsolve needs ngsolve for {meshes[0].name}, which is not installed; "
             f"pip install 'elvis-viz[{EXTRA}]' brings it"
         ) from None
-    _check(meshes[0])
-    mesh = ngsolve.Mesh(str(meshes[0]))
+    with _linked(meshes[0]) as link:
+        notes = _check(meshes[0], link)
+        mesh = ngsolve.Mesh(str(link))
     fields = {_name(meshes[0], path): _function(ngsolve, mesh, path, *own) for path, own in named}
-    return samples(mesh, fields)
+    try:
+        return {**samples(mesh, fields), "notes": np.array(notes, dtype="U")}
+    except ElvisError as error:
+        raise FormatError(str(error), file=meshes[0]) from error
+
+
+@contextmanager
+def _linked(path: Path) -> Iterator[Path]:
+    """A link to a mesh by a name from which the library tells what it is; of others it reads nothing."""
+    with TemporaryDirectory() as folder:
+        link = Path(folder) / ("mesh.vol.gz" if _is_compressed(path) else "mesh.vol")
+        link.symlink_to(path.resolve())
+        yield link
 
 
 def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, tuple[str, int]]]:
@@ -108,24 +137,60 @@ def _function(ngsolve: Any, mesh: Any, path: Path, kind: str, order: int) -> Any
 
 def _name(mesh: Path, path: Path) -> str:
     """The name of a function's file without what it has in common with the mesh's, and without its ending."""
-    return path.stem.removeprefix(mesh.name.removesuffix(".vol")).strip("._-") or path.stem
+    return path.stem.removeprefix(mesh.name.removesuffix(".gz").removesuffix(".vol")).strip("._-") or path.stem
 
 
-def _check(path: Path) -> None:
-    """FormatError where the mesh is cut off, has elements on points that aren't there, or the library fails on it."""
-    lines = path.read_text("ascii", "replace").splitlines()
-    if "endmesh" not in (line.strip() for line in lines):
-        raise FormatError("expected a whole mesh, found no endmesh", file=path)
+def _check(path: Path, link: Path) -> list[str]:
+    """FormatError where the mesh is cut off, has elements on points that aren't there, or the library fails on it.
+
+    link  a name of the file by which the library knows what it is
+    What is returned are sentences for the report.
+    """
+    text = _text(path)
+    lines = text.splitlines()
     starts = {line.strip(): at for at, line in enumerate(lines) if line and line[0].isalpha()}
     count = _count(path, lines, starts, "points")
     for section, column in _ELEMENTS.items():
         if section in starts:
             at = starts[section] + 2
             _check_elements(path, section, lines[at : at + _count(path, lines, starts, section)], column, count)
-    limit = _LIMIT + _PER_BYTE * path.stat().st_size
-    done = subprocess.run([sys.executable, "-c", _TRIAL, str(path), str(limit)], capture_output=True, check=False)
+    has_end = any(line.strip() == "endmesh" for line in lines)
+    notes = [] if has_end else [_unended(path, text, starts)]
+    limit = _LIMIT + _PER_BYTE * len(text)
+    done = subprocess.run([sys.executable, "-c", _TRIAL, str(link), str(limit)], capture_output=True, check=False)
     if done.returncode:
         raise FormatError("expected a mesh that NGSolve reads, found one on which it fails", file=path)
+    return notes
+
+
+def _text(path: Path) -> str:
+    """All of a file; FormatError where it is compressed and damaged, or holds far more than its size suggests."""
+    if not _is_compressed(path):
+        return path.read_text("ascii", "replace")
+    limit = _EXPANSION * path.stat().st_size
+    try:
+        with gzip.open(path) as file:
+            raw = file.read(limit + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FormatError(f"expected a whole compressed file, found: {error}", file=path) from None
+    if len(raw) > limit:
+        raise FormatError(
+            f"expected at most {_EXPANSION} times the bytes of the compressed file, found more", file=path
+        )
+    return raw.decode("ascii", "replace")
+
+
+def _unended(path: Path, text: str, starts: dict[str, int]) -> str:
+    """A note on a mesh without an end whose sections are all there; FormatError where the last one may be cut off."""
+    lines = text.rstrip().splitlines()
+    while lines[-1].startswith("#") or not lines[-1].strip():
+        lines.pop()
+    last = max(starts, key=lambda section: starts[section])
+    if last not in _LISTS or not text.endswith("\n"):
+        raise FormatError("expected a whole mesh, found no endmesh", file=path)
+    if starts[last] + 2 + _count(path, lines, starts, last) != len(lines):
+        raise FormatError("expected a whole mesh, found no endmesh", file=path)
+    return f"the mesh has no endmesh: whatever followed its section {last}, such as curved elements, is missing"
 
 
 def _count(path: Path, lines: Sequence[str], starts: dict[str, int], section: str) -> int:
