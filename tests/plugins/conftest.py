@@ -20,7 +20,7 @@ def miniature(monkeypatch):
 def renderer():
     """An open device by name, opened once; only a missing Vulkan driver is a reason to skip, and not in CI."""
     from elvis.renderer import Renderer
-    from elvis.renderer.device import ADVICE, adapters
+    from elvis.renderer.adapters import ADVICE, adapters
 
     opened = {}
 

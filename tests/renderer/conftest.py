@@ -16,8 +16,8 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as judge
 from elvis.renderer import Renderer, Scene, Status
+from elvis.renderer.adapters import ADVICE, adapters
 from elvis.renderer.compositing import Coats
-from elvis.renderer.device import ADVICE, adapters
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.rendering import completed

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
-from elvis.renderer.device import Device
+from elvis.renderer.device import Buffer, Device
 from elvis.renderer.scene import Vector
-
-if TYPE_CHECKING:
-    import slangpy
 
 #: what lies behind a surface that lets less than this part of the light through does not count
 FAINT = 1e-3
@@ -30,7 +27,7 @@ class Coats:
 
     def __init__(self, device: Device, pixels: int, count: int, background: Vector, *, whole: bool = False) -> None:
         self.device, self.pixels, self.count, self.background, self.whole = device, pixels, count, background, whole
-        self.buffers: dict[str, slangpy.Buffer] = {}
+        self.buffers: dict[str, Buffer] = {}
         for name, size in (("coat_depths", 1), ("coat_colors", 4)):
             self.buffers[name] = device.empty(np.float64, size * pixels * count)
 

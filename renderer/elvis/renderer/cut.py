@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
-from elvis.renderer.device import Kernel
+from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.gaps import Gaps
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -20,9 +20,6 @@ from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import tiles_of
 from elvis.renderer.view import PlaneView
-
-if TYPE_CHECKING:
-    import slangpy
 
 
 @dataclass
@@ -84,7 +81,7 @@ class Cutter:
         return Layer.of_cut(self.device, view, pixels, image, np.concatenate(every) if every else None)
 
     def _draw_part(
-        self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, slangpy.Buffer]
+        self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, Buffer]
     ) -> NDArray[Any]:
         """All stages for one part; returns what draw put off, searched again, with running element numbers."""
         part, buffers = self.parts[number], {**self.buffers[number], **image}
@@ -133,7 +130,7 @@ class Cutter:
     def _kernel(self, stage: str, part: Part) -> Kernel:
         return self.device.kernel(stage, part)
 
-    def _view(self, kernel: Kernel, view: PlaneView, number: int, count: int) -> slangpy.Buffer:
+    def _view(self, kernel: Kernel, view: PlaneView, number: int, count: int) -> Buffer:
         """The View record of the stages (shaders/cut.slang)."""
         record = np.zeros(1, kernel.dtype("view"))
         record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
@@ -144,7 +141,7 @@ class Cutter:
         record["slack"] = 1e-12 * (self.reach + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
-    def _grant(self, granted: list[NDArray[Any]], image: dict[str, slangpy.Buffer]) -> None:
+    def _grant(self, granted: list[NDArray[Any]], image: dict[str, Buffer]) -> None:
         """Let an image hold what claims to its pixels say."""
         if not sum(map(len, granted)):
             return

@@ -1,25 +1,20 @@
-"""Devices that run the kernels: Vulkan and CUDA GPUs, Vulkan in software, slang's CPU target.
-
-slangpy is imported only here, and only when a device is opened or listed.
-"""
+"""An open device: its buffers, and kernels linked for the Slang type of a part."""
 
 from __future__ import annotations
 
-import ctypes
-import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
-from elvis.renderer.diagnostics import compiling, errors_alone
+from elvis.renderer.adapters import choose, opened
+from elvis.renderer.diagnostics import compiling
 from elvis.renderer.errors import DeviceError, DeviceLostError
 
 if TYPE_CHECKING:
@@ -38,67 +33,62 @@ GROUPS_IN_ROW = 32768
 STAND_IN = 4
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
-SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
-#: what to install where no Vulkan device is found
-ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
+#: what whoever uses a closed device is told
+CLOSED = "the device is closed: open another one"
 
 
-@dataclass(frozen=True)
-class Adapter:
-    """A device that can be asked for by ``name`` (``vulkan:0``, ``cuda:0``, ``cpu``)."""
+class Buffer:
+    """Memory of a device: given back with the last reference to it, or when the device is closed."""
 
-    name: str
-    label: str
-    software: bool
-    luid: tuple[int, ...] = ()
+    def __init__(self, memory: slangpy.Buffer) -> None:
+        self._memory: slangpy.Buffer | None = memory
 
     @property
-    def kind(self) -> str:
-        """``vulkan``, ``cuda`` or ``cpu``."""
-        return self.name.split(":")[0]
+    def memory(self) -> slangpy.Buffer:
+        """What slangpy knows it as; DeviceError where the device is closed."""
+        if self._memory is None:
+            raise DeviceError(CLOSED)
+        return self._memory
 
-
-def adapters() -> list[Adapter]:
-    """All devices, GPUs first, then software Vulkan, then the CPU target."""
-    found: list[Adapter] = []
-    for kind in ("vulkan", "cuda"):
-        for number, info in enumerate(_enumerate(kind)):
-            software = any(word in info.name.lower() for word in SOFTWARE)
-            found.append(Adapter(f"{kind}:{number}", info.name, software, tuple(info.luid)))
-    found.sort(key=lambda adapter: adapter.software)
-    return [*found, Adapter("cpu", "slang's CPU target, one thread", True)]
-
-
-def choose(name: str) -> Adapter:
-    """The adapter of ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu``; DeviceError where there is none."""
-    every = adapters()
-    if name == "auto":
-        return min(every, key=lambda a: (a.software, ("vulkan", "cuda", "cpu").index(a.kind)))
-    fitting = [adapter for adapter in every if name in (adapter.name, adapter.kind)]
-    if fitting:
-        return fitting[0]
-    known = ", ".join(adapter.name for adapter in every)
-    advice = f"; {ADVICE}" if name.startswith("vulkan") else ""
-    raise DeviceError(f"no device {name!r}: found {known}{advice}")
+    def release(self) -> None:
+        """Give the memory back, whoever still refers to the buffer."""
+        self._memory = None
 
 
 class Device:
-    """An open device: buffers, and kernels linked for the Slang type of a part."""
+    """An open device: buffers, and kernels linked for the Slang type of a part.
+
+    Closing it frees all of them at once, also those that an exception's frames or a reference cycle still hold: slangpy
+    keeps a device, its threads and its memory for as long as one buffer or kernel of it is there.
+    """
 
     def __init__(self, name: str = "auto") -> None:
         """Open a device (see choose)."""
         self.adapter = choose(name)
-        self._device = _open(self.adapter)
+        self._opened: slangpy.Device | None = opened(self.adapter)
         self._folders = [SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
+        self._buffers: WeakSet[Buffer] = WeakSet()
         self.bytes_made = 0  # of all buffers so far
 
+    @property
+    def _device(self) -> slangpy.Device:
+        if self._opened is None:
+            raise DeviceError(CLOSED)
+        return self._opened
+
     def close(self) -> None:
-        """Give the device back; it can't be used any more."""
+        """Give the device back with all that was made on it; it can't be used any more.  Closing twice is harmless."""
+        for buffer in self._buffers:
+            buffer.release()
+        for kernel in self._kernels.values():
+            kernel.release()
         self._kernels.clear()
         self._session = None
-        self._device.close()
+        device, self._opened = self._opened, None
+        if device is not None:
+            device.close()
 
     def __enter__(self) -> Device:
         return self
@@ -112,17 +102,17 @@ class Device:
             self._folders = [SHADERS, interface_folder(), folder]
             self._session = None
 
-    def buffer(self, data: NDArray[Any]) -> slangpy.Buffer:
+    def buffer(self, data: NDArray[Any]) -> Buffer:
         """A buffer that holds the data; an empty array makes a buffer of one element."""
         data = np.ascontiguousarray(data).reshape(-1)
         data = data if len(data) else np.zeros(1, data.dtype)
         return self._create(data.dtype, len(data), data)
 
-    def empty(self, dtype: DTypeLike, count: int) -> slangpy.Buffer:
+    def empty(self, dtype: DTypeLike, count: int) -> Buffer:
         """A buffer of ``count`` elements without content."""
         return self._create(np.dtype(dtype), max(count, 1), None)
 
-    def _create(self, dtype: np.dtype[Any], count: int, data: NDArray[Any] | None) -> slangpy.Buffer:
+    def _create(self, dtype: np.dtype[Any], count: int, data: NDArray[Any] | None) -> Buffer:
         import slangpy
 
         usage = slangpy.BufferUsage.shader_resource | slangpy.BufferUsage.unordered_access
@@ -132,15 +122,18 @@ class Device:
             # plain bytes that could be written to: slangpy takes no other arrays
             raw = None if data is None else data.view(np.uint8)
             raw = raw if raw is None or raw.flags.writeable else raw.copy()
-            return self._device.create_buffer(element_count=count, struct_size=dtype.itemsize, usage=usage, data=raw)
+            memory = self._device.create_buffer(element_count=count, struct_size=dtype.itemsize, usage=usage, data=raw)
         except RuntimeError as error:
             size = count * dtype.itemsize / 2**20
             raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
+        buffer = Buffer(memory)
+        self._buffers.add(buffer)
+        return buffer
 
-    def read(self, buffer: slangpy.Buffer, dtype: DTypeLike) -> NDArray[Any]:
+    def read(self, buffer: Buffer, dtype: DTypeLike) -> NDArray[Any]:
         """The content of a buffer."""
         with working():
-            content: NDArray[Any] = buffer.to_numpy().reshape(-1).view(np.uint8).view(dtype)
+            content: NDArray[Any] = buffer.memory.to_numpy().reshape(-1).view(np.uint8).view(dtype)
         return content
 
     def kernel(
@@ -186,7 +179,7 @@ class Device:
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
         return Kernel(self._device.create_compute_kernel(program), program)
 
-    def listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, slangpy.Buffer]], None]) -> NDArray[Any]:
+    def listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
 
         It runs again with a longer list where the first was too short, so running twice must be harmless.
@@ -208,12 +201,19 @@ class Kernel:
     """
 
     def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram) -> None:
-        self._kernel, self.capacity = kernel, FIRST_CAPACITY
+        self._kernel: slangpy.ComputeKernel | None = kernel
+        self.capacity = FIRST_CAPACITY
         self._group = int(program.layout.entry_points[0].compute_thread_group_size.x)
         # the cpu target wraps all globals in a constant buffer
         layout = program.layout.globals_type_layout
-        self._globals = {item.name: item.type_layout for item in (layout.element_type_layout or layout).fields}
+        fields = (layout.element_type_layout or layout).fields
+        self._globals: dict[str, slangpy.TypeLayoutReflection] = {item.name: item.type_layout for item in fields}
         self._dtypes: dict[str, np.dtype[Any]] = {}
+
+    def release(self) -> None:
+        """Give the program back, whoever still refers to the kernel."""
+        self._kernel = None
+        self._globals = {}
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """The NumPy dtype of one element of a structured buffer, as Slang lays it out."""
@@ -221,10 +221,12 @@ class Kernel:
             self._dtypes[name] = _dtype(self._globals[name].element_type_layout)
         return self._dtypes[name]
 
-    def __call__(self, count: int, buffers: dict[str, slangpy.Buffer], *, groups: bool = False) -> None:
+    def __call__(self, count: int, buffers: dict[str, Buffer], *, groups: bool = False) -> None:
         """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers it knows of."""
         import slangpy
 
+        if self._kernel is None:
+            raise DeviceError(CLOSED)
         missing = self._globals.keys() - buffers.keys()
         if missing:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
@@ -233,7 +235,7 @@ class Kernel:
             row = min(total, GROUPS_IN_ROW)
             threads = slangpy.uint3(row * self._group, -(-total // row), 1)
             with working():
-                self._kernel.dispatch(threads, vars={name: buffers[name] for name in self._globals})
+                self._kernel.dispatch(threads, vars={name: buffers[name].memory for name in self._globals})
 
 
 @contextmanager
@@ -270,53 +272,3 @@ def _dtype(layout: Any) -> np.dtype[Any]:
     if reflected.kind == kinds.array:
         return np.dtype((_dtype(layout.element_type_layout), (reflected.element_count,)))
     return np.dtype((reflected.scalar_type.name, (reflected.col_count,) if reflected.kind == kinds.vector else ()))
-
-
-def _enumerate(kind: str) -> list[Any]:
-    """Adapters of a kind; none where its driver is missing."""
-    import slangpy
-
-    try:
-        with _quiet():
-            return list(slangpy.Device.enumerate_adapters(type=getattr(slangpy.DeviceType, kind)))
-    except RuntimeError:
-        return []
-
-
-def _open(adapter: Adapter) -> slangpy.Device:
-    import slangpy
-
-    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "elvis" / "kernels"
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-        with _quiet():
-            return slangpy.Device(
-                type=getattr(slangpy.DeviceType, adapter.kind),
-                adapter_luid=list(adapter.luid) or None,
-                enable_hot_reload=False,
-                enable_rhi_validation=False,
-                enable_ray_tracing=False,
-                shader_cache_path=cache,
-            )
-    except (RuntimeError, OSError) as error:
-        advice = f"; {ADVICE}" if adapter.kind == "vulkan" else ""
-        raise DeviceError(f"the device {adapter.name} ({adapter.label}) can't be opened{advice}") from error
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep drivers and slangpy from chattering on the terminal while devices are looked for and opened."""
-    saved, void = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
-    sys.stdout.flush()
-    try:
-        for stream in (1, 2):
-            os.dup2(void, stream)
-        with errors_alone():
-            yield
-    finally:
-        # what C code has buffered goes nowhere too
-        ctypes.CDLL(None).fflush(None)
-        for stream, original in zip((1, 2), saved, strict=True):
-            os.dup2(original, stream)
-            os.close(original)
-        os.close(void)

@@ -19,9 +19,7 @@ from elvis.renderer.traversal import Traversal
 from elvis.renderer.view import View
 
 if TYPE_CHECKING:
-    import slangpy
-
-    from elvis.renderer.device import Kernel
+    from elvis.renderer.device import Buffer, Kernel
 
 
 class DistanceDrawer:
@@ -69,5 +67,5 @@ class DistanceDrawer:
         return Hits(found["pixel"].astype(np.int64), found["depth"].copy(), found["normal"].copy())
 
 
-def _run(kernel: Kernel, count: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
+def _run(kernel: Kernel, count: int, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:
     kernel(count, {**buffers, **lists})

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.plugins.faces import Faces
-from elvis.renderer.device import Kernel
+from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -19,9 +19,6 @@ from elvis.renderer.pieces import THIN, Edges, Pieces, pieces_of
 from elvis.renderer.sides import Sides
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.renderer.view import View
-
-if TYPE_CHECKING:
-    import slangpy
 
 #: part of the scene's size within which two hits are at one place
 _TIE = 1e-11
@@ -57,7 +54,7 @@ class FaceDrawer:
         """
         device = self.loaded.device
         after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
-        image: dict[str, slangpy.Buffer] = {}
+        image: dict[str, Buffer] = {}
         for number, kernel, buffers, tiles in self._work("face_draw", view, select, quantity, beyond is not None):
             if not image:
                 image = {name: device.empty(dtype, size * view.count) for name, (dtype, size) in _IMAGE.items()}
@@ -68,7 +65,7 @@ class FaceDrawer:
             _mark(view, layer, edges, np.broadcast_to(after, view.count))
         return layer
 
-    def _layer(self, image: dict[str, slangpy.Buffer]) -> Layer:
+    def _layer(self, image: dict[str, Buffer]) -> Layer:
         """The layer that the device holds; what of it is asked for is read."""
 
         def read(name: str) -> NDArray[Any]:
@@ -132,7 +129,7 @@ class FaceDrawer:
         quantity: str | None,
         layered: bool | None = None,
         rows: tuple[int, int] | None = None,
-    ) -> Iterator[tuple[int, Kernel, dict[str, slangpy.Buffer], int]]:
+    ) -> Iterator[tuple[int, Kernel, dict[str, Buffer], int]]:
         """For each part that is seen its number, a kernel, the buffers that say what is where, and how many tiles.
 
         The first one has all tiles of the picture, unless they are only listed (``layered`` None).
@@ -208,7 +205,7 @@ def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
     return one is other or (isinstance(one, tuple) and isinstance(other, tuple) and one == other)
 
 
-def _run(kernel: Kernel, tiles: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
+def _run(kernel: Kernel, tiles: int, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:
     kernel(tiles, {**buffers, **lists}, groups=True)
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats
-from elvis.renderer.device import STAND_IN, Kernel
+from elvis.renderer.device import STAND_IN, Buffer, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
@@ -19,9 +19,6 @@ from elvis.renderer.pixels import NOBODY
 from elvis.renderer.solids import sampled
 from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
 from elvis.renderer.view import View
-
-if TYPE_CHECKING:
-    import slangpy
 
 #: what becomes of a piece, as in shaders/iso.slang
 SPLIT, CLEAR, TINY, FLAT, UNDEFINED = range(5)
@@ -106,7 +103,7 @@ class IsosurfaceDrawer:
         number: int,
         quantity: str | None,
         value: float,
-        buffers: dict[str, slangpy.Buffer],
+        buffers: dict[str, Buffer],
     ) -> None:
         """The straight tetrahedra of a part that may have the value."""
         low, high = self.traversal.bounds(number, quantity)
@@ -156,8 +153,8 @@ class IsosurfaceDrawer:
         kernel: Kernel,
         parents: NDArray[Any],
         halved: bool,
-        buffers: dict[str, slangpy.Buffer],
-        ask: Callable[..., slangpy.Buffer],
+        buffers: dict[str, Buffer],
+        ask: Callable[..., Buffer],
     ) -> NDArray[Any]:
         """What is left of some pieces, halved thrice or as they are."""
         lists = {
@@ -185,7 +182,7 @@ class IsosurfaceDrawer:
         number: int,
         quantity: str | None,
         value: float,
-        buffers: dict[str, slangpy.Buffer],
+        buffers: dict[str, Buffer],
     ) -> None:
         """The other elements of a part, in pieces."""
         pieces = self._pieces(view, number, quantity, value)
@@ -201,7 +198,7 @@ class IsosurfaceDrawer:
         buffers["pieces"] = self.device.buffer(pieces)
         draw(len(bins), buffers, groups=True)
 
-    def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> slangpy.Buffer:
+    def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> Buffer:
         """The Ask record of the stages (shaders/iso.slang)."""
         record = np.zeros(1, kernel.dtype("ask"))
         eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]

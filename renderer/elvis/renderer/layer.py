@@ -16,9 +16,7 @@ from elvis.renderer.pixels import NOBODY, Pixels
 from elvis.renderer.view import PlaneView
 
 if TYPE_CHECKING:
-    import slangpy
-
-    from elvis.renderer.device import Device
+    from elvis.renderer.device import Buffer, Device
 
 
 @dataclass
@@ -46,7 +44,7 @@ class Layer:
     status: NDArray[np.uint8]
     side: NDArray[np.uint32] | None = default(default_factory=lambda: None)
     flat: Floats | None = None
-    held: Mapping[str, slangpy.Buffer] = default(default_factory=dict)
+    held: Mapping[str, Buffer] = default(default_factory=dict)
     sections: NDArray[Any] | None = default(default_factory=lambda: None)
     offset: float = 0.0
 
@@ -94,13 +92,13 @@ class Layer:
             offset=self.offset,
         )
 
-    def on(self, device: Device, name: str) -> slangpy.Buffer:
+    def on(self, device: Device, name: str) -> Buffer:
         """One of the arrays on a device, which it is brought to once."""
         if name not in self.held:
             self.held = {**self.held, name: device.buffer(getattr(self, name))}
         return self.held[name]
 
-    def normals(self, device: Device, *, needed: bool = True) -> tuple[slangpy.Buffer, bool]:
+    def normals(self, device: Device, *, needed: bool = True) -> tuple[Buffer, bool]:
         """The normals on a device, or one for all pixels; and whether it is that."""
         if self.flat is None and needed:
             return self.on(device, "normal"), False
@@ -117,7 +115,7 @@ class Layer:
         device: Device,
         view: PlaneView,
         pixels: Pixels,
-        held: Mapping[str, slangpy.Buffer],
+        held: Mapping[str, Buffer],
         sections: NDArray[Any] | None,
     ) -> Layer:
         """The pixels of a plane cut, whose image a device holds."""

@@ -9,22 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.renderer.device import ROWS, Device, Kernel
+from elvis.renderer.device import ROWS, Buffer, Device, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.view import View
-
-if TYPE_CHECKING:
-    import slangpy
 
 #: most contour values, and greatest width in pixels, that a mark holds
 MOST, WIDEST = 1024, 100.0
@@ -49,7 +46,7 @@ class Marks:
     """
 
     device: Device
-    held: slangpy.Buffer
+    held: Buffer
     width: float
     owner: NDArray[np.uint32]
     mask: int = NOTHING
@@ -108,7 +105,7 @@ class Lines:
         self._run("line_border", view, layer, pieces, buffers, reach=reach)
         return Marks(self._device, buffers["marks"], width, layer.owner)
 
-    def _buffers(self, view: View, layer: Layer, width: float) -> dict[str, slangpy.Buffer]:
+    def _buffers(self, view: View, layer: Layer, width: float) -> dict[str, Buffer]:
         """What both kinds of lines need of a layer, and empty marks."""
         _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
         return {
@@ -141,7 +138,7 @@ class Lines:
         pieces["whole"], pieces["element"] = 2, element[free]
         return pieces
 
-    def _found(self, view: View, layer: Layer, buffers: dict[str, slangpy.Buffer], levels: int) -> NDArray[Any]:
+    def _found(self, view: View, layer: Layer, buffers: dict[str, Buffer], levels: int) -> NDArray[Any]:
         """The pieces that line_find.slang lists."""
         kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
@@ -158,7 +155,7 @@ class Lines:
         view: View,
         layer: Layer,
         pieces: NDArray[Any],
-        buffers: dict[str, slangpy.Buffer],
+        buffers: dict[str, Buffer],
         quantity: str | None = None,
         **size: float,
     ) -> None:
@@ -175,8 +172,8 @@ class Lines:
             record = sight(kernel, view, **place, **size, gathered=gathered, flat=layer.flat is not None)
             references = self._device.buffer(layer.reference[own["base"]]) if gathered else layer.held["reference"]
             data = {"pieces": own, "facets": facets, "view": record}
-            data = {name: self._device.buffer(some) for name, some in data.items()}
-            kernel(len(own), {**self._loaded.bound(number, quantity), **buffers, **data, "references": references})
+            brought = {name: self._device.buffer(some) for name, some in data.items()}
+            kernel(len(own), {**self._loaded.bound(number, quantity), **buffers, **brought, "references": references})
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""

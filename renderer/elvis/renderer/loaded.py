@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
 from elvis.plugins.volume import Part, Volume
-from elvis.renderer.device import Device
+from elvis.renderer.device import Buffer, Device
 from elvis.renderer.fitting import surrounding
-
-if TYPE_CHECKING:
-    import slangpy
 
 
 class Loaded:
@@ -32,8 +29,8 @@ class Loaded:
         device.include(volume.shader_folder)
         self.device, self.parts, self.dimension = device, list(volume.parts), volume.dimension
         self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
-        self.bytes, self._brought = 0, dict[int, "slangpy.Buffer"]()
-        self._bounds: dict[str | None, slangpy.Buffer] = {}
+        self.bytes, self._brought = 0, dict[int, Buffer]()
+        self._bounds: dict[str | None, Buffer] = {}
         self._ends: dict[str | None, NDArray[np.float32]] = {}
         self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
@@ -45,7 +42,7 @@ class Loaded:
         """(2, 3) low and high corner of a box that holds all elements."""
         return surrounding([part.boxes for part in self.parts])
 
-    def bound(self, number: int, quantity: str | None = None) -> dict[str, slangpy.Buffer]:
+    def bound(self, number: int, quantity: str | None = None) -> dict[str, Buffer]:
         """The buffers of a part, or of one of its quantities, by name."""
         own = {} if quantity is None else self._bring(self.parts[number].quantities[quantity].buffers)
         return {**self.buffers[number], **own}
@@ -61,7 +58,7 @@ class Loaded:
                 self._levels[key] = key[1], found[1]
         return self._levels[key]
 
-    def bounds(self, quantity: str | None = None) -> slangpy.Buffer:
+    def bounds(self, quantity: str | None = None) -> Buffer:
         """On the device, by running number of elements, the certified bounds of a quantity in single precision."""
         if quantity not in self._bounds:
             every = self.every(quantity)
@@ -83,7 +80,7 @@ class Loaded:
         ends = np.stack(known(), axis=1)
         return np.asarray(ends + 1e-12 * np.abs(ends).max(axis=1, keepdims=True) * [-1.0, 1.0])
 
-    def _bring(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, slangpy.Buffer]:
+    def _bring(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Buffer]:
         """Arrays on the device: those that several parts and quantities share are there once."""
         for data in arrays.values():
             if id(data) not in self._brought:

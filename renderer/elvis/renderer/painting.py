@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.renderer.compositing import Coats
-from elvis.renderer.device import Device
+from elvis.renderer.device import Buffer, Device
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Marks, sight
 from elvis.renderer.palette import NOT_A_NUMBER, Palette
 from elvis.renderer.scene import Light, Vector, unit
 from elvis.renderer.view import View
-
-if TYPE_CHECKING:
-    import slangpy
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +64,7 @@ class Brush:
         layer: Layer,
         look: Look,
         behind: Vector,
-        made: Mapping[str, slangpy.Buffer],
+        made: Mapping[str, Buffer],
         first: int = 0,
         *,
         whole: bool = False,
@@ -95,7 +92,7 @@ class Brush:
         }
         kernel(view.count, {**buffers, **made})
 
-    def _lines(self, look: Look, dtype: np.dtype[Any]) -> dict[str, slangpy.Buffer]:
+    def _lines(self, look: Look, dtype: np.dtype[Any]) -> dict[str, Buffer]:
         """Marks of mesh lines and contours, and the Ink records of both."""
         inks, marks = np.zeros(2, dtype), {}
         for ink, name in zip(inks, ("mesh", "contours"), strict=True):

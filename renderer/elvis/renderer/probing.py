@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.mapping.boxes import BoxTree
-from elvis.renderer.device import Kernel
+from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Status
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN
-
-if TYPE_CHECKING:
-    import slangpy
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,17 +110,17 @@ class Finder:
         undecided: Ints = point[solution.verdict == UNKNOWN]
         return undecided
 
-    def _uploaded(self, tree: BoxTree) -> dict[str, slangpy.Buffer]:
+    def _uploaded(self, tree: BoxTree) -> dict[str, Buffer]:
         return {name: self._loaded.device.buffer(getattr(tree, name)) for name in ("nodes", "order")}
 
-    def _query(self, number: int, kernel: Kernel, points: int) -> slangpy.Buffer:
+    def _query(self, number: int, kernel: Kernel, points: int) -> Buffer:
         tree, record = self._trees[number], np.zeros(1, kernel.dtype("query"))
         record["points"], record["elements"], record["first"] = points, len(tree.order), self._first[number]
         record["leaves"], record["leaf_size"] = (len(tree.nodes) + 1) // 2, tree.leaf
         return self._loaded.device.buffer(record)
 
 
-def _run(kernel: Kernel, count: int, buffers: dict[str, slangpy.Buffer], lists: dict[str, slangpy.Buffer]) -> None:
+def _run(kernel: Kernel, count: int, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:
     kernel(count, {**buffers, **lists})
 
 

@@ -167,6 +167,11 @@ class Renderer:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the device back, and the volume with it; nothing can be drawn any more."""
+        self._stages, self._fitted = None, None
         self.device.close()
 
     def load(self, dataset: Dataset, *quantities: str) -> None:

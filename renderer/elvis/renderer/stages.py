@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -98,9 +98,14 @@ class Stages:
         return DistanceDrawer(self.loaded, self.solids)
 
     @cached_property
+    def _faces_when_needed(self) -> Callable[[], FaceDrawer]:
+        """Makes the drawer of faces when it is first asked for; it doesn't refer to the stages, which refer to it."""
+        return cache(partial(_drawer_of_faces, self.loaded, self.dataset, self.volume))
+
+    @property
     def faces(self) -> FaceDrawer:
         """Element faces."""
-        return FaceDrawer(self.loaded, faces_of(self.dataset, self.volume))
+        return self._faces_when_needed()
 
     @cached_property
     def isosurfaces(self) -> IsosurfaceDrawer:
@@ -110,7 +115,7 @@ class Stages:
     @cached_property
     def volumes(self) -> VolumeRenderer:
         """Volumes."""
-        return VolumeRenderer(self.loaded, lambda: self.faces)
+        return VolumeRenderer(self.loaded, self._faces_when_needed)
 
     @cached_property
     def inverted(self) -> int:
@@ -279,6 +284,10 @@ class Stages:
                 distance = outside(clip.surface, points)
             gone[hit] |= (-distance if clip.away == "inside" else distance) > CLOSE * self.loaded.reach
         return gone
+
+
+def _drawer_of_faces(loaded: Loaded, dataset: Dataset | None, volume: Volume) -> FaceDrawer:
+    return FaceDrawer(loaded, faces_of(dataset, volume))
 
 
 def quantities(scene: Scene) -> tuple[str, ...]:

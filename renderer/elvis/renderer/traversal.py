@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Bools, Floats, frozen_floats
 from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.formats.shapes import Shape
-from elvis.renderer.device import Kernel
+from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.renderer.view import View
-
-if TYPE_CHECKING:
-    import slangpy
 
 SECTION = np.dtype([("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
 _TILE = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
@@ -64,7 +61,7 @@ class Traversal:
             self._corners[number] = self.device.read(buffers["corners"], np.float64)[: 12 * count].reshape(count, 4, 3)
         return self._corners[number]
 
-    def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> slangpy.Buffer:
+    def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> Buffer:
         """The Rays record of the stages (shaders/ray.slang)."""
         record = np.zeros(1, kernel.dtype("rays"))
         record["eye"], record["forward"] = view.camera.eye, view.camera.basis()[2]
@@ -74,7 +71,7 @@ class Traversal:
         record["first"], record["count"] = self.loaded.first[number], count
         return self.device.buffer(record)
 
-    def lines(self, degree: int) -> dict[str, slangpy.Buffer]:
+    def lines(self, degree: int) -> dict[str, Buffer]:
         """Places on a line, and the way from values there to Bernstein coefficients: exact, and with an error."""
         names = ("nodes", "net", "places", "fit")
         return {name: self.device.buffer(data) for name, data in zip(names, _line(degree), strict=True)}

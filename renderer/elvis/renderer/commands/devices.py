@@ -17,7 +17,7 @@ def devices(as_json: bool) -> None:
     """List the devices that can draw, and the one that --device auto takes."""
     from elvis.formats.terminal import print_json, print_table
     from elvis.plugins.registry import plugins
-    from elvis.renderer.device import ADVICE, adapters, choose
+    from elvis.renderer.adapters import ADVICE, adapters, choose
 
     chosen = choose("auto").name
     rows = [
