@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
-from elvis.converters.exodus import Exodus
+from elvis.converters.exodus import Exodus, _Functions
 from elvis.converters.exodus_files import SIDES, nodes_of
 from elvis.formats import ElvisError, FormatError, write
 from elvis.formats.judging.strict import findings
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import convert
+from elvis.plugins.nodal import native_points
+from elvis.plugins.projection.frames import affine_between
 from elvis.plugins.testing import check, positions_at, values_found
 
 CASES = {
@@ -29,6 +31,7 @@ TYPES = {
     "TET4": (Shape.TETRAHEDRON, 4),
     "TETRA10": (Shape.TETRAHEDRON, 10),
     "PYRAMID5": (Shape.PYRAMID, 5),
+    "PYRAMID13": (Shape.PYRAMID, 13),
     "PYRAMID14": (Shape.PYRAMID, 14),
     "WEDGE6": (Shape.PRISM, 6),
     "WEDGE15": (Shape.PRISM, 15),
@@ -132,6 +135,49 @@ def test_every_type_holds_its_fields(tmp_path, name):
     places[:, : shape.dimension] = inside
     assert np.abs(values_found(conversion.dataset, "temperature", places) - 2 * wanted(inside)).max() < 1e-12
     assert np.abs(values_found(conversion.dataset, "flag", places) - 8).max() < 1e-12
+
+
+def test_functions_of_pyramids_without_a_middle_are_those_of_gmsh():
+    gmsh = pytest.importorskip("gmsh")
+    nodes = nodes_of(Shape.PYRAMID, 13)
+    points = np.random.default_rng(3).dirichlet(np.ones(5), 40) @ Shape.PYRAMID.vertices
+    gmsh.initialize(["test"], readConfigFiles=False, interruptible=False)
+    try:
+        local = np.array(gmsh.model.mesh.getElementProperties(19)[4]).reshape(-1, 3)
+        own = native_points(Shape.PYRAMID, local[:5], local)
+        order = [int(np.abs(own - node).max(axis=1).argmin()) for node in nodes]
+        matrix, offset = affine_between(Shape.PYRAMID.vertices, local[:5])
+        theirs = gmsh.model.mesh.getBasisFunctions(19, (points @ matrix.T + offset).reshape(-1), "Lagrange")[1]
+    finally:
+        gmsh.finalize()
+    wanted = np.asarray(theirs).reshape(len(points), 13)[:, order]
+    assert np.abs(_Functions(Shape.PYRAMID, 13).at(points) - wanted).max() < 1e-13
+
+
+def test_nodes_of_pyramids_without_a_middle_come_in_the_order_of_another_writer(tmp_path):
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkQuadraticPyramid, vtkUnstructuredGrid
+    from vtkmodules.vtkIOExodus import vtkExodusIIWriter
+
+    local = np.array(vtkQuadraticPyramid().GetParametricCoords()).reshape(-1, 3)[:13]
+    local[4] = (0.5, 0.5, 1)  # the cell's own coordinates are collapsed ones
+    local[9:13] = (local[:4] + local[4]) / 2
+    grid, points, writer = vtkUnstructuredGrid(), vtkPoints(), vtkExodusIIWriter()
+    points.SetDataTypeToDouble()
+    for place in local:
+        points.InsertNextPoint(place)
+    grid.SetPoints(points)
+    grid.InsertNextCell(27, 13, list(range(13)))
+    writer.SetFileName(str(tmp_path / "one.e"))
+    writer.SetInputData(grid)
+    writer.Write()
+    source = Exodus([tmp_path / "one.e"])
+    own = Shape.PYRAMID.vertices
+    corners = source.positions(source.blocks[0], own)[0]
+    inside = np.random.default_rng(3).dirichlet(np.ones(5), 20)
+    # a straight pyramid: its map is linear
+    assert np.abs(source.positions(source.blocks[0], inside @ own)[0] - inside @ corners).max() < 1e-14
+    assert np.abs(corners - local[:5]).max() < 1e-14
 
 
 @pytest.mark.parametrize("name", ["TET4", "WEDGE6", "HEX8", "PYRAMID5"])

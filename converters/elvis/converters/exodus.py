@@ -182,6 +182,10 @@ class _Functions:
         """(n, count) values of a basis."""
         if self._is_complete:
             return space_values(self.shape, self.order, points, PyramidSpace.RATIONAL)
+        if self.shape is Shape.PYRAMID:
+            # Bedrosian, Shape functions and integration formulas for three-dimensional finite element analysis, 1992:
+            # all functions but the biquadratic one of the base, which comes last
+            return space_values(self.shape, self.order, points, PyramidSpace.RATIONAL)[:, :-1]
         return np.stack([np.prod(points**exponents, axis=1) for exponents in self._exponents()], axis=1)
 
     def _exponents(self) -> list[Ints]:

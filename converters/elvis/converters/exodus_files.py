@@ -49,6 +49,7 @@ _MIDDLES: Mapping[tuple[Shape, int], list[tuple[int, ...]]] = {
     (Shape.TETRAHEDRON, 4): [],
     (Shape.TETRAHEDRON, 10): [*_TRIANGLE, (0, 3), (1, 3), (2, 3)],
     (Shape.PYRAMID, 5): [],
+    (Shape.PYRAMID, 13): [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4)],
     (Shape.PYRAMID, 14): [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4), (0, 1, 2, 3)],
     (Shape.PRISM, 6): [],
     (Shape.PRISM, 15): [*_WEDGE],
