@@ -16,6 +16,7 @@ from measuring import once
 from tables import Table, seconds
 
 from elvis.formats.arrays import Floats
+from elvis.formats.relative import scale
 from elvis.plugins.converting import Conversion
 from elvis.plugins.testing import values_found
 
@@ -140,7 +141,8 @@ def _errors(case: Case, data: Path, conversion: Conversion) -> Iterator[float]:
                     found = values_found(conversion.dataset, ours, truth["xyz"][kept])
                     is_found = np.isfinite(found)
                     assert is_found.mean() > (0.9 if case.left_out else 0.999)
-                    yield float(np.abs(found - column)[is_found].max() / np.ptp(column))
+                    spread, magnitude = float(np.ptp(column)), float(np.abs(column).max())
+                    yield float(np.abs(found - column)[is_found].max() / scale(spread, magnitude))
 
 
 def table(data: Path) -> Table:

@@ -165,3 +165,19 @@ def test_nothing_is_written_on_errors(elvis, tmp_path):
     with pytest.raises(ElvisError, match="there is no field 'w'"):
         elvis("export", *paths, "-o", tmp_path / "a.msh", "--fields", "w")
     assert not list(tmp_path.glob("a.[vm]*"))
+
+
+def test_constants_are_not_refused(elvis, elvis_json, tmp_path):
+    """Their range is rounding, or nothing, and so are their errors."""
+    mesh = curved(grid(Shape.TETRAHEDRON, 1), ripple(0.05), 3)
+    plain = Dataset(mesh)
+    functions = {
+        "one": lambda x: np.sin(x[:, 0]) ** 2 + np.cos(x[:, 0]) ** 2,
+        "pressure": lambda x: 101325 / 3 + 0 * x[:, 0],
+    }
+    fields = tuple(approximated(plain, name, function, 6) for name, function in functions.items())
+    paths = write(replace(plain, fields=fields), tmp_path / "a.xml")
+    losses = elvis_json("export", *paths, "-o", tmp_path / "b.vtu", "--order", 6, "--max-error", 1e-13)["losses"]
+    assert max(loss["relative"] for loss in losses) < 1e-13
+    elvis("convert", *paths, "-o", tmp_path / "c.xml", "--order", 7, "--max-error", 1e-13)
+    assert "exact" in elvis("export", *paths, "-o", tmp_path / "d.msh", "--order", 6)

@@ -86,6 +86,19 @@ def test_the_bar_of_values_is_where_the_design_has_it(part, passed):
     assert bars(record, moved, ends, diagonal=1.0)[1].passed == passed
 
 
+@pytest.mark.parametrize(("steps", "passed"), [(2, True), (200, False)])
+def test_rounding_of_large_numbers_is_no_failure(steps, passed):
+    """A field of 1e9 that varies by 1e2, 1e7 away: two steps of its numbers are more than 1e-11 of the range."""
+    record = picture(lambda x, y: 1e9 + 100 * x, size=(60, 60))
+    away = replace(record, position=record.position + 1e7)
+    value, place = away.field[30, 30], away.position[30, 30]
+    assert np.spacing(value) > 1e-11 * 100
+    other = changed(away, field=((30, 30), value + steps * np.spacing(value)))
+    assert bars(away, other)[0].passed == passed
+    moved = changed(away, position=((30, 30), place + steps * np.spacing(place)))
+    assert bars(away, moved)[1].passed == passed
+
+
 def test_missing_spurious_and_foreign_pixels_are_counted():
     record = picture(steep)
     row, column = np.argwhere(~record.seen)[0]

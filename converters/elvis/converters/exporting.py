@@ -20,6 +20,7 @@ from elvis.formats.patch import Patch, patches
 from elvis.formats.polynomials.bases import Basis
 from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.polynomials.evaluation import evaluate
+from elvis.formats.relative import allowed, scale
 from elvis.formats.shapes import Shape
 from elvis.plugins.projection.frames import affine_between
 
@@ -85,10 +86,23 @@ class Loss:
     high: float = -np.inf
 
     @property
+    def spread(self) -> float:
+        """Greatest minus least value."""
+        return self.high - self.low
+
+    @property
+    def magnitude(self) -> float:
+        """The largest absolute value."""
+        return max(abs(self.low), abs(self.high))
+
+    @property
     def relative(self) -> float:
-        """The error as a share of the range."""
-        spread = self.high - self.low
-        return self.error / spread if np.isfinite(spread) and spread > 0 else self.error
+        """The error as a share of the range, or of the magnitude where the range is rounding."""
+        return self.error / scale(self.spread, self.magnitude)
+
+    def is_within(self, bound: float) -> bool:
+        """Whether the relative error is at most ``bound``, or rounding of the magnitude."""
+        return self.error <= allowed(bound, self.spread, self.magnitude)
 
 
 @dataclass(eq=False)

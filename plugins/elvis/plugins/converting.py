@@ -271,8 +271,18 @@ def _measure(
     name: str, order: int, tally: Tally, spread: float, magnitude: float, precision: float, continuous: bool | None
 ) -> Measure:
     exact = is_rounding(tally.worst, spread, magnitude, precision)
-    spread = spread if np.isfinite(spread) else 0.0
-    return Measure(name, order, tally.worst, float(np.sqrt(tally.square)), spread, tally.element, exact, continuous)
+    return Measure(
+        name,
+        order,
+        max=tally.worst,
+        l2=float(np.sqrt(tally.square)),
+        range=spread if np.isfinite(spread) else 0.0,
+        magnitude=magnitude,
+        precision=precision,
+        element=tally.element,
+        is_exact=exact,
+        is_continuous=continuous,
+    )
 
 
 def _notes(source: Converter, plan: Topology, fitted: Sequence[Fitted]) -> list[str]:

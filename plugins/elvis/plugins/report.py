@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+from elvis.formats.relative import allowed, scale
+
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
 
@@ -23,7 +25,9 @@ class Measure:
     max, l2     largest difference, and root of the integrated squared difference, to the source's own values: at the
                 same reference coordinates, and where the map is projected at the same places in space too
     range       greatest minus least value of the field, or the diagonal of the box around the mesh
-    relative    ``max`` as a share of ``range``
+    magnitude   the largest absolute value
+    precision   relative rounding of the source's numbers
+    relative    ``max`` as a share of ``range``, or of ``magnitude`` where the range is rounding
     element     global id of the element where the difference is largest, -1 where there is none
     is_exact    whether the difference is rounding
     is_continuous  whether elements that share a face hold the same values there; None for the coordinates
@@ -34,14 +38,20 @@ class Measure:
     max: float
     l2: float
     range: float
+    magnitude: float
+    precision: float
     element: int
     is_exact: bool
     is_continuous: bool | None = None
 
     @property
     def relative(self) -> float:
-        """The largest difference as a share of the range; as it is where there is no range."""
-        return self.max / self.range if self.range > 0 else self.max
+        """The largest difference as a share of the range, or of the magnitude where the field is constant."""
+        return self.max / scale(self.range, self.magnitude, self.precision)
+
+    def is_within(self, bound: float) -> bool:
+        """Whether no relative error is greater than ``bound``, but for rounding of the magnitude."""
+        return self.max <= allowed(bound, self.range, self.magnitude, self.precision)
 
     @property
     def state(self) -> str:
@@ -97,10 +107,10 @@ class Report:
     listed: Mapping[str, tuple[int, ...]]
     notes: tuple[str, ...] = ()
 
-    @property
-    def worst(self) -> float:
-        """The largest relative error of all."""
-        return max(measure.relative for measure in (self.geometry, *self.fields))
+    def beyond(self, bound: float) -> list[Measure]:
+        """The coordinates and fields with relative errors greater than ``bound``, the worst first."""
+        found = [measure for measure in (self.geometry, *self.fields) if not measure.is_within(bound)]
+        return sorted(found, key=lambda measure: -measure.relative)
 
     def facts(self) -> dict[str, Any]:
         """For ``--json``."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.formats.arrays import Bools, Floats
+from elvis.formats.relative import allowed
 from elvis.reference.metrics import Place, extent, not_narrow, value_errors, value_range, worst
 from elvis.reference.record import Record
 from elvis.renderer.frame import Status
@@ -43,6 +44,7 @@ def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, 
 
     ends      of the field's range; by default what is seen
     diagonal  of the data's box in world units; by default of what is seen
+    Rounding of large numbers is no failure: where it is more than a bar, as far from the origin, it is the limit.
     Pixels that either calls ambiguous may belong to a neighbouring element, and may be seen in one alone; those that
     either calls failed are failures.
     """
@@ -50,11 +52,14 @@ def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, 
     same = decided & exact.seen & other.seen & (exact.element == other.element)
     size = diagonal or extent(exact)
     moved = np.linalg.norm(other.position - exact.position, axis=2) / size
+    away = float(np.abs(exact.position[exact.seen]).max(initial=0.0))
     gone = (exact.status == Status.FAILED) | (other.status == Status.FAILED)
-    values = np.where(same, value_errors(exact, other, not_narrow(ends) if ends else value_range(exact)), 0.0)
+    low, high = not_narrow(ends) if ends else value_range(exact)
+    values = np.where(same, value_errors(exact, other, (low, high)), 0.0)
+    value_limit = allowed(VALUE, high - low, max(abs(low), abs(high))) / (high - low)
     return [
-        _measured("field value", VALUE, values, exact, other),
-        _measured("position", POSITION, np.where(same, moved, 0.0), exact, other),
+        _measured("field value", value_limit, values, exact, other),
+        _measured("position", allowed(POSITION, size, away) / size, np.where(same, moved, 0.0), exact, other),
         _counted("coverage", decided & (exact.seen != other.seen), exact, other),
         _counted("element", decided & exact.seen & other.seen & (exact.element != other.element), exact, other),
         _counted("failed pixels", gone, exact, other),

@@ -100,7 +100,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     show_default=True,
     help="How to write; hdf5 writes a .nekg file beside the .xml.",
 )
-@click.option("--max-error", type=float, help="Fail, and write nothing, where a relative error is greater.")
+@click.option(
+    "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, numbers with all their digits.")
 @click.option(
     "--set", "pairs", multiple=True, metavar="NAME=VALUE", callback=_pairs, help="An option of the converter."
@@ -141,8 +143,10 @@ def _convert(
         print_json(report.facts())
     else:
         _print_report(report)
-    if max_error is not None and not report.worst <= max_error:
-        raise ElvisError(f"{output}: not written: expected errors up to {max_error:g}, found {report.worst:.3g}")
+    beyond = report.beyond(max_error) if max_error is not None else []
+    if beyond:
+        found = f"{beyond[0].relative:.3g} in {beyond[0].name}"
+        raise ElvisError(f"{output}: not written: expected errors up to {max_error:g}, found {found}")
     formats: dict[str, Any] = {"mesh_format": kind, "field_format": "hdf5" if kind == "hdf5" else "xml"}
     with stage(f"writing {output.name}"):
         written = write(conversion.dataset, output, **formats)

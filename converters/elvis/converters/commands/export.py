@@ -28,7 +28,9 @@ _ROUNDING = 1e-11
 @click.option("--output", "-o", type=FILE, required=True, help="The file to write: .vtu for VTK, .msh for Gmsh.")
 @click.option("--fields", metavar="NAMES", help="Names of the fields to write, commas between them.  [default: all]")
 @click.option("--order", type=click.IntRange(1, 10), help="Order of all cells.  [default: that of map and fields]")
-@click.option("--max-error", type=float, help="Fail, and write nothing, where a relative error is greater.")
+@click.option(
+    "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the losses as JSON, numbers with all their digits.")
 def export(
     data: tuple[Path, ...],
@@ -105,11 +107,13 @@ def _report(found: Export, path: Path, bound: float | None, as_json: bool) -> No
     else:
         rows = [_row(each) for each in found.losses]
         print_table(("quantity", "order", "state", "largest error", "of the range", "in element"), rows)
-    worst = max(each.relative for each in found.losses)
-    if bound is not None and not worst <= bound:
-        raise ElvisError(f"{path}: not written: expected errors up to {bound:g}, found {worst:.3g}")
+    beyond = [each for each in found.losses if bound is not None and not each.is_within(bound)]
+    if beyond:
+        worst = max(beyond, key=lambda each: each.relative)
+        found_text = f"{worst.relative:.3g} in {worst.name}"
+        raise ElvisError(f"{path}: not written: expected errors up to {bound:g}, found {found_text}")
 
 
 def _row(loss: Loss) -> tuple[object, ...]:
-    state = "exact" if loss.relative <= _ROUNDING else "interpolated"
+    state = "exact" if loss.is_within(_ROUNDING) else "interpolated"
     return loss.name, loss.order, state, f"{loss.error:.3g}", f"{loss.relative:.3g}", loss.element

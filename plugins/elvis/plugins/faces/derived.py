@@ -13,6 +13,7 @@ from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError
 from elvis.formats.mapping.orientation import face_shape
 from elvis.formats.polynomials.bernstein import bernstein_values
+from elvis.formats.relative import allowed, scale
 from elvis.formats.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.native import frames
@@ -93,11 +94,15 @@ def _block(twin: Twin, part: int, kind: Shape, faces: list[int], entity: Ints) -
 def _off(
     space: FaceSpace, nets: Floats, rows: Ints, local: Ints, places: Floats, positions: Callable[[Ints, Floats], Floats]
 ) -> float:
-    """How far stand-ins are from the maps at points that they weren't made of, in parts of the greatest face."""
+    """How far stand-ins are from the maps at points that they weren't made of, in parts of the greatest face.
+
+    Nothing is off where rounding of the coordinates explains it.
+    """
     points = face_space(space.shape, space.degree + 1).points
     found, worst = bernstein_values(space.space, points) @ nets, 0.0
     for side in np.unique(local):
         here = np.flatnonzero(local == side)
         truth = positions(rows[here], places[side, 0] + points @ places[side, 1:])
         worst = max(worst, float(np.abs(truth - found[here]).max(initial=0.0)))
-    return worst / float(np.ptp(nets, axis=1).max(initial=1e-300))
+    size, magnitude = float(np.ptp(nets, axis=1).max(initial=0.0)), float(np.abs(nets).max(initial=0.0))
+    return 0.0 if worst <= allowed(0.0, size, magnitude) else worst / scale(size, magnitude)

@@ -9,6 +9,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.polynomials.evaluation import evaluate
+from elvis.formats.relative import allowed
 from elvis.formats.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
@@ -73,15 +74,17 @@ def bounds_of(
     sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], tolerance: float
 ) -> list[float]:
     """The largest error that each field may have: ``tolerance`` of its range, or of the largest of its planes'."""
-    spreads = _ranges(sampler, blocks, fields)
-    most: dict[str, float] = {}
-    for field, spread in zip(fields, spreads, strict=True):
-        most[field.name] = max(most.get(field.name, 0.0), spread)
-    return [tolerance * most[field.name] for field in fields]
+    precision, most = sampler.source.precision, dict[str, float]()
+    for field, (low, high) in zip(fields, _ranges(sampler, blocks, fields), strict=True):
+        bound = allowed(tolerance, high - low, max(abs(low), abs(high)), precision)
+        most[field.name] = max(most.get(field.name, 0.0), bound)
+    return [most[field.name] for field in fields]
 
 
-def _ranges(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]) -> list[float]:
-    """Greatest minus least finite value of each field; its magnitude where it is constant."""
+def _ranges(
+    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]
+) -> list[tuple[float, float]]:
+    """Least and greatest finite value of each field; zeros where it has none."""
     low, high = np.full(len(fields), np.inf), np.full(len(fields), -np.inf)
     for block in blocks:
         for rows, points in sampler.pieces(block, check_points(block.shape, _INSIDE, block.is_collapsed)):
@@ -89,8 +92,8 @@ def _ranges(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[So
                 values = sampler.values(block, rows, field, points)
                 finite = values[np.isfinite(values)]
                 low[i], high[i] = min(low[i], finite.min(initial=np.inf)), max(high[i], finite.max(initial=-np.inf))
-    spread = np.where(high > low, high - low, np.maximum(np.abs(low), 1e-300))
-    return [float(value) for value in spread]
+    is_known = high >= low
+    return list(zip(np.where(is_known, low, 0.0).tolist(), np.where(is_known, high, 0.0).tolist(), strict=True))
 
 
 def _needed(

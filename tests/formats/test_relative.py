@@ -1,0 +1,35 @@
+"""Relative errors: of ranges, of the magnitude of constants, and what rounding is."""
+
+import math
+
+import pytest
+
+from elvis.formats.relative import allowed, scale
+
+EPS = 2.0**-52
+
+
+@pytest.mark.parametrize("magnitude", [1e-300, 1e-9, 1.0, 101325.0, 1e300])
+def test_the_range_of_a_constant_measures_nothing(magnitude):
+    for spread in (0.0, EPS * magnitude, 100 * EPS * magnitude):
+        assert scale(spread, magnitude) == magnitude
+    for spread in (1e-12 * magnitude, magnitude, 2 * magnitude):
+        assert scale(spread, magnitude) == spread
+
+
+def test_digits_that_a_source_lacks_count_as_rounding():
+    assert scale(1e-7, 1.0) == 1e-7
+    assert scale(1e-7, 1.0, precision=2.0**-23) == 1.0
+
+
+def test_rounding_of_large_numbers_is_within_any_bound():
+    assert allowed(1e-10, 2.0, 1.0) == 2e-10
+    assert allowed(1e-10, 1e-9, 1.0) == 64 * EPS
+    assert allowed(0.0, 1.0, 1e6) == 64 * EPS * 1e6
+
+
+def test_zero_and_nothing():
+    assert scale(0.0, 0.0) == 1.0
+    assert allowed(1e-3, 0.0, 0.0) == 1e-3
+    assert scale(-math.inf, math.inf) == 1.0
+    assert allowed(1e-3, math.nan, math.nan) == 1e-3
