@@ -203,6 +203,35 @@ def test_cells_of_any_order(tmp_path, kind, order):
         assert np.abs(values_found(done.dataset, "u", x) - linear(x)).max() < 1e-11
 
 
+@pytest.mark.parametrize(
+    ("kind", "degrees"),
+    [(kind, (p, p, p)) for kind in BEZIER for p in (1, 3, 5)] + [(77, (4, 2, 0)), (79, (2, 3, 4)), (80, (4, 4, 2))],
+)
+def test_functions_of_bezier_cells_are_those_of_the_library(kind, degrees):
+    i, j, k = degrees
+    uniform = len(set(degrees)) == 1
+    counts = {77: (i + 1) * (j + 1), 79: (i + 1) * (j + 1) * (k + 1), 80: (i + 1) * (i + 2) // 2 * (k + 1)}
+    cell = Cell(Kind(kind, NODES[BEZIER[kind]](i) if uniform else counts[kind], (0, 0, 0) if uniform else degrees), "")
+    points = np.random.default_rng(5).dirichlet(np.ones(4), 5)[:, :3]
+    points[:, cell.shape.dimension :] = 0
+    wanted, weights = [], [0.0] * cell.kind.nodes
+    for point in points.tolist():
+        cell._cell.InterpolateFunctions(point, weights)
+        wanted.append(list(weights))
+    assert np.abs(cell.table(points[:, : cell.shape.dimension]) - wanted).max() < 1e-13
+
+
+@pytest.mark.parametrize("kind", sorted(BEZIER))
+def test_bezier_cells_ask_the_library_for_nothing_point_by_point(kind):
+    """Its recursion takes 20 ms a point on tetrahedra of order 8, and of those a conversion has thousands."""
+    cell = Cell(Kind(kind, NODES[BEZIER[kind]](8)), "")
+    cell._cell = None
+    points = np.random.default_rng(5).dirichlet(np.ones(4), 3000)[:, : cell.shape.dimension]
+    table = cell.table(points)
+    assert np.abs(table.sum(axis=1) - 1).max() < 1e-13
+    assert np.abs(table @ cell.nodes[:, : cell.shape.dimension] - points).max() < 1e-13
+
+
 @pytest.mark.parametrize(("kind", "degrees"), [(70, (3, 2, 0)), (72, (1, 3, 2)), (73, (3, 3, 1)), (79, (2, 1, 3))])
 def test_cells_whose_degree_depends_on_the_direction(tmp_path, kind, degrees):
     i, j, k = degrees

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,9 @@ _BUBBLES = {(Shape.TRIANGLE, 7): 3, (Shape.TETRAHEDRON, 15): 4, (Shape.PRISM, 21
 
 #: cells that may have different degrees in different directions
 _GRADED = (70, 72, 73, 77, 79, 80)
+
+#: how many of the first axes of a shape are those of a triangle or tetrahedron
+_SIMPLICES = {Shape.TRIANGLE: 2, Shape.TETRAHEDRON: 3, Shape.PRISM: 2}
 
 #: our axis that each of theirs is: the triangle of our prism lies in (z, x)
 _AXES = {Shape.PRISM: (2, 0, 1)}
@@ -159,6 +163,8 @@ class Cell:
             return self._warped.at(own)
         if self.frame is None:  # the parametric coordinates of these pyramids are collapsed ones
             points = (collapse(self.shape, points) + 1) / 2
+        if self.kind.type in BEZIER:
+            return self._bernstein(points)
         padded = np.zeros((len(points), 3))
         padded[:, : points.shape[1]] = points
         weights, result = [0.0] * self.kind.nodes, np.empty((len(points), self.kind.nodes))
@@ -166,6 +172,32 @@ class Cell:
             self._cell.InterpolateFunctions(point, weights)
             result[i] = weights
         return result
+
+    def _bernstein(self, points: Floats) -> Floats:
+        """(n, nodes) Bernstein polynomials, which the library finds point by point, on tetrahedra by recursion."""
+        first = _SIMPLICES.get(self.shape, 0)
+        degrees = self.kind.degrees if any(self.kind.degrees) else (self.order,) * 3
+        indices = np.rint(self.nodes * degrees).astype(np.int64)
+        result = np.ones((len(points), self.kind.nodes))
+        if first:  # n! / (a! b! ...) u^a v^b ..., barycentric coordinates u, v, ... with powers of sum n
+            last = 1 - points[:, :first].sum(axis=1, keepdims=True)
+            powers = indices[:, :first]
+            powers = np.concatenate([powers, degrees[0] - powers.sum(axis=1, keepdims=True)], axis=1)
+            result *= _products(np.concatenate([points[:, :first], last], axis=1), powers)
+        for axis in range(first, self.shape.dimension):
+            along, powers = points[:, axis : axis + 1], indices[:, axis : axis + 1]
+            powers = np.concatenate([powers, degrees[axis] - powers], axis=1)
+            result *= _products(np.concatenate([along, 1 - along], axis=1), powers)
+        return result
+
+
+def _products(places: Floats, powers: Ints) -> Floats:
+    """(n, m) multinomials of barycentric coordinates (n, k): with powers (m, k), n! / prod a_i! times prod u_i^a_i."""
+    factorials = np.array([factorial(n) for n in range(int(powers.sum(axis=1).max()) + 1)], np.float64)
+    factors = factorials[powers.sum(axis=1)] / factorials[powers].prod(axis=1)
+    for i in range(places.shape[1]):
+        factors = factors * places[:, i : i + 1] ** powers[:, i]
+    return np.asarray(factors)
 
 
 def warped(shape: Shape, order: int, nodes: Floats) -> Floats:
@@ -176,7 +208,7 @@ def warped(shape: Shape, order: int, nodes: Floats) -> Floats:
     """
     line = (lobatto(order + 1)[0] + 1) / 2
     result = line[np.rint(nodes * order).astype(np.int64)]
-    simplex = {Shape.TRIANGLE: 2, Shape.PRISM: 2, Shape.TETRAHEDRON: 3}.get(shape, 0)
+    simplex = _SIMPLICES.get(shape, 0)
     if not simplex:
         return result
     a = np.concatenate([nodes[:, :simplex], 1 - nodes[:, :simplex].sum(axis=1, keepdims=True)], axis=1)
