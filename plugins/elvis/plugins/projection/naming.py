@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from elvis.formats.arrays import Ints, frozen_ints
-from elvis.formats.mapping.orientation import first_face_row, polygon_vertices
 from elvis.formats.mesh import Composite, Mesh
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.frames import orders
+from elvis.plugins.projection.sides import Sides
 
 #: what boundaries without a name of their own are called
 OUTER = "boundary"
@@ -31,10 +31,10 @@ def composites(
     domain = [
         Composite(id, ((shape.tag, frozen_ints(ids)),), name) for id, (shape, name, ids) in enumerate(_regions(blocks))
     ]
-    notes: list[str] = []
+    notes, known = list[str](), Sides(mesh, numbers)
     named: list[tuple[str, Ints]] = []
     for boundary in source.boundaries:
-        rows, lost = _rows(boundary, mesh, blocks, numbers)
+        rows, lost = _rows(boundary, mesh, blocks, known)
         if lost:
             notes.append(f"{lost} entries of the boundary {boundary.name!r} are sides of no element")
         named.append((boundary.name, rows))
@@ -58,36 +58,15 @@ def _regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]
         yield shape, region or shape.label.lower(), np.concatenate(ids)
 
 
-def _rows(boundary: Boundary, mesh: Mesh, blocks: Sequence[NativeBlock], numbers: Ints) -> tuple[Ints, int]:
+def _rows(boundary: Boundary, mesh: Mesh, blocks: Sequence[NativeBlock], known: Sides) -> tuple[Ints, int]:
     """Rows of the faces (edges, vertices) of a boundary, ascending, and how many of its entries fit none."""
     found = [_side_rows(mesh, blocks[i], np.asarray(rows), np.asarray(sides)) for i, rows, sides in boundary.sides]
     lost = 0
     for wanted in boundary.vertices:
-        rows, missing = _matched(mesh, numbers, np.atleast_2d(np.asarray(wanted, np.int64)))
+        rows, missing = known.matched(np.atleast_2d(np.asarray(wanted, np.int64)))
         found.append(rows)
         lost += missing
     return np.unique(np.concatenate([np.empty(0, np.int64), *found])), lost
-
-
-def _matched(mesh: Mesh, numbers: Ints, wanted: Ints) -> tuple[Ints, int]:
-    """Rows of the sides whose vertices have the numbers ``wanted`` (n, k), and how many of these fit none."""
-    if not wanted.size:
-        return np.empty(0, np.int64), 0
-    own, first = _sides_of(mesh, wanted.shape[1])
-    keys = np.sort(np.concatenate([wanted, numbers[own]]), axis=1)
-    which = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
-    asked, present = which[: len(wanted)], which[len(wanted) :]
-    return first + np.flatnonzero(np.isin(present, asked)), int((~np.isin(asked, present)).sum())
-
-
-def _sides_of(mesh: Mesh, corners: int) -> tuple[Ints, int]:
-    """Vertex rows (n, corners) of the sides with so many corners, and the row of the first among all sides."""
-    if mesh.dimension == 1:
-        return np.arange(len(mesh.vertices))[:, None], 0
-    if mesh.dimension == 2:
-        return mesh.of(Shape.SEGMENT).members, 0
-    kind = Shape.TRIANGLE if corners == 3 else Shape.QUADRILATERAL
-    return polygon_vertices(mesh, kind), first_face_row(mesh, kind)
 
 
 def _side_rows(mesh: Mesh, block: NativeBlock, rows: Ints, sides: Ints) -> Ints:
