@@ -194,3 +194,86 @@ def test_mismatched_nodes_are_told(plugin, case):
     np.savez(case, nodes=np.zeros((2, 7, 3)), corners=np.zeros((2, 8), int), wall=np.zeros((0, 4), int), time=0.0)
     with pytest.raises(FormatError, match=r"expected nodes \(n, \(p\+1\)\^3, 3\), found \(2, 7, 3\)"):
         candidate.converter([case])
+
+
+@pytest.fixture
+def native(tmp_path):
+    """The mesh and the field of a small native case, in a folder of their own, with links to the mesh."""
+    from dataclasses import replace
+
+    from elvis.formats import Dataset, write
+    from elvis.formats.testing import approximated
+
+    bare = Dataset(grid(Shape.QUADRILATERAL, 2))
+    folder = tmp_path / "native"
+    folder.mkdir()
+    write(replace(bare, fields=(approximated(bare, "u", lambda x: x[:, 0], 3),)), folder / "m.xml", mesh_format="hdf5")
+    (folder / "soft.xml").symlink_to("m.xml")
+    (folder / "hard.xml").hardlink_to(folder / "m.xml")
+    return folder
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("name", ["m.xml", "soft.xml", "hard.xml", "../native/m.xml"])
+def test_inputs_are_not_written_over(elvis, native, name):
+    before = contents(native)
+    with pytest.raises(ElvisError, match=r"not written: it is (an|the) input.*--overwrite"):
+        elvis("convert", native / "m.xml", native / "m.fld", "-o", native / name)
+    assert contents(native) == before
+
+
+def test_inputs_are_written_over_on_request(elvis, native):
+    elvis("convert", native / "m.xml", native / "m.fld", "-o", native / "m.xml", "--format", "text", "--overwrite")
+    assert not (native / "m.nekg").exists()
+    assert [field.name for field in read(native / "m.xml", native / "m.fld").fields] == ["u"]
+
+
+def test_the_hdf5_file_of_a_mesh_is_an_input_too(elvis, native, tmp_path, monkeypatch):
+    """It may lie in the working folder, where a new file of that name would go."""
+    (native / "m.nekg").rename(tmp_path / "m.nekg")
+    (tmp_path / "m.xml").write_text("of something else")
+    monkeypatch.chdir(tmp_path)
+    before = (tmp_path / "m.nekg").read_bytes()
+    with pytest.raises(ElvisError, match=r"m\.nekg: not written: it is an input"):
+        elvis("convert", native / "m.xml", "-o", "m.xml", "--format", "hdf5")
+    assert (tmp_path / "m.nekg").read_bytes() == before
+
+
+def test_fields_of_an_earlier_mesh_do_not_stay_beside_a_new_one(elvis, native, tmp_path):
+    elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml")
+    before = {name: (tmp_path / name).read_bytes() for name in ("out.xml", "out.fld")}
+    with pytest.raises(ElvisError, match=r"out\.fld: it belongs to the out\.xml that stands there.*--overwrite"):
+        elvis("convert", native / "m.xml", "-o", tmp_path / "out.xml")
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    elvis("convert", native / "m.xml", "-o", tmp_path / "out.xml", "--overwrite")
+    assert not (tmp_path / "out.fld").exists()
+    assert (tmp_path / "out.xml").exists()
+
+
+@pytest.mark.parametrize("kind", ["compressed", "hdf5"])
+def test_files_that_are_not_named_are_not_written_over(elvis, native, tmp_path, kind):
+    """A file of fields, or of HDF5 data, of which the mesh isn't there belongs to something else."""
+    (tmp_path / "out.fld").write_text("a restart")
+    (tmp_path / "out.nekg").write_text("data")
+    with pytest.raises(ElvisError, match=r"out\.fld: not written: it stands there without out\.xml"):
+        elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml", "--format", kind)
+    (tmp_path / "out.fld").unlink()
+    if kind == "hdf5":
+        with pytest.raises(ElvisError, match=r"out\.nekg: not written: it stands there without out\.xml"):
+            elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml", "--format", kind)
+    else:
+        elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml", "--overwrite")
+    assert (tmp_path / "out.nekg").read_text() == "data"
+
+
+@pytest.mark.parametrize("suffix", ["vtu", "msh"])
+def test_an_export_does_not_write_over_its_input(elvis, native, suffix):
+    link = native / f"out.{suffix}"
+    link.symlink_to("m.xml")
+    before = contents(native)
+    with pytest.raises(ElvisError, match=r"not written: it is the input .*m\.xml"):
+        elvis("export", native / "m.xml", "-o", link)
+    assert contents(native) == before

@@ -212,7 +212,7 @@ def test_a_failed_write_leaves_everything_as_it_was(case_files, tmp_path, monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("elvis.formats.nektar.fields_output.write_hdf5", full_disk)
-    with pytest.raises(ElvisError, match=r"m\.xml: cannot be written: No space left on device"):
+    with pytest.raises(ElvisError, match=r"m\.fld: cannot be written: No space left on device"):
         write(dataset, tmp_path / "m.xml", mesh_format="hdf5", field_format="hdf5")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == old
 

@@ -94,7 +94,7 @@ def test_every_file_that_the_page_names_is_there(report):
     assert all((report / name).is_file() for name in names)
     assert not re.search(r'(src|href)="(https?:)?//', text)
     written = {str(path.relative_to(report)) for path in report.rglob("*.*")}
-    assert written - names == {"index.html", "times.json", "scene.toml"}
+    assert written - names == {"index.html", "times.json", "scene.toml", "report.json"}
 
 
 def test_same_input_same_bytes(blocks, study, report, tmp_path):

@@ -267,3 +267,58 @@ def test_nothing_is_left_in_the_working_folder(render, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "here")
     assert render(CUBE, *PLANE, "--size", "20x20")[0] == 0
     assert os.listdir() == []
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("-o", "a.png"), "a.png: is to be written twice: name two files"),
+        (("-o", "below/../a.png"), "below/../a.png: is the same file as a.png, which is to be written twice"),
+        (("-o", "b.npz", "--stats", "b.npz"), "b.npz: is to be written twice"),
+        (("--save-scene", "s.toml"), "s.toml: not written: it is an input; name another output, or say --overwrite"),
+        (("--stats", "s.toml"), "s.toml: not written: it is an input"),
+        (("-o", "box.npz"), "box.npz: not written: it is an input"),
+        (("-o", "link.npz"), "link.npz: not written: it is the input box.npz"),
+        (("--stats", "body.stl"), "body.stl: not written: it is an input"),
+        (("--stats", "map.xml"), "map.xml: not written: it is an input"),
+        (("--stats", "mine.py"), "mine.py: not written: it is an input"),
+    ],
+)
+def test_outputs_have_names_of_their_own(elvis, tmp_path, monkeypatch, options, sentence):
+    """No two the same, and none that of an input; said before anything is read."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("box.npz", "body.stl", "map.xml", "mine.py"):
+        (tmp_path / name).write_text("input")
+    (tmp_path / "link.npz").hardlink_to(tmp_path / "box.npz")
+    (tmp_path / "below").mkdir()
+    scene = 'data = ["box.npz"]\npalette = "map.xml"\nfield = "distance(\'body.stl\')"\noutputs = ["a.png"]\n'
+    (tmp_path / "s.toml").write_text(scene)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    status, out, err = elvis("render", "s.toml", "-o", "a.png", "--plugin", "mine.py", *options)
+    assert (status, out) == (1, "")
+    assert sentence in err
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
+def test_outputs_are_a_unit(render, tmp_path, monkeypatch):
+    """One that can't be written leaves all as they were, and is named."""
+    (tmp_path / "a.npz").write_text("before")
+
+    def full(frame, path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("elvis.renderer.saving._save_exr", full)
+    options = (*PLANE, "--size", "20x20", "--stats", tmp_path / "s.json", "--save-scene", tmp_path / "s.toml")
+    status, err, files = render(CUBE, *options, outputs=("a.npz", "b.exr", "c.png"))
+    assert (status, files) == (1, ["a.npz"])
+    assert err == f"elvis: error: {tmp_path}/b.exr: cannot be written: No space left on device\n"
+    assert (tmp_path / "a.npz").read_text() == "before"
+
+
+def test_a_scene_is_written_over_on_request(elvis, shared_files, renderer, tmp_path):
+    renderer("vulkan")
+    scene = tmp_path / "s.toml"
+    scene.write_text("size = [20, 16]\n")
+    options = (*PLANE, "-o", tmp_path / "a.png", "--save-scene", scene, "--overwrite")
+    assert elvis("render", scene, *shared_files(CUBE), *options)[0] == 0
+    assert "camera" in scene.read_text()

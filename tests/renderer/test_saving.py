@@ -1,5 +1,7 @@
 """Files that pictures are saved in: the contract with scripts."""
 
+import resource
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -113,7 +115,25 @@ def test_an_interrupted_file_is_not_left_behind(frame, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", fail)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(ElvisError, match=r"a\.npz: cannot be written: No space"):
         frame.save(tmp_path / "a.npz")
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
     assert (tmp_path / "a.npz").read_bytes() == b"before"
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".exr", ".png"])
+def test_a_full_disk_names_the_file(frame, tmp_path, suffix):
+    """A limit on the size of files stands for the disk."""
+    path = tmp_path / f"a{suffix}"
+    frame.save(path)
+    whole = path.stat().st_size
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for size in (0, 100, whole // 2, whole - 1):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+        try:
+            with pytest.raises(ElvisError, match=rf"a\{suffix}: cannot be written: .*File too large"):
+                frame.save(path)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert path.stat().st_size == whole
+        assert list(tmp_path.iterdir()) == [path]

@@ -74,12 +74,20 @@ def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: 
         first = _add(gmsh, number, piece, mesh, first)
         tags.append(_tags(piece))
     with replacing(path) as beside:
-        written = beside.with_name(beside.name + ".msh")  # the library tells formats by suffixes
-        gmsh.write(str(written))
-        written.replace(beside)
+        gmsh.write(str(beside))
+        _check_whole(beside)
         with beside.open("ab") as file:
             for i, name in enumerate(export.names):
                 _write_field(file, name, 0.0 if time is None else time, export, i, tags)
+
+
+def _check_whole(path: Path) -> None:
+    """OSError where the library has not come to the end of the file: it says nothing of a disk that is full."""
+    end = b"$EndElements"
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 2 * len(end)))
+        if not file.read().rstrip().endswith(end):
+            raise OSError("Gmsh could not write all of it, is the disk full?")
 
 
 def _tags(piece: Piece) -> Ints:

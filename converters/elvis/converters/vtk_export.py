@@ -11,7 +11,8 @@ from elvis.converters.exporting import Cell, Export, Piece, Target, moved
 from elvis.converters.vtk_cells import LAGRANGE, Kind
 from elvis.converters.vtk_cells import Cell as VtkCell
 from elvis.formats.arrays import Floats
-from elvis.formats.output import replacing
+from elvis.formats.errors import ElvisError
+from elvis.formats.output import write_text
 from elvis.formats.shapes import Shape
 from elvis.plugins.nodal import space_size
 
@@ -62,13 +63,14 @@ def write_vtu(path: Path, export: Export, time: float | None) -> None:
         stamp = numpy_to_vtk(np.array([time]), deep=True)
         stamp.SetName("TimeValue")
         grid.GetFieldData().AddArray(stamp)
-    with replacing(path) as beside:
-        writer = vtkXMLUnstructuredGridWriter()
-        writer.SetFileName(str(beside))
-        writer.SetInputData(grid)
-        writer.SetHeaderTypeToUInt64()
-        if not writer.Write():
-            raise OSError(0, "the library could not write", str(path))
+    # the library writes to memory: it tells of a full disk in its own way, and does not take every name
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.WriteToOutputStringOn()
+    writer.SetInputData(grid)
+    writer.SetHeaderTypeToUInt64()
+    if not writer.Write():
+        raise ElvisError(f"{path}: cannot be written: VTK fails to make the file")
+    write_text(path, writer.GetOutputString())
 
 
 def _grid(export: Export) -> Any:

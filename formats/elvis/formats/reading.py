@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from elvis.formats.dataset import Dataset
@@ -20,6 +21,9 @@ from elvis.formats.nektar.xml import Element
 
 _MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
 _FIELD_PIECE = re.compile(r"P\d+\.fld")
+_HDF5_NAME = re.compile(rb"""HDF5FILE\s*=\s*["']([^"'<>]+)["']""")
+#: bytes at the beginning of a file in which it names another
+_HEAD = 1 << 20
 _PARTITIONS = ("Partition", "MultipleFldFiles")
 
 
@@ -43,6 +47,17 @@ def read(*paths: str | Path) -> Dataset:
         raise ElvisError(f"{paths[0]}: there is not enough memory to read the data") from error
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or paths[0]) from error
+
+
+def named_files(paths: Iterable[str | Path]) -> list[Path]:
+    """The HDF5 files of meshes that XML files among ``paths`` name; of names that several folders hold, each."""
+    found = []
+    for path in filter(Path.is_file, map(Path, paths)):
+        with path.open("rb") as file:
+            names = _HDF5_NAME.findall(file.read(_HEAD))
+        folders = (path.parent, Path())
+        found += [folder / os.fsdecode(name) for name in names for folder in folders]
+    return [path for path in found if path.is_file()]
 
 
 class _Reader:

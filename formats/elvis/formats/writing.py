@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -16,7 +16,7 @@ from elvis.formats.nektar.expansions_output import completed_rules, write_rules
 from elvis.formats.nektar.metadata import time_of
 from elvis.formats.nektar.output_xml import document, write_metadata
 from elvis.formats.nektar.sections_output import OutputSection, output_sections
-from elvis.formats.output import replacing
+from elvis.formats.output import Outputs, check_places
 
 MeshFormat = Literal["compressed", "text", "hdf5"]
 FieldFormat = Literal["xml", "hdf5"]
@@ -29,12 +29,14 @@ def write(
     *,
     mesh_format: MeshFormat = "compressed",
     field_format: FieldFormat = "xml",
+    outputs: Outputs | None = None,
 ) -> tuple[Path, ...]:
     """Write a dataset; the files written, of which none is touched unless all of them can be written whole.
 
     mesh_path   XML file of the mesh; with ``hdf5`` the data go to the same name with the suffix .nekg.  XML is gzipped
                 where the name ends in .gz.  Without it only the fields are written.
     field_path  file of the fields; where only ``mesh_path`` is given, the same name with the suffix .fld.
+    outputs     with which the files take their places, where there are others beside them
 
     The mesh gets a domain where it names none, and expansions that fit every field.  Raises ElvisError where a file
     can't be written, or a format can't hold what the dataset has.
@@ -43,24 +45,29 @@ def write(
     field_file = _field_file(dataset, mesh_file, field_path)
     hdf5_file = _hdf5_file(mesh_file) if mesh_file and mesh_format == "hdf5" else None
     _check(mesh_format, field_format, mesh_file, field_file)
+    written = tuple(file for file in (mesh_file, hdf5_file, field_file) if file)
+    check_places(written)
 
     dataset = replace(dataset, mesh=with_domain(dataset.mesh), metadata=_metadata(dataset))
     sections = output_sections(dataset)
-    try:
-        # files take their names in reverse, so the mesh's XML, which names the others, comes last
-        with ExitStack() as files:
-            if mesh_file:
-                beside = files.enter_context(replacing(mesh_file))
-                _write_mesh_xml(beside, dataset, sections, mesh_file, mesh_format, field_file is None)
-            if hdf5_file:
-                geometry_hdf5_output.write_geometry(files.enter_context(replacing(hdf5_file)), dataset.mesh)
-            if field_file:
-                beside = files.enter_context(replacing(field_file))
+    with nullcontext(outputs) if outputs else Outputs() as files:
+        # they take their names in this order, so the mesh's XML, which names the others, comes last
+        if field_file:
+            with files.file(field_file) as beside:
                 _write_fields(beside, sections, dataset.metadata, field_file, field_format)
-    except (OSError, RuntimeError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
-        raise ElvisError(f"{mesh_file or field_file}: cannot be written: {reason}") from error
-    return tuple(file for file in (mesh_file, hdf5_file, field_file) if file)
+        if hdf5_file:
+            with files.file(hdf5_file) as beside:
+                geometry_hdf5_output.write_geometry(beside, dataset.mesh)
+        if mesh_file:
+            with files.file(mesh_file) as beside:
+                _write_mesh_xml(beside, dataset, sections, mesh_file, mesh_format, field_file is None)
+    return written
+
+
+def companions(mesh_path: Path) -> tuple[Path, Path]:
+    """The files that may stand beside a mesh's XML under its name: of the fields, and of the mesh's data in HDF5."""
+    plain = _without_gz(mesh_path)
+    return plain.with_suffix(".fld"), plain.with_suffix(".nekg")
 
 
 def _check(mesh_format: str, field_format: str, mesh_file: Path | None, field_file: Path | None) -> None:
@@ -81,14 +88,14 @@ def _field_file(dataset: Dataset, mesh_file: Path | None, field_path: str | Path
         if not dataset.fields:
             raise ElvisError(f"{field_path}: expected fields to write, found none")
         return Path(field_path)
-    return _without_gz(mesh_file).with_suffix(".fld") if mesh_file and dataset.fields else None
+    return companions(mesh_file)[0] if mesh_file and dataset.fields else None
 
 
 def _hdf5_file(mesh_file: Path) -> Path:
     """The file of the mesh's data beside its XML."""
     if mesh_file.suffix == ".nekg":
         raise ElvisError(f"{mesh_file}: expected the name of the XML file, which names the .nekg file beside it")
-    return _without_gz(mesh_file).with_suffix(".nekg")
+    return companions(mesh_file)[1]
 
 
 def _without_gz(path: Path) -> Path:

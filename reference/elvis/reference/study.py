@@ -150,7 +150,7 @@ def compare_scene(
             "1D data are drawn as curves from points of their own: there are no linear pictures to compare with, and "
             "nothing to judge"
         )
-    draw, scene = draw or _renderer(), replace(scene, samples=1, outputs=())
+    draw, scene = draw or _renderer(), replace(scene, samples=1, outputs=(), stats=None)
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
     seconds = {"exact": perf_counter() - start}

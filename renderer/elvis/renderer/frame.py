@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.distances.files import renamed
+from elvis.formats.output import Outputs
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.scene import Scene, Vector
 from elvis.renderer.view import PlaneView, View
@@ -166,11 +167,14 @@ class Frame:
             undefined = int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))
         return {**by_status, "not_a_number": undefined}
 
-    def save(self, path: str | Path, *, plain: bool = False) -> None:
-        """Write ``.png`` (with colour bar and title unless ``plain``), ``.exr`` or ``.npz``, by the suffix."""
+    def save(self, path: str | Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
+        """Write ``.png`` (with colour bar and title unless ``plain``), ``.exr`` or ``.npz``, by the suffix.
+
+        outputs  with which the file takes its place, where it is one of several
+        """
         from elvis.renderer.saving import save
 
-        save(self, Path(path), plain=plain)
+        save(self, Path(path), plain=plain, outputs=outputs)
 
 
 def whole(color: Floats | NDArray[np.uint8]) -> NDArray[np.uint8]:

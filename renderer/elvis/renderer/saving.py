@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elvis.formats.output import replacing
+from elvis.formats.output import Outputs, replacing
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Frame, Status
-
-SUFFIXES = (".png", ".exr", ".npz")
+from elvis.renderer.scene.permissions import PICTURES
 
 
 def check_suffix(path: Path) -> None:
     """SceneError where the file's suffix names no format that is written."""
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in PICTURES:
         raise SceneError(
-            f"{path}: expected a name that ends in {', '.join(SUFFIXES)}, found {path.suffix or 'no suffix'}"
+            f"{path}: expected a name that ends in {', '.join(PICTURES)}, found {path.suffix or 'no suffix'}"
         )
 
 
-def save(frame: Frame, path: Path, *, plain: bool = False) -> None:
-    """Write the frame in the format of the file's suffix; nothing is left under the name where writing fails."""
+def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
+    """Write the frame in the format of the file's suffix; nothing is left under the name where writing fails.
+
+    outputs  with which the file takes its place, where it is one of several
+    """
     check_suffix(path)
-    with replacing(path) as beside:
+    with replacing(path, outputs) as beside:
         match path.suffix.lower():
             case ".png":
                 from elvis.renderer.picture import picture
@@ -75,5 +78,8 @@ def _save_exr(frame: Frame, path: Path) -> None:
     channels["element"] = np.ascontiguousarray(frame.element.astype(np.uint32))
     channels["status"] = np.ascontiguousarray(frame.status.astype(np.uint32))
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    # by way of memory: the library says nothing where the end of a file does not fit on a disk
+    content = BytesIO()
     with OpenEXR.File(header, channels) as file:
-        file.write(str(path))
+        file.write(content)
+    path.write_bytes(content.getvalue())

@@ -153,3 +153,26 @@ def test_expressions_are_probed_like_fields(channel, elvis):
     np.testing.assert_allclose(found["d(u,z)"], -2 * z, atol=1e-11)
     np.testing.assert_allclose(found["atan2(u,1)"], np.arctan(1 - z**2), atol=1e-12)
     np.testing.assert_allclose(found["speed"], 1 - z**2, atol=1e-12)
+
+
+@pytest.mark.parametrize("link", ["", "soft", "hard"])
+def test_the_points_are_not_written_over(channel, elvis, tmp_path, link):
+    points = tmp_path / "p.csv"
+    points.write_text("x,y,z\n0.5,0.5,0\n")
+    output = tmp_path / f"{link}.csv" if link else points
+    if link == "soft":
+        output.symlink_to(points)
+    elif link == "hard":
+        output.hardlink_to(points)
+    with pytest.raises(ElvisError, match=r"not written: it is (an|the) input.*--overwrite"):
+        elvis("probe", *channel, "--points", points, "-o", output)
+    assert points.read_text() == "x,y,z\n0.5,0.5,0\n"
+    elvis("probe", *channel, "--points", points, "-o", output, "--overwrite")
+    assert output.read_text().startswith("point,")
+
+
+def test_a_grid_does_not_replace_its_data(elvis, tmp_path):
+    (tmp_path / "m.xml").write_text("<NEKTAR/>")
+    (tmp_path / "m.nrrd").symlink_to("m.xml")
+    with pytest.raises(ElvisError, match=r"m\.nrrd: not written: it is the input"):
+        elvis("probe", tmp_path / "m.xml", "--grid", "2,2,1", "-o", tmp_path / "m.nrrd")

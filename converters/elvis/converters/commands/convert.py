@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from elvis.formats.dataset import Dataset
     from elvis.plugins.conversion import Option
     from elvis.plugins.converting import Conversion
     from elvis.plugins.discovery import Candidate
@@ -105,6 +106,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, numbers with all their digits.")
 @click.option(
+    "--overwrite", is_flag=True, help="Also write over the inputs, and over or away with the files of another mesh."
+)
+@click.option(
     "--set", "pairs", multiple=True, metavar="NAME=VALUE", callback=_pairs, help="An option of the converter."
 )
 def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **options: Any) -> None:
@@ -130,13 +134,14 @@ def _convert(
     kind: str,
     max_error: float | None,
     as_json: bool,
+    overwrite: bool,
     **options: Any,
 ) -> None:
     """Convert, report, and write where the errors are in bounds."""
-    from elvis.formats import write
     from elvis.formats.errors import ElvisError
-    from elvis.formats.terminal import print_json, stage
+    from elvis.formats.terminal import print_json
 
+    _check_places(output, kind, files, overwrite)
     conversion = _converted(files, **options)
     report = conversion.report
     if as_json:
@@ -147,10 +152,49 @@ def _convert(
     if beyond:
         found = f"{beyond[0].relative:.3g} in {beyond[0].name}"
         raise ElvisError(f"{output}: not written: expected errors up to {max_error:g}, found {found}")
+    _write(conversion.dataset, output, kind, overwrite, as_json)
+
+
+def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: bool) -> None:
+    """ElvisError where an output can't be written, is an input or of another mesh; before any long work."""
+    from elvis.formats.errors import ElvisError
+    from elvis.formats.output import check_places
+    from elvis.formats.reading import named_files
+    from elvis.formats.writing import companions
+
+    others = companions(output)[: 2 if kind == "hdf5" else 1]
+    check_places([output, *others], [*files, *named_files(files)], overwrite)
+    for other in others:
+        if other.exists() and not output.exists() and not overwrite:
+            raise ElvisError(
+                f"{other}: not written: it stands there without {output.name}, so it belongs to something else; "
+                "name another output, or say --overwrite"
+            )
+
+
+def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent: bool) -> None:
+    """Write the files; those of an earlier conversion that these would not replace are refused, or removed."""
+    from elvis.formats import write
+    from elvis.formats.errors import ElvisError
+    from elvis.formats.output import Outputs
+    from elvis.formats.terminal import stage
+    from elvis.formats.writing import companions
+
+    fields, data = companions(output)
+    stale = [fields] if fields.exists() and not dataset.fields else []
+    if data.exists() and kind != "hdf5" and output.exists():
+        stale.append(data)
+    if stale and not overwrite:
+        raise ElvisError(
+            f"{stale[0]}: it belongs to the {output.name} that stands there, but nothing new takes its place: "
+            "remove it, or say --overwrite"
+        )
     formats: dict[str, Any] = {"mesh_format": kind, "field_format": "hdf5" if kind == "hdf5" else "xml"}
-    with stage(f"writing {output.name}"):
-        written = write(conversion.dataset, output, **formats)
-    if not as_json:
+    with stage(f"writing {output.name}"), Outputs() as outputs:
+        for file in stale:
+            outputs.remove(file)
+        written = write(dataset, output, outputs=outputs, **formats)
+    if not is_silent:
         click.echo(f"\nwrote {' and '.join(map(str, written))}")
 
 

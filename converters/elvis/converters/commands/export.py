@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from elvis.formats.commands.arguments import overwrite_option
+
 if TYPE_CHECKING:
     from elvis.converters.exporting import Export, Loss
     from elvis.formats.dataset import Dataset
@@ -32,6 +34,7 @@ _ROUNDING = 1e-11
     "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the losses as JSON, numbers with all their digits.")
+@overwrite_option
 def export(
     data: tuple[Path, ...],
     output: Path,
@@ -39,6 +42,7 @@ def export(
     order: int | None,
     max_error: float | None,
     as_json: bool,
+    overwrite: bool,
 ) -> None:
     """Write DATA, native files, as cells with values at nodes, and tell what that cost.
 
@@ -46,9 +50,11 @@ def export(
     Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.
     """
     from elvis.formats.commands.arguments import field_names, read_data
+    from elvis.formats.output import check_places
 
     if output.suffix not in (".vtu", ".msh"):
         raise click.BadParameter(f"expected a name ending in .vtu or .msh, found {output}", param_hint="'-o'")
+    check_places([output], data, overwrite)
     dataset = read_data(data)
     names = None if fields is None else field_names(dataset, fields)
     write = _write_vtu if output.suffix == ".vtu" else _write_msh

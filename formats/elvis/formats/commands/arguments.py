@@ -35,6 +35,9 @@ plugin_option = click.option(
 )
 
 
+overwrite_option = click.option("--overwrite", is_flag=True, help="Also write over the inputs, which else is refused.")
+
+
 class Answers(Protocol):
     """What can be asked of data that aren't native, but opened by a runtime plugin."""
 
@@ -53,6 +56,16 @@ class Answers(Protocol):
     def facts(self, texts: Sequence[str]) -> dict[str, Any]:
         """What is in the data, as plain data, with the ranges of quantities."""
         ...
+
+
+def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None = None) -> list[Path]:
+    """All files that a command reads: data, the file of a plugin, a table of points."""
+    found = list(data)
+    if plugin is not None and plugin.endswith(".py"):
+        found.append(Path(plugin))
+    if points is not None and points != "-":
+        found.append(Path(points))
+    return found
 
 
 def opened(paths: Sequence[Path], plugin: str | None) -> Answers | None:

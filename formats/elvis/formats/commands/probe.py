@@ -17,7 +17,9 @@ from elvis.formats.commands.arguments import (
     data_argument,
     expressions,
     field_option,
+    inputs,
     opened,
+    overwrite_option,
     plugin_option,
     read_data,
     triples,
@@ -99,6 +101,7 @@ Examples:
     type=click.Path(path_type=Path),
     help="File to write, .csv or .npz, of a grid .nrrd.  [default: CSV on standard output]",
 )
+@overwrite_option
 def probe(
     data: tuple[Path, ...],
     points: str | None,
@@ -112,6 +115,7 @@ def probe(
     plugin: str | None,
     every: bool,
     output: Path | None,
+    overwrite: bool,
 ) -> None:
     """Evaluate fields exactly at points: the solver's own polynomials on the element that holds the point.
 
@@ -119,16 +123,14 @@ def probe(
     and fields are nan; status is 0 outside, 1 inside, 3 where the search failed. Where a field jumps between elements,
     --all shows the value of each. A grid's values alone are written, of one field or the components of a vector.
     """
-    from elvis.formats.columns import check_suffix, csv_lines, write_columns
-    from elvis.formats.output import check_place
+    from elvis.formats.columns import csv_lines, write_columns
 
+    if output is not None:
+        _check_output(output, (grid or box) is not None, inputs(data, plugin, points), overwrite)
     if grid is not None or box is not None:
         others = [way for way in (points, line, plane, counts) if way is not None]
         _write_grid(data, plugin, asked(fields, quantities), grid, box, output, alone=not others and not every)
         return
-    if output is not None:
-        check_suffix(output)
-        check_place(output)
     places = _places(points, line, plane, counts)
     columns = _columns(_source(data, plugin), places, asked(fields, quantities), every)
     if output is not None:
@@ -136,6 +138,18 @@ def probe(
     else:
         sys.stdout.writelines(csv_lines(columns))
     _tell(columns)
+
+
+def _check_output(output: Path, is_grid: bool, read: list[Path], overwrite: bool) -> None:
+    """ElvisError where the file can't be written, before any long work."""
+    from elvis.formats.columns import check_suffix
+    from elvis.formats.output import check_places
+
+    if not is_grid:
+        check_suffix(output)
+    elif output.suffix.lower() != ".nrrd":
+        raise ElvisError(f"{output}: expected a name that ends in .nrrd for a grid, found {output.suffix or 'none'}")
+    check_places([output], read, overwrite)
 
 
 def _places(
@@ -198,13 +212,9 @@ def _write_grid(
     import numpy as np
 
     from elvis.formats.nrrd import write_nrrd
-    from elvis.formats.output import check_place
 
     if counts is None or output is None or not alone:
         raise click.UsageError("expected --grid with -o NAME.nrrd, and no other points", click.get_current_context())
-    if output.suffix.lower() != ".nrrd":
-        raise ElvisError(f"{output}: expected a name that ends in .nrrd for a grid, found {output.suffix or 'none'}")
-    check_place(output)
     source = _source(data, plugin)
     grid = _grid(source, counts, box)
     step = max(1, _TOGETHER // (counts[0] * counts[1]))

@@ -23,6 +23,11 @@ def renamed(expression: str, change: Callable[[str], str]) -> str:
     return _NAMED.sub(lambda found: f"{found[1]}{change(found[2])}{found[3]}", expression)
 
 
+def named_files(expression: str) -> list[Path]:
+    """The files that distances in an expression are measured to."""
+    return [Path(found[2]) for found in _NAMED.finditer(expression)]
+
+
 def check_file(name: str) -> None:
     """FormatError where there is no such file."""
     if not Path(name).is_file():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elvis.formats.errors import ElvisError
+from elvis.formats.nektar.hdf5_output import created
 from elvis.formats.nektar.idlist import format_ids
 from elvis.formats.nektar.output_xml import COMPRESSED, Writer
 from elvis.formats.nektar.sections_output import OutputSection, joined
@@ -39,9 +40,7 @@ def write_sections(writer: Writer, sections: Sequence[OutputSection]) -> None:
 
 def write_hdf5(path: Path, sections: Sequence[OutputSection], metadata: Mapping[str, str]) -> None:
     """A whole HDF5 field file; ElvisError where ids are too great for it."""
-    import h5py
-
-    with h5py.File(path, "w") as file:
+    with created(path) as file:
         root = file.create_group("NEKTAR")
         root.attrs.create("FORMAT_VERSION", FORMAT_VERSION, dtype=np.uint32)
         notes = root.create_group("Metadata")

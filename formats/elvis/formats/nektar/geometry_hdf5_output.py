@@ -14,6 +14,7 @@ from elvis.formats.nektar.composites import format_tokens
 from elvis.formats.nektar.domain import written_composites
 from elvis.formats.nektar.geometry_hdf5 import NAMES
 from elvis.formats.nektar.geometry_output import entity_ids, member_ids
+from elvis.formats.nektar.hdf5_output import created
 from elvis.formats.nektar.idlist import format_ids
 
 if TYPE_CHECKING:
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 
 def write_geometry(path: Path, mesh: Mesh) -> None:
     """The file of a mesh that has a domain; ElvisError where ids are too great for it."""
-    import h5py
-
-    with h5py.File(path, "w") as file:
+    with created(path) as file:
         geometry = file.create_group("NEKTAR/GEOMETRY")
         is_plain = list(mesh.domains) == [0]
         geometry.attrs.create("FORMAT_VERSION", 1 if is_plain else 2, dtype=np.uint32)

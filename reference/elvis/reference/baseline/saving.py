@@ -63,7 +63,9 @@ def _save_vtu(mesh: LinearMesh, path: Path) -> None:
         array.SetName(name)
         data.AddArray(array)
     writer = needed("vtkmodules.vtkIOXML", "converters").vtkXMLUnstructuredGridWriter()
-    writer.SetFileName(str(path))
+    # to memory, for the library tells of a full disk in its own way
+    writer.WriteToOutputStringOn()
     writer.SetInputData(grid)
     if not writer.Write():
-        raise ElvisError(f"{path}: cannot be written by VTK")
+        raise ElvisError(f"{path}: cannot be written: VTK fails to make the file")
+    path.write_text(writer.GetOutputString(), encoding="utf-8")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from elvis.formats.commands.arguments import overwrite_option
 from elvis.renderer.commands.render import scene_options
 
 if TYPE_CHECKING:
@@ -76,12 +77,14 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
 @click.option("--meshes", metavar="FORMATS", callback=_formats, help="Keep the meshes in the report: ply, glb, vtu.")
 @click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a bar is not passed.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers of summary.json.")
+@overwrite_option
 def compare(
     data: tuple[Path, ...],
     output: Path | None,
     meshes: tuple[str, ...],
     require: str | None,
     as_json: bool,
+    overwrite: bool,
     **options: Any,
 ) -> None:
     """Report how exact the picture of a scene is, and what linear elements would have shown of it.
@@ -92,13 +95,15 @@ def compare(
     from elvis.formats.terminal import print_json
     from elvis.reference.report.summary import summary
     from elvis.reference.report.writing import check_folder, plain, write_report
+    from elvis.renderer.scene.tables import input_files
 
     if output is not None:
-        check_folder(output)
+        check_folder(output, data, overwrite)
     study = _study(data, {**options, "meshes": bool(meshes and output)})
     numbers = summary(study)
     if output is not None:
-        write_report(study, output, meshes)
+        inputs = [*data, *(input_files(study.scene) if study.scene else ())]
+        write_report(study, output, meshes, inputs, overwrite)
     if as_json:
         print_json(plain(numbers))
     else:
@@ -129,7 +134,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
 
     own = ("refinements", "memory_limit", "judge", "meshes")
     levels, limit, judged, meshes = (options.pop(name) for name in own)
-    scene = composed(data, options, ())
+    scene = composed(data, options, (), unused=("outputs", "stats"))
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
     if scene.plugin is not None:

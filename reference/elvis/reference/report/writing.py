@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,69 +12,105 @@ import numpy as np
 from PIL import Image
 
 from elvis.formats.errors import ElvisError
+from elvis.formats.output import Outputs, check_folder_place, check_inputs
 from elvis.reference.baseline.saving import FORMATS, save_mesh
 from elvis.reference.report.page import page
 from elvis.reference.report.summary import summary, times
 from elvis.reference.study import Study
 
-#: marks a folder as a report, so that only reports are ever replaced
-MARK = "summary.json"
+#: the file that makes a folder a report: which files are its own
+MARK = "report.json"
+KIND, VERSION = "ElVis accuracy report", 1
+#: bytes of a mark that is read, at most
+_LARGEST = 1 << 22
 
 
-def write_report(study: Study, folder: Path, formats: Sequence[str] = ()) -> None:
+def write_report(
+    study: Study,
+    folder: Path,
+    formats: Sequence[str] = (),
+    inputs: Iterable[Path] = (),
+    overwrite: bool = False,
+) -> None:
     """Write the report, with the study's meshes in some formats; an earlier one in its place is replaced.
 
-    Raises ElvisError where something else stands there, or the folder above doesn't exist.
+    Raises ElvisError as `check_folder` does.  Until all is written the earlier report stands.
     """
-    with replacing_folder(folder) as beside:
-        text, files = page(study, _scene(study, beside))
+    read = tuple(inputs)
+    check_folder(folder, read, overwrite)
+    with Outputs() as outputs, outputs.folder(folder) as beside:
+        text, files = page(study, _scene(study, beside, folder))
         (beside / "index.html").write_text(text, encoding="utf-8")
         for name, content in files.items():
             _put(beside / name, content)
         _put_meshes(study, beside / "meshes", formats)
-        _put(beside / MARK, _json(summary(study)))
+        _put(beside / "summary.json", _json(summary(study)))
         _put(beside / "times.json", _json(times(study)))
+        own = sorted([*_files_in(beside), MARK])
+        _put(beside / MARK, _json({"kind": KIND, "version": VERSION, "files": own}))
+
+        # something may have come into the folder while this one was made
+        check_folder(folder, read, overwrite)
 
 
-def check_folder(folder: Path) -> None:
-    """ElvisError where a report cannot stand in this place; to be asked before long work."""
-    if not Path(os.path.realpath(folder)).parent.is_dir():
-        raise ElvisError(f"{folder}: cannot be written: there is no folder {Path(os.path.realpath(folder)).parent}")
-    if folder.exists() and not folder.is_dir():
-        raise ElvisError(f"{folder}: cannot be written: it is a file; a report is a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
+def check_folder(folder: Path, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
+    """ElvisError where a report cannot take this place; to be asked before long work.
+
+    It may take that of nothing, of an empty folder, or of a report in which all is that report's own and, unless
+    ``overwrite``, nothing is an input.
+    """
+    check_folder_place(folder)
+    if not folder.is_dir():
+        return
+    present = _files_in(folder)
+    if not overwrite:
+        check_inputs([folder / name for name in present], inputs)
+    if not any(folder.iterdir()):
+        return
+    own = _own_files(folder)
+    if own is None:
         raise ElvisError(f"{folder}: cannot be written: it is a folder of other things; name a new one")
+    foreign = sorted(present - own)
+    if foreign:
+        others = f" and {len(foreign) - 1} others" if len(foreign) > 1 else ""
+        raise ElvisError(
+            f"{folder}: cannot be written: {foreign[0]}{others} in it are not of the report; move them, or name a "
+            "new folder"
+        )
 
 
-@contextmanager
-def replacing_folder(folder: Path) -> Iterator[Path]:
-    """A folder to fill in place of ``folder``: it takes that name when the block ends well, and vanishes otherwise."""
-    check_folder(folder)
-    target = Path(os.path.realpath(folder))
-    beside = target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(3).hex()}")
-    beside.mkdir()
+def _own_files(folder: Path) -> set[str] | None:
+    """The files that the report in a folder has written; None where there is no report, or one of another version."""
+    mark = folder / MARK
     try:
-        yield beside
-        if target.exists():
-            old = target.with_name(f"{beside.name}.old")
-            target.rename(old)
-            beside.rename(target)
-            shutil.rmtree(old)
-        else:
-            beside.rename(target)
-    except BaseException:
-        shutil.rmtree(beside, ignore_errors=True)
-        raise
+        if mark.is_symlink() or not mark.is_file() or mark.stat().st_size > _LARGEST:
+            return None
+        found = json.loads(mark.read_bytes())
+        is_report = (found["kind"], found["version"]) == (KIND, VERSION)
+        return {str(name) for name in found["files"]} if is_report else None
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
 
 
-def _scene(study: Study, folder: Path) -> str:
-    """The text of the scene's file, which is written; its files are named from the folder of the report."""
-    from elvis.renderer.scene.files import write_scene
+def _files_in(folder: Path) -> set[str]:
+    """The names of all files and links below a folder, and of folders that hold nothing."""
+    found = set()
+    for place, folders, names in os.walk(folder):
+        below = [name for name in folders if Path(place, name).is_symlink()]
+        empty = [] if folders or names or Path(place) == folder else [""]
+        found |= {os.path.relpath(Path(place, name), folder) for name in (*names, *below, *empty)}
+    return found
+
+
+def _scene(study: Study, folder: Path, final: Path) -> str:
+    """The text of the scene's file, which is written to ``folder``; its file names hold from the ``final`` place."""
+    from elvis.renderer.scene.files import scene_text
 
     if study.scene is None:
         return ""
-    write_scene(study.scene, folder / "scene.toml")
-    return (folder / "scene.toml").read_text(encoding="utf-8")
+    text = scene_text(study.scene, Path(os.path.realpath(final)) / "scene.toml")
+    _put(folder / "scene.toml", text)
+    return text
 
 
 def _put_meshes(study: Study, folder: Path, formats: Sequence[str]) -> None:

@@ -13,14 +13,22 @@ if TYPE_CHECKING:
 
 #: options that style every object, by the key of Style
 STYLES = ("contours", "mesh_lines", "opacity", "lit", "color")
+#: keys that a scene file may set within limits, and options without
+OVERRIDDEN = {"outputs", "stats", "plugin"}
 
 
-def composed(files: tuple[Path, ...], options: dict[str, Any], settings: tuple[tuple[str, str], ...]) -> Scene:
+def composed(
+    files: tuple[Path, ...],
+    options: dict[str, Any],
+    settings: tuple[tuple[str, str], ...],
+    unused: tuple[str, ...] = (),
+) -> Scene:
     """The scene of a scene file among ``files``, else the usual one, with what the options say.
 
     options   scene keys to values, None where an option was not given; ``planes``, ``cuts``, ``faces``,
               ``isosurfaces`` and ``volumes`` are added to the objects, STYLES go to every object
     settings  pairs of a key such as ``objects[0].style.opacity`` and a TOML value
+    unused    keys of a scene file that have no meaning for the caller
     """
     from elvis.renderer.scene import CutSurface, MeshLines, Plane, Scene
     from elvis.renderer.scene.files import is_scene_file, read_scene
@@ -28,8 +36,8 @@ def composed(files: tuple[Path, ...], options: dict[str, Any], settings: tuple[t
     scene_files = [file for file in files if is_scene_file(file)]
     if len(scene_files) > 1:
         raise SceneError(f"expected one scene file, found {' and '.join(map(str, scene_files))}")
-    scene = read_scene(scene_files[0]) if scene_files else Scene()
     given = {key: value for key, value in options.items() if value is not None and value != ()}
+    scene = read_scene(scene_files[0], (*(OVERRIDDEN & given.keys()), *unused)) if scene_files else Scene()
     style = {key: given.pop(key) for key in STYLES if key in given}
     style |= {"mesh_lines": MeshLines()} if "mesh_lines" in style else {}
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from elvis.formats.commands.arguments import Parsed
+from elvis.formats.commands.arguments import Parsed, overwrite_option
 
 if TYPE_CHECKING:
     from elvis.renderer.frame import Frame
@@ -120,8 +120,13 @@ def scene_options(leaving: Sequence[str] = ()) -> Callable[[_Command], _Command]
 @scene_options()
 @_many("--set", "settings", metavar="KEY=VALUE", parse="setting", help="Any other key of the scene.")
 @click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
+@overwrite_option
 def render(
-    data: tuple[Path, ...], settings: tuple[tuple[str, str], ...], save_scene: Path | None, **options: Any
+    data: tuple[Path, ...],
+    settings: tuple[tuple[str, str], ...],
+    save_scene: Path | None,
+    overwrite: bool,
+    **options: Any,
 ) -> None:
     """Draw DATA (mesh and field files, in any order): every pixel from the solver's own functions.
 
@@ -132,19 +137,19 @@ def render(
     options["outputs"] = tuple(map(str, options["outputs"]))
     options["stats"] = options["stats"] and str(options["stats"])
     scene = composed(data, options, settings)
-    _check_places(scene, save_scene)
+    _check_places(scene, data, save_scene, overwrite)
     frame = _frame(scene)
-    for output in scene.outputs:
-        frame.save(output, plain=scene.plain)
-    _write_rest(frame, scene, save_scene)
+    _write(frame, scene, save_scene)
     _report(frame)
 
 
-def _check_places(scene: Scene, save_scene: Path | None) -> None:
+def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
     """Errors about outputs, before any long work."""
-    from elvis.formats.output import check_place
+    from elvis.formats.commands.arguments import inputs
+    from elvis.formats.output import check_places
     from elvis.renderer.saving import check_suffix
     from elvis.renderer.scene.files import check_scene_suffix
+    from elvis.renderer.scene.tables import input_files
 
     if not scene.outputs:
         raise click.UsageError("Missing option '--output' / '-o', and the scene names no outputs")
@@ -152,9 +157,8 @@ def _check_places(scene: Scene, save_scene: Path | None) -> None:
         check_suffix(Path(output))
     if save_scene:
         check_scene_suffix(save_scene)
-    for place in (*scene.outputs, scene.stats, save_scene):
-        if place:
-            check_place(place)
+    written = [place for place in (*scene.outputs, scene.stats, save_scene) if place]
+    check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
 
 
 def _frame(scene: Scene) -> Frame:
@@ -173,18 +177,25 @@ def _frame(scene: Scene) -> Frame:
         return draw(dataset, scene, device=scene.device, progress=told)
 
 
-def _write_rest(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
-    """The numbers of a frame as JSON, and its scene with the camera and size that were found."""
+def _write(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
+    """All files at once: pictures, numbers as JSON, and the scene with the camera and size that were found."""
     import json
 
-    from elvis.formats.output import write_text
+    from elvis.formats.output import Outputs, write_text
+    from elvis.formats.terminal import warn
     from elvis.renderer.scene.files import write_scene
 
-    if scene.stats:
-        write_text(scene.stats, json.dumps(frame.stats, indent=2) + "\n")
-    if save_scene:
-        size = (frame.view.width, frame.view.height)
-        write_scene(replace(scene, camera=frame.view.camera, size=size), save_scene)
+    left_out: tuple[str, ...] = ()
+    with Outputs() as outputs:
+        for output in scene.outputs:
+            frame.save(output, plain=scene.plain, outputs=outputs)
+        if scene.stats:
+            write_text(scene.stats, json.dumps(frame.stats, indent=2) + "\n", outputs)
+        if save_scene:
+            size = (frame.view.width, frame.view.height)
+            left_out = write_scene(replace(scene, camera=frame.view.camera, size=size), save_scene, outputs)
+    for key in left_out:
+        warn(f"{save_scene}: without {key}, which goes further than a scene file may: give it as an option again")
 
 
 def _report(frame: Frame) -> None:

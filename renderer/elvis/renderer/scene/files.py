@@ -1,16 +1,22 @@
-"""Scene files: TOML, YAML and JSON.  File names in them are relative to the file."""
+"""Scene files: TOML, YAML and JSON.  File names in them are relative to the file.
+
+A scene may come from somebody else, so it does no harm: it reads data, but runs no code of its own, and writes nothing
+but pictures and statistics, beside itself or below.  What goes further is said on the command line.
+"""
 
 from __future__ import annotations
 
 import json
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from elvis.formats.output import write_text
+from elvis.formats.output import Outputs, write_text
 from elvis.renderer.errors import SceneError
+from elvis.renderer.scene.permissions import check_permitted, check_texts, forbidden
 from elvis.renderer.scene.tables import Table, scene_of, table_of
 from elvis.renderer.scene.whole import Scene
 
@@ -23,8 +29,11 @@ def is_scene_file(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def read_scene(path: str | Path) -> Scene:
-    """The scene in a file; SceneError that names the file, the key, what was expected and what was found."""
+def read_scene(path: str | Path, given: Iterable[str] = ()) -> Scene:
+    """The scene in a file; SceneError that names the file, the key, what was expected and what was found.
+
+    given  keys that the caller sets otherwise: what the file says of them is left out, whatever it is
+    """
     path = Path(path)
     try:
         with path.open("rb") as stream:
@@ -38,27 +47,42 @@ def read_scene(path: str | Path) -> Scene:
     except (ValueError, RecursionError) as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
         raise SceneError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {reason}") from error
+    for key in given:
+        table.pop(key, None)
     try:
-        return scene_of(table, str(path.parent))
+        check_texts(table)
+        scene = scene_of(table, str(path.parent))
+        check_permitted(table, path.parent)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error
+    return scene
 
 
-def write_scene(scene: Scene, path: str | Path) -> None:
-    """Write a scene file in the language of its suffix; what has its default is left out."""
+def write_scene(scene: Scene, path: str | Path, outputs: Outputs | None = None) -> tuple[str, ...]:
+    """Write a scene file in the language of its suffix; the keys that it may not have, and so has not.
+
+    outputs  with which the file takes its place, where it is one of several
+    """
     path = Path(path)
     check_scene_suffix(path)
-    table = table_of(scene, str(path.parent))
+    write_text(path, scene_text(scene, path), outputs)
+    return forbidden(scene, path.parent)
+
+
+def scene_text(scene: Scene, path: Path) -> str:
+    """What a scene file of that name holds; what has its default is left out, and what a file may not say."""
+    usual: dict[str, Any] = {field.name: field.default for field in fields(Scene)}
+    permitted = replace(scene, **{key: usual[key] for key in forbidden(scene, path.parent)})
+    table = table_of(permitted, str(path.parent))
     match path.suffix.lower():
         case ".toml":
-            text = _toml(table)
+            return _toml(table)
         case ".json":
-            text = json.dumps(table, indent=2, ensure_ascii=False) + "\n"
+            return json.dumps(table, indent=2, ensure_ascii=False) + "\n"
         case _:
             import yaml
 
-            text = yaml.dump(table, Dumper=_with_exponents(yaml.SafeDumper), sort_keys=False, allow_unicode=True)
-    write_text(path, text)
+            return str(yaml.dump(table, Dumper=_with_exponents(yaml.SafeDumper), sort_keys=False, allow_unicode=True))
 
 
 def check_scene_suffix(path: Path) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from sys import float_info
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from elvis.formats.distances.files import renamed
+from elvis.formats.distances.files import named_files, renamed
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
 from elvis.renderer.scene.surfaces import (
@@ -31,6 +32,8 @@ KINDS: dict[type, str] = {CutSurface: "cut", Faces: "faces", Isosurface: "isosur
     Plane: "plane", Sphere: "sphere", Cylinder: "cylinder", Cone: "cone", Implicit: "implicit", TriangleMesh: "mesh"
 }  # fmt: skip
 LONGEST = 10_000
+#: keys of files that are written
+WRITTEN = ("outputs", "stats")
 #: keys of expressions, in which files may be named
 EXPRESSIONS = ("field", "quantity", "expression")
 
@@ -56,6 +59,25 @@ def table_of(item: Any, folder: str | None = None) -> Table:
             if folder is not None and field.name in EXPRESSIONS:
                 table[field.name] = renamed(str(value), lambda file: os.path.relpath(file, folder or "."))
     return table
+
+
+def input_files(item: Any) -> list[Path]:
+    """The files that a scene or a part of it reads: data, triangles, colour maps; not those that it writes."""
+    hints = _hints(type(item))
+    found: list[Path] = []
+    for field in fields(item):
+        value = getattr(item, field.name)
+        if value is None or field.name in WRITTEN:
+            continue
+        if field.name in EXPRESSIONS:
+            found += named_files(value)
+        hint = hints[field.name]
+        for part in value if isinstance(value, tuple) else (value,):
+            if is_dataclass(part):
+                found += input_files(part)
+            elif _is_file({hint, *get_args(hint)}, part):
+                found.append(Path(part))
+    return found
 
 
 def _plain(value: Any, hint: Any, folder: str | None) -> Any:

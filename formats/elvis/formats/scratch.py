@@ -1,0 +1,114 @@
+"""Scratch folders: where outputs are written before they take their places, on the same file system as these.
+
+A scratch folder lies beside the outputs, is named ``.elvis-XXXXXXXXXXXX.tmp`` and holds
+
+    lock   locked as long as its process lives: the system frees the lock even of a process that is killed
+    new/   what is being written, under its final name
+    old/   what stood in the places of the new, until all of these have theirs
+
+The next run that writes into the same folder removes what a killed one has left.  Locks, unlike numbers of processes,
+also tell across containers and, where the file system has locks, across machines.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_NAME = re.compile(r"\.elvis-[0-9a-f]{12}\.tmp")
+#: tries to make a folder before another process takes it for a leftover
+_TRIES = 8
+
+
+@contextmanager
+def scratch(folder: Path) -> Iterator[Path]:
+    """A new scratch folder in ``folder``, without the leftovers of killed runs; it is removed when the block ends.
+
+    Raises OSError where no folder can be made.
+    """
+    remove_leftovers(folder)
+    own, lock = _made(folder)
+    try:
+        (own / "new").mkdir()
+        (own / "old").mkdir()
+        yield own
+    finally:
+        _discard(own)
+        if lock is not None:
+            os.close(lock)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the scratch folders in ``folder`` whose processes have ended; what they had set aside is put back."""
+    for leftover in _leftovers(folder):
+        lock = _locked(leftover)
+        if lock is None:
+            continue
+        try:
+            _put_back(leftover, folder)
+            _discard(leftover)
+        finally:
+            os.close(lock)
+
+
+def _leftovers(folder: Path) -> list[Path]:
+    """Our own scratch folders in ``folder``, also those in use."""
+    try:
+        with os.scandir(folder) as entries:
+            found = [entry for entry in entries if _NAME.fullmatch(entry.name)]
+            return [Path(entry.path) for entry in found if _is_own_folder(entry)]
+    except OSError:
+        return []
+
+
+def _is_own_folder(entry: os.DirEntry[str]) -> bool:
+    is_folder = entry.is_dir(follow_symlinks=False)
+    return is_folder and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
+
+
+def _made(folder: Path) -> tuple[Path, int | None]:
+    """A new scratch folder and its lock, which is None where the file system has none."""
+    for _ in range(_TRIES):
+        own = folder / f".elvis-{os.urandom(6).hex()}.tmp"
+        own.mkdir(mode=0o700)
+        lock = _locked(own)
+        if lock is not None or own.is_dir():
+            break
+    return own, lock
+
+
+def _locked(own: Path) -> int | None:
+    """A descriptor that holds the lock of a scratch folder; None where it can't be had or the folder is gone."""
+    path = own / "lock"
+    try:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # the one that held it before may have removed the folder
+        if os.path.samestat(os.fstat(lock), os.stat(path)):
+            return lock
+    except OSError:
+        pass
+    os.close(lock)
+    return None
+
+
+def _put_back(leftover: Path, folder: Path) -> None:
+    """Return what a killed run had set aside to the places that nothing new has taken."""
+    kept = leftover / "old"
+    for item in kept.iterdir() if kept.is_dir() else ():
+        if not os.path.lexists(folder / item.name):
+            os.rename(item, folder / item.name)
+
+
+def _discard(own: Path) -> None:
+    """Remove a scratch folder; the old goes first, so that nobody puts it back from a half removed one."""
+    shutil.rmtree(own / "old", ignore_errors=True)
+    shutil.rmtree(own, ignore_errors=True)

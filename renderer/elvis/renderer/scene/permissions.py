@@ -1,0 +1,83 @@
+"""What a scene file may not say, as it may come from anybody: which code to run, and what to write elsewhere."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from elvis.renderer.errors import SceneError
+from elvis.renderer.scene.tables import Table
+from elvis.renderer.scene.whole import Scene
+
+#: suffixes of pictures and records
+PICTURES = (".png", ".exr", ".npz")
+#: suffixes of files that a scene may write, by key, and the options without limits
+SUFFIXES = {"outputs": PICTURES, "stats": (".json",)}
+OPTIONS = {"outputs": "--output", "stats": "--stats"}
+
+
+def check_permitted(table: Table, folder: Path) -> None:
+    """SceneError where a scene file in ``folder`` names a plugin's file, or what it may not write.
+
+    table  of a valid scene
+    """
+    if _is_plugin_file(table.get("plugin")):
+        raise SceneError(
+            f"plugin: expected the name of an installed plugin, found {table['plugin']!r}: a scene runs no file; "
+            "one that you trust is named with --plugin"
+        )
+    for key in SUFFIXES:
+        for place, name in _named(key, table.get(key)):
+            fault = _fault(key, name, folder)
+            if fault:
+                raise SceneError(
+                    f"{place}: expected {fault}, found {name!r}; other places are named with {OPTIONS[key]}"
+                )
+
+
+def forbidden(scene: Scene, folder: Path) -> tuple[str, ...]:
+    """The keys of a scene that a file in ``folder`` may not have."""
+    keys = ["plugin"] if _is_plugin_file(scene.plugin) else []
+    for key in SUFFIXES:
+        names = [os.path.relpath(name, folder) for _, name in _named(key, getattr(scene, key))]
+        if any(_fault(key, name, folder) for name in names):
+            keys.append(key)
+    return tuple(keys)
+
+
+def check_texts(item: Any, place: str = "") -> None:
+    """SceneError where a text holds what names of files and UTF-8 can't: JSON and YAML have escapes for it."""
+    if isinstance(item, dict):
+        for key, value in item.items():
+            check_texts(value, f"{place}.{key}" if place else str(key))
+    elif isinstance(item, list):
+        for number, value in enumerate(item):
+            check_texts(value, f"{place}[{number}]")
+    elif isinstance(item, str) and any(c == "\0" or "\ud800" <= c <= "\udfff" for c in item):
+        raise SceneError(f"{place}: expected text without zeros and halves of characters, found {item[:40]!r}")
+
+
+def _is_plugin_file(plugin: Any) -> bool:
+    """Whether a plugin is named by a file; names of installed ones are words."""
+    return isinstance(plugin, str) and (Path(plugin).suffix.lower() == ".py" or Path(plugin).name != plugin)
+
+
+def _named(key: str, value: Any) -> list[tuple[str, str]]:
+    """The names of files under a key, each with its place in the scene."""
+    if value is None or isinstance(value, str):
+        return [(key, value)] if value else []
+    return [(f"{key}[{number}]", str(name)) for number, name in enumerate(value)]
+
+
+def _fault(key: str, name: str, folder: Path) -> str:
+    """What the name of a file to be written should have been; nothing where it is good."""
+    path = Path(name)
+    if path.is_absolute() or ".." in path.parts:
+        return "a name beside the scene or in a folder below"
+    if path.suffix.lower() not in SUFFIXES[key]:
+        return f"a name that ends in {', '.join(SUFFIXES[key])}"
+    home = Path(os.path.realpath(folder))
+    if home not in Path(os.path.realpath(folder / path)).parents:
+        return "a name that no link leads out of the scene's folder"
+    return ""
