@@ -234,3 +234,43 @@ def test_hdf5_files_as_other_programs_may_write_them(case_files, tmp_path, asser
         root["ELEMENTIDS"] = ids.astype(np.int64)
         root.create_dataset("DATA", data=values.astype(">f8"), compression="gzip", shuffle=True, chunks=(1000,))
     assert_same(read(mesh, tmp_path / "f.h5"), read(mesh, fields))
+
+
+#: the numbers of before March 2017, from names in the sources of that time
+OF_BEFORE = {"Fourier": 7, "GLL_Lagrange": 8, "Gauss_Lagrange": 9, "Chebyshev": 11, "FourierSingleMode": 13}
+
+
+def renumbered(path, version=None):
+    """Give the bases of an HDF5 field file the numbers of before, and name the program's version."""
+    with h5py.File(path, "r+") as file:
+        root = file["NEKTAR"]
+        for key in [key for key in root if key.isdigit()]:
+            bases = [Basis(code) for code in root[key].attrs["BASIS"]]
+            old = [OF_BEFORE.get(basis.label, int(basis)) for basis in bases]
+            assert old != [int(basis) for basis in bases]
+            root[key].attrs["BASIS"] = np.array(old, np.int32)
+        if version:
+            root["Metadata"].require_group("Provenance").attrs["NektarVersion"] = version
+    return path
+
+
+@pytest.mark.parametrize("case", ["chan3dh1d", "triquad_h1d", "hex_gll8"])
+def test_numbers_of_bases_from_before_pyramids_had_their_own(case, case_files, tmp_path, assert_same):
+    mesh, fields = case_files(case)
+    paths = write(read(mesh, fields), tmp_path / "a.xml", field_format="hdf5")
+    renumbered(paths[-1])
+    assert_same(read(mesh, paths[-1]), read(mesh, fields))
+
+
+@pytest.mark.parametrize(
+    ("version", "basis"), [("4.4.1", Basis.GAUSS_LAGRANGE), ("5.0.0", Basis.FOURIER), (None, Basis.FOURIER)]
+)
+def test_numbers_that_mean_something_both_ways_go_by_the_version(version, basis, case_files, tmp_path):
+    mesh, fields = case_files("hex_gll8")
+    data = read(mesh, fields)
+    blocks = tuple(
+        replace(b, expansion=replace(b.expansion, bases=(Basis.GAUSS_LAGRANGE,) * 3)) for b in data.fields[0].blocks
+    )
+    paths = write(replace(data, fields=(Field("u", blocks),)), tmp_path / "a.xml", field_format="hdf5")
+    again = read(mesh, renumbered(paths[-1], version)).fields[0].blocks[0].expansion
+    assert again.bases == (basis,) * 3

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.nektar import hdf5
+from elvis.formats.nektar.basis_numbers import TODAY, Numbering, numbering
 from elvis.formats.nektar.fields_xml import list_of_ints
-from elvis.formats.nektar.sections import Section, Space, read_space
+from elvis.formats.nektar.sections import Section, Space, read_shape, read_space
 from elvis.formats.polynomials.bases import Basis
 
 if TYPE_CHECKING:
@@ -34,9 +35,10 @@ def read_fields(path: Path) -> tuple[list[Section], dict[str, str]]:
             raise FormatError("expected DECOMPOSITION with seven numbers a block, found otherwise", place="/NEKTAR")
         blocks = table.reshape(-1, 7)
         columns = [_column(root, name) for name in _COLUMNS]
+        meaning = _numbering(root, blocks[:, 6])
         offsets = _offsets(blocks[:, :6], [len(column) for column in columns])
         sections = [
-            _section(root, str(path), blocks[row, 6], [c[slice(*span)] for c, span in zip(columns, spans, strict=True)])
+            _section(root, str(path), blocks[row, 6], _cut(columns, spans), meaning)
             for row, spans in enumerate(offsets)
         ]
         return sections, _metadata(root)
@@ -60,11 +62,30 @@ def _offsets(counts: NDArray[np.uint64], sizes: list[int]) -> list[list[tuple[in
     return np.stack([starts, ends], axis=2).tolist()  # type: ignore[no-any-return]
 
 
-def _section(root: h5py.Group, file: str, key: np.uint64, columns: list[NDArray[Any]]) -> Section:
+def _cut(columns: list[NDArray[Any]], spans: list[tuple[int, int]]) -> list[NDArray[Any]]:
+    return [column[slice(*span)] for column, span in zip(columns, spans, strict=True)]
+
+
+def _numbering(root: h5py.Group, keys: NDArray[np.uint64]) -> Numbering:
+    """What the numbers of bases mean in this file; today's where it is damaged, which shows when it is read."""
+    try:
+        own = [hdf5.required_group(root, str(key)) for key in dict.fromkeys(keys.tolist())]
+        codes = [hdf5.attribute(each, "BASIS").tolist() for each in own]
+        shapes = [read_shape(hdf5.text_attribute(each, "SHAPE"))[0] for each in own]
+        notes = hdf5.group(root, "Metadata")
+        origin = None if notes is None else hdf5.group(notes, "Provenance")
+        has_version = origin is not None and "NektarVersion" in hdf5.attribute_names(origin)
+        version = _metadata_text(origin, "NektarVersion") if has_version else ""
+    except FormatError:
+        return TODAY
+    return numbering(zip(codes, shapes, strict=True), version)
+
+
+def _section(root: h5py.Group, file: str, key: np.uint64, columns: list[NDArray[Any]], meaning: Numbering) -> Section:
     ids, values, orders, y_ids, z_ids, strips = columns
     definition = hdf5.required_group(root, str(key))
     try:
-        space = _space(definition, orders, len(ids), (y_ids, z_ids, strips))
+        space = _space(definition, meaning, orders, len(ids), (y_ids, z_ids, strips))
         space.check_elements(len(ids))
         expected = space.total(len(ids))
         if len(values) != expected:
@@ -74,8 +95,10 @@ def _section(root: h5py.Group, file: str, key: np.uint64, columns: list[NDArray[
     return Section(space, ids, values, file, f"/NEKTAR/{key}")
 
 
-def _space(definition: h5py.Group, orders: Ints, elements: int, ids: tuple[Ints, Ints, Ints]) -> Space:
-    bases = _bases(hdf5.attribute(definition, "BASIS").tolist())
+def _space(
+    definition: h5py.Group, meaning: Numbering, orders: Ints, elements: int, ids: tuple[Ints, Ints, Ints]
+) -> Space:
+    bases = _bases(hdf5.attribute(definition, "BASIS").tolist(), meaning)
     y_ids, z_ids, strips = (tuple(part.tolist()) for part in ids)
     return read_space(
         tuple(hdf5.text(name) for name in hdf5.attribute(definition, "FIELDS")),
@@ -93,8 +116,7 @@ def _lengths(definition: h5py.Group) -> tuple[float, ...]:
     return tuple(values.astype(np.float64).tolist())
 
 
-def _bases(codes: list[object]) -> tuple[Basis, ...]:
-    known = {int(basis): basis for basis in Basis}
+def _bases(codes: list[object], known: Numbering) -> tuple[Basis, ...]:
     if not all(isinstance(code, int) and code in known for code in codes):
         raise FormatError(f"expected numbers of bases, found {codes}")
     return tuple(known[code] for code in codes if isinstance(code, int))

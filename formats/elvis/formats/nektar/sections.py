@@ -14,13 +14,13 @@ import numpy as np
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Expansion, Homogeneous
 from elvis.formats.errors import FormatError
+from elvis.formats.nektar.basis_numbers import FOURIER
 from elvis.formats.nektar.counts import check_bases, coefficient_counts
 from elvis.formats.nektar.expansions import split
 from elvis.formats.polynomials.bases import Basis
 from elvis.formats.shapes import Shape
 
 _SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")
-_FOURIER = frozenset({Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM})
 _ROWS_AT_ONCE = 1 << 14
 _MOST_COEFFICIENTS = 1 << 50
 
@@ -93,7 +93,7 @@ def read_space(
     homogeneous  lengths, y ids, z ids, strips
     FormatError where they contradict each other, or are unknown to the format.
     """
-    shape, directions = _shape(shape_label)
+    shape, directions = read_shape(shape_label)
     if not fields or len(set(fields)) < len(fields) or not all(fields):
         raise FormatError(f"expected names of fields, each once, found {','.join(fields) or 'none'}")
     if len(bases) != shape.dimension + directions:
@@ -105,7 +105,7 @@ def read_space(
     return Space(fields, shape, bases[: shape.dimension], modes[:, : shape.dimension], fourier)
 
 
-def _shape(label: str) -> tuple[Shape, int]:
+def read_shape(label: str) -> tuple[Shape, int]:
     """The shape and its number of Fourier directions."""
     found = _SHAPE.fullmatch(label.strip())
     try:
@@ -124,7 +124,7 @@ def _homogeneous(
     z_ids: tuple[int, ...],
     strips: tuple[int, ...],
 ) -> Homogeneous:
-    if wrong := [basis.label for basis in bases if basis not in _FOURIER]:
+    if wrong := [basis.label for basis in bases if basis not in FOURIER]:
         raise FormatError(f"expected Fourier bases in homogeneous directions, found {wrong[0]}")
     if len(lengths) != len(bases) or not all(0 < length < np.inf for length in lengths):
         raise FormatError(f"expected {len(bases)} lengths above zero, found {', '.join(map(str, lengths)) or 'none'}")
