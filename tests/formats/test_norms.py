@@ -126,7 +126,29 @@ def test_homogeneous_planes_integrate_waves(basis):
     mean = 3 if basis is Basis.FOURIER else 2
     assert found["f"].l2 == pytest.approx(np.sqrt(4 * length * mean), rel=1e-13)
     assert found["x"].l2 == pytest.approx(np.sqrt(4 / 3 * length), rel=1e-13)
-    assert found["z"].maximum == pytest.approx(length * (3 / 4 if basis is Basis.FOURIER else 1 / 4))
+    assert found["z"].maximum == pytest.approx(length * 3 / 4)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_single_wave_has_four_planes(sign):
+    """FieldConvert gives it as many: the greatest value is found whichever sign the wave has."""
+    expansion = Expansion(
+        Shape.QUADRILATERAL, (Basis.MODIFIED_A,) * 2, (2, 2), Homogeneous((Basis.FOURIER_SINGLE_MODE,), (2.5,), (2, 3))
+    )
+    found = norms(Dataset(alone(Shape.QUADRILATERAL), (field("f", expansion, np.repeat([3.0 * sign, 0], 4)),)))
+    assert found["f"].maximum == pytest.approx(3)
+    assert found["f"].l2 == pytest.approx(3 * np.sqrt(4 * 2.5 / 2), rel=1e-13)
+
+
+@pytest.mark.parametrize(("basis", "place"), [(Basis.FOURIER_HALF_MODE_RE, 1 / 2), (Basis.FOURIER_HALF_MODE_IM, 1 / 4)])
+def test_half_a_wave_has_one_plane_of_the_whole_length(basis, place):
+    """FieldConvert takes the cosine at one point, the middle, with the weight of the midpoint rule."""
+    expansion = Expansion(Shape.QUADRILATERAL, (Basis.MODIFIED_A,) * 2, (2, 2), Homogeneous((basis,), (2.5,), (2,)))
+    found = norms(Dataset(alone(Shape.QUADRILATERAL), (field("f", expansion, np.repeat(3.0, 4)),)))
+    assert found["f"].l2 == pytest.approx(3 * np.sqrt(4 * 2.5), rel=1e-13)
+    assert found["f"].maximum == pytest.approx(3)
+    assert found["x"].l2 == pytest.approx(np.sqrt(4 / 3 * 2.5), rel=1e-13)
+    assert found["z"].maximum == pytest.approx(2.5 * place)
 
 
 def test_two_homogeneous_directions():

@@ -21,6 +21,9 @@ from elvis.formats.shapes import Shape
 
 AXES = ("x", "y", "z")
 
+#: planes of a single wave, and where the plane of half of one lies
+_OF_A_WAVE, _HALVES = 4, {Basis.FOURIER_HALF_MODE_RE: 0.0, Basis.FOURIER_HALF_MODE_IM: -0.5}
+
 #: numbers in a table of values at quadrature points
 _BATCH = 1 << 20
 
@@ -179,8 +182,14 @@ class _Rule:
 
 
 def _plane_points(basis: Basis, count: int) -> Floats:
-    """(k,) places zeta of the planes: evenly spaced; of a single wave, a quarter of its length apart."""
-    return -1 + 2 * np.arange(count) / count if basis is Basis.FOURIER else np.array([-1.0, -0.5])
+    """(k,) places zeta of the planes: evenly spaced, four for a single wave, one for half of one.
+
+    So FieldConvert places them.  It does not open the sine half of a wave; that gets its plane where the sine is 1.
+    """
+    if basis in _HALVES:
+        return np.array([_HALVES[basis]])
+    planes = _OF_A_WAVE if basis is Basis.FOURIER_SINGLE_MODE else count
+    return -1 + 2 * np.arange(planes) / planes
 
 
 def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion) -> None:
