@@ -1,4 +1,5 @@
 from dataclasses import replace
+from math import comb
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ import pytest
 from elvis.formats import Dataset, Shape
 from elvis.formats.geometry import GeometryBlock, geometry
 from elvis.formats.judging.determinants import determinant
+from elvis.formats.judging.squares import descended, lower_bound
 from elvis.formats.judging.validity import Verdict, validity, verdicts
 from elvis.formats.mapping.connectivity import connected
 from elvis.formats.polynomials.bernstein import bernstein_values
@@ -167,6 +169,85 @@ def test_a_dip_smaller_than_any_sampling_is_found(shape):
     assert found.lower[0] == pytest.approx(-1e-9, rel=1e-4)
     assert found.reference[0, :2] == pytest.approx([0.3, 0.1], abs=1e-4)
     assert validity(dataset, [dip(-1e-9, shape)]).verdict.tolist() == [Verdict.POSITIVE]
+
+
+def block_of(shape, nodes, world):
+    """One element that is mapped by ``world``, from points xi (n, 3) to (n, 3), polynomial of degree nodes - 1."""
+    expansion = modified(shape, (nodes,) * shape.dimension)
+    line = np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
+    eta = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+    xi = uncollapse(shape, eta)
+    places = np.pad(world(xi), ((0, 0), (0, 3 - shape.dimension)))
+    return GeometryBlock(expansion, np.array([7]), np.linalg.lstsq(values(expansion, xi), places)[0].T[None])
+
+
+def flat_valley(direction, depth):
+    """A map with det = s^2 + depth, s = direction · xi + 0.3: straight lines along the direction become shorter."""
+
+    def world(xi):
+        along = np.array(direction[: xi.shape[1]])
+        s = xi @ along + 0.3
+        return xi + np.outer(s**3 / 3 + depth * s - s, along / (along @ along))
+
+    return world
+
+
+def bent_valley(depth):
+    """A map with det = s^2 + depth, s = xi2 - xi1^2 / 5 + 0.3."""
+
+    def world(xi):
+        s, rest = xi[:, 1] - xi[:, 0] ** 2 / 5 + 0.3, xi[:, 2:]
+        return np.column_stack([xi[:, 0], s**3 / 3 + depth * xi[:, 1], rest])
+
+    return world
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (1.0, 0.5, 0.25)])
+def test_thin_valleys_are_decided_in_every_direction(shape, direction):
+    """The determinant falls to 1e-10, some hundred times what rounding may do, all along a line or a surface."""
+    block = block_of(shape, 4, flat_valley(direction, 1e-10))
+    found = validity(Dataset(one_element(shape, shape.dimension)), [block])
+    assert found.verdict.tolist() == [Verdict.POSITIVE]
+    assert 9.9e-11 < found.lower[0] <= 1e-10
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.TETRAHEDRON])
+@pytest.mark.parametrize(("depth", "verdict"), [(-1e-10, Verdict.NOT_POSITIVE), (0.0, Verdict.UNDECIDED)])
+def test_valleys_below_zero_are_refuted_and_at_zero_left_open(shape, depth, verdict):
+    block = block_of(shape, 4, flat_valley((1.0, 0.5, 0.25), depth))
+    found = validity(Dataset(one_element(shape, shape.dimension)), [block])
+    assert found.verdict.tolist() == [verdict]
+    assert found.least[0] == pytest.approx(depth, abs=1e-11)
+    reason = verdicts(found)["listed"][0]["reason"]
+    assert reason == ("its Jacobian comes to zero within rounding" if verdict == Verdict.UNDECIDED else None)
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
+def test_curved_valleys_are_decided_too(shape):
+    block = block_of(shape, 7, bent_valley(1e-10))
+    found = validity(Dataset(one_element(shape, shape.dimension)), [block])
+    assert found.verdict.tolist() == [Verdict.POSITIVE]
+
+
+def test_what_cannot_be_bounded_says_so(monkeypatch):
+    monkeypatch.setattr("elvis.formats.judging.validity._VALLEYS", 0)
+    block = block_of(Shape.TRIANGLE, 4, flat_valley((1.0, 0.5), 1e-10))
+    found = validity(Dataset(one_element(Shape.TRIANGLE, 2)), [block])
+    assert found.reason(0) == "the search for its least Jacobian ended before it was bounded"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bounds_by_squares_are_below_every_value(seed):
+    """Polynomials with and without valleys: no fit, however bad, makes the bound wrong."""
+    random = np.random.default_rng(seed)
+    net = random.standard_normal((5, 4, 3)) if seed % 2 else random.uniform(0.0, 1.0, (5, 4, 3)) ** 8
+    t = np.linspace(0.0, 1.0, 41)
+    lines = [[comb(n, i) * t**i * (1 - t) ** (n - i) for i in range(n + 1)] for n in (4, 3, 2)]
+    least = np.einsum("ijk,ia,jb,kc->abc", net, *map(np.array, lines)).min()
+    bound = lower_bound(net, np.inf)
+    assert net.min() <= bound <= least
+    assert bound <= descended(net, np.full(3, 0.5)).value
 
 
 def test_zero_is_neither_proved_nor_refuted():

@@ -193,7 +193,8 @@ def _verdict(facts: Facts) -> str:
 def _listed_row(row: Facts) -> tuple[object, ...]:
     places = (", ".join(f"{x:.6g}" for x in row[name]) for name in ("reference", "world"))
     values = (f"{row[name]:.10g}" for name in ("lower", "upper", "least"))
-    return row["element"], row["shape"], row["verdict"], *values, *places
+    verdict = f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]
+    return row["element"], row["shape"], verdict, *values, *places
 
 
 def _print(facts: Facts, many: int | None) -> None:

@@ -1,7 +1,8 @@
 """Whether every element is valid: the sign of its Jacobian determinant, proved for the whole closed element.
 
 An element whose Bernstein coefficients are all positive is done; the others are halved until the sign is certain, or is
-not to be had because the determinant comes to zero as nearly as rounding can tell.
+not to be had because the determinant comes to zero as nearly as rounding can tell.  Where it comes near zero all along
+a line or a surface, which takes too many halves, squares are subtracted instead.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.judging.descent import TOLERANCE, least
+from elvis.formats.judging.descent import TOLERANCE, Least, least
 from elvis.formats.judging.determinants import Polynomials, determinant
+from elvis.formats.judging.squares import descended, lower_bound
 from elvis.formats.polynomials.bernstein import bernstein_values
 from elvis.formats.polynomials.boxnets import box_nets
 from elvis.formats.polynomials.collapse import uncollapse
@@ -27,8 +29,8 @@ from elvis.formats.shapes import Shape
 
 #: numbers in the nets made at once
 _NUMBERS = 1 << 21
-#: elements among which the extremes of all are sought
-_RIVALS = 1 << 10
+#: elements among which the extremes of all are sought, and from which squares are subtracted at most
+_RIVALS, _VALLEYS = 1 << 10, 64
 
 
 class Verdict(IntEnum):
@@ -44,8 +46,8 @@ class Validity:
     """The Jacobian determinants of n elements; in the order of `elvis.formats.geometry`.
 
     verdict         (n,)    of `Verdict`
-    lower, upper    (n,)    certified bounds up to rounding, close unless the element is ``POSITIVE``; NaN where the
-                            map isn't finite
+    lower, upper    (n,)    certified bounds up to rounding; close unless the element is ``POSITIVE`` or the extreme is
+                            taken all along a line or a surface; NaN where the map isn't finite
     least, greatest (n,)    values that are attained
     error           (n,)    what rounding may amount to
     reference       (n, 3)  where ``least`` is attained, in the coordinates xi of the element; zero beyond its dimension
@@ -69,6 +71,16 @@ class Validity:
     def count(self, verdict: Verdict) -> int:
         """Number of elements with a verdict."""
         return int((self.verdict == verdict).sum())
+
+    def reason(self, row: int) -> str | None:
+        """Why an element is undecided; None where it isn't."""
+        if self.verdict[row] != Verdict.UNDECIDED:
+            return None
+        if not np.isfinite(self.least[row]):
+            return "its map is not finite"
+        if self.least[row] <= 2 * self.error[row]:
+            return "its Jacobian comes to zero within rounding"
+        return "the search for its least Jacobian ended before it was bounded"
 
     @property
     def range(self) -> Range | None:
@@ -109,6 +121,7 @@ def verdicts(found: Validity) -> dict[str, Any]:
             "element": int(found.element_ids[row]),
             "shape": found.shapes[row].label.lower(),
             "verdict": Verdict(found.verdict[row]).name.lower().replace("_", " "),
+            "reason": found.reason(row),
             **{name: float(getattr(found, name)[row]) for name in names},
             "reference": found.reference[row, : found.shapes[row].dimension].tolist(),
             "world": found.world[row].tolist(),
@@ -200,7 +213,7 @@ class _Facts:
     def settle(self, rows: Ints, found: Polynomials) -> None:
         """Halve the elements ``rows`` until their sign is certain; where it is bad, until the extremes are close."""
         nets, error, shape = box_nets(found.space, found.net[:, rows].T), found.error[rows], found.space.shape
-        below = least(nets, error, goal=2 * error)
+        below = _subtracting_squares(nets, error, least(nets, error, goal=2 * error))
         self.lower[rows], self.least[rows] = below.lower, below.value
         self.reference[rows] = uncollapse(shape, below.place)
 
@@ -214,12 +227,28 @@ class _Facts:
         rows, goal = _rivals(self.lower, self.least)
         if len(rows):
             below = least(box_nets(found.space, found.net[:, rows].T), found.error[rows], np.full(len(rows), goal))
-            self.lower[rows], self.least[rows] = below.lower, below.value
-            self.reference[rows] = uncollapse(found.space.shape, below.place)
+            lower = below.value < self.least[rows]
+            self.lower[rows] = np.maximum(self.lower[rows], below.lower)
+            self.least[rows[lower]] = below.value[lower]
+            self.reference[rows[lower]] = uncollapse(found.space.shape, below.place[lower])
         rows, goal = _rivals(-self.upper, -self.greatest)
         if len(rows):
             above = least(box_nets(found.space, -found.net[:, rows].T), found.error[rows], np.full(len(rows), goal))
-            self.upper[rows], self.greatest[rows] = -above.lower, -above.value
+            self.upper[rows] = np.minimum(self.upper[rows], -above.lower)
+            self.greatest[rows] = np.maximum(self.greatest[rows], -above.value)
+
+
+def _subtracting_squares(nets: Floats, error: Floats, below: Least) -> Least:
+    """Least values of polynomials with box nets, closer where the sign of some was left open for want of boxes."""
+    unknown = (below.lower <= error) & (below.value >= -error) & (below.value - below.lower > 4 * error)
+    lower, value, place = (array.copy() for array in below)
+    for row in np.flatnonzero(unknown)[:_VALLEYS]:
+        known = descended(nets[row], (1 + place[row]) / 2)
+        if known.value < value[row]:
+            value[row], place[row] = known.value, 2 * known.place - 1
+        goal = min(2 * error[row], value[row] - max(error[row], TOLERANCE * abs(value[row])))
+        lower[row] = max(lower[row], lower_bound(nets[row], goal))
+    return Least(lower, value, place)
 
 
 def _rivals(lower: Floats, value: Floats) -> tuple[Ints, float]:

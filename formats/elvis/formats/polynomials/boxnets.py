@@ -74,8 +74,8 @@ def _splitters(degree: int) -> tuple[Floats, Floats]:
 def _to_box(space: BernsteinSpace) -> Floats:
     """(count, D1 … Dd) every function of the space as a tensor net: its factors, raised to the full degrees."""
     matrix = np.ones((space.count, 1))
-    for raised in _raised_factors(space):
-        matrix = (matrix[:, :, None] * raised[:, None, :]).reshape(space.count, -1)
+    for factors in _raised_factors(space):
+        matrix = (matrix[:, :, None] * factors[:, None, :]).reshape(space.count, -1)
     return frozen_floats(matrix)
 
 
@@ -88,10 +88,10 @@ def _raised_factors(space: BernsteinSpace) -> Iterator[Floats]:
     for direction, degree in enumerate(box_degrees(space)):
         powers = space.powers[:, direction]
         lowered = degree - space.powers[:, list(lowering[direction])].sum(axis=1)
-        yield np.array([_raised(int(i), int(q), degree) for i, q in zip(powers, lowered, strict=True)])
+        yield np.array([raised(int(i), int(q), degree) for i, q in zip(powers, lowered, strict=True)])
 
 
-def _raised(power: int, degree: int, target: int) -> list[float]:
+def raised(power: int, degree: int, target: int) -> list[float]:
     """b_power^degree in the Bernstein basis of degree ``target``."""
     steps = target - degree
     return [
