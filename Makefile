@@ -4,13 +4,14 @@ RUN   := .venv/bin/python
 AREAS := formats plugins converters renderer reference
 READY := .venv/.ready
 
-.PHONY: help demo test lint bench setup clean
+.PHONY: help demo test lint bench exactness setup clean
 
 help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
 	@echo "make test    set up, then lint, check the types and run every test"
 	@echo "make lint    ruff and mypy alone"
 	@echo "make bench   the benchmarks, a printed table"
+	@echo "make exactness  certain pixels against closed forms, ten million of them: hours"
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"
 
@@ -30,6 +31,9 @@ lint: $(READY)
 bench: $(READY)
 	@$(RUN) -m pip install --quiet --editable '.[benchmark]'
 	@$(RUN) benchmarks/run.py
+
+exactness: $(READY)
+	@$(RUN) benchmarks/exactness.py
 
 setup:
 	@rm -f $(READY)

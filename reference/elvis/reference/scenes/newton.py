@@ -23,6 +23,8 @@ _LONGEST = 0.5
 _SHORT = 1e-9
 #: residuals of position, in parts of the scene's size, at which a root is one; steps go on to the last digit
 _SMALL = 1e-12
+#: part of the greatest coordinate that rounding alone may leave of a residual
+_ROUNDING = 16 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,9 @@ def solve(
         assert scale is not None
         away = world - origins[active] - depth[active, None] * ray
         step, deeper, normal[active] = _step(slopes, gradient, ray, away, held)
-        error[active] = np.maximum(np.linalg.norm(away, axis=1) / size, np.abs(held) / (scale[active] + 1e-300))
+        largest = np.maximum(np.abs(world), np.abs(origins[active])).max(axis=1)
+        off = np.linalg.norm(away, axis=1) / (size + _ROUNDING / _SMALL * largest)
+        error[active] = np.maximum(off, np.abs(held) / (scale[active] + 1e-300))
 
         # long steps are cut, searches that leave the element for good end
         length = np.linalg.norm(step, axis=1)

@@ -1,0 +1,74 @@
+"""Drawing cases on a device, and judging them."""
+
+from time import perf_counter
+from zlib import crc32
+
+import numpy as np
+
+from audit.families import FAMILIES
+from audit.judging import Count
+from elvis.formats.dataset import Dataset
+from elvis.formats.errors import ElvisError
+from elvis.plugins.serving import volume_of
+from elvis.reference.picture import render as reference
+from elvis.renderer import Renderer, Scene, SceneError
+from elvis.renderer.frame import Drawing, Frame, Status
+from elvis.renderer.rendering import completed
+from elvis.renderer.stages import quantities
+from elvis.renderer.view import View
+
+
+def case_of(family, seed, number, size=None):
+    """One case of a family, by its number in the sequence of a seed."""
+    make, usual = FAMILIES[family]
+    return make(np.random.default_rng([seed, crc32(family.encode()), number]), size=size or usual)
+
+
+class Gallery:
+    """A device kept open for many pictures; ``reference`` is NumPy."""
+
+    def __init__(self, device="auto"):
+        self.device = device
+        self.renderer = None if device == "reference" else Renderer(device)
+
+    def close(self):
+        if self.renderer is not None:
+            self.renderer.device.close()
+
+    def frame(self, data, scene):
+        """The frame of a scene; one of misses where the scene is refused since nothing would be seen."""
+        try:
+            if isinstance(data, Dataset):
+                scene = completed(data, scene)
+            if self.renderer is None:
+                return reference(data, scene)
+            if isinstance(data, Dataset):
+                self.renderer.load(data, *quantities(scene))
+            else:
+                self.renderer.show(volume_of(data, quantities(scene)), data)
+            return self.renderer.render(scene)
+        except SceneError as error:
+            return _nothing(scene, str(error))
+
+    def count(self, case):
+        """The count of one case; pixels of pictures that could not be made have failed."""
+        start = perf_counter()
+        try:
+            frame = self.frame(case.data, Scene(**case.scene))
+        except ElvisError as error:
+            pixels = int(np.prod(case.scene["size"]))
+            return Count(1, pixels, failed=pixels, first=[f"{case.name}: {error}"], seconds=perf_counter() - start)
+        found = case.count(case, frame)
+        found.seconds = perf_counter() - start
+        return found
+
+
+def _nothing(scene, why):
+    """A frame of misses."""
+    view = View.through(scene.camera, scene.size)
+    shape = (view.height, view.width)
+    nan = np.full(shape, np.nan)
+    vectors = np.full((*shape, 3), np.nan)
+    drawing = Drawing(np.full(shape, np.inf), vectors, np.ones((*shape, 3)), ())
+    missed = np.full(shape, Status.MISS, np.uint8)
+    return Frame(scene, view, nan, np.full(shape, -1), vectors, missed, {"remarks": [why]}, drawing)

@@ -1,0 +1,77 @@
+"""A sample of the audit of `benchmarks/exactness.py`: nothing certain is wrong; and the judge sees what is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from audit.running import Gallery, case_of
+
+from elvis.renderer import Scene, Status
+from elvis.renderer.frame import Drawing
+
+SEED = 1
+#: families, and cases of theirs whose kernels other tests need as well
+SAMPLE = {"cuts": (2, 5, 11, 16), "faces": (3, 7)}
+
+
+@pytest.fixture(scope="module")
+def gallery():
+    """An open device by name."""
+    opened = {}
+
+    def open_device(name):
+        if name not in opened:
+            opened[name] = Gallery(name)
+        return opened[name]
+
+    yield open_device
+    for one in opened.values():
+        one.close()
+
+
+@pytest.mark.parametrize(("family", "number"), [(name, n) for name, numbers in SAMPLE.items() for n in numbers])
+@pytest.mark.parametrize("device", ["vulkan", "reference"])
+def test_nothing_certain_is_wrong(gallery, device, family, number):
+    found = gallery(device).count(case_of(family, SEED, number, (90, 80) if device == "vulkan" else (36, 30)))
+    assert not found.first
+    assert found.wrong == found.failed == 0
+    assert found.pixels > 100
+
+
+@pytest.fixture(scope="module")
+def drawn(gallery):
+    """A case with its frame."""
+
+    def draw(family, number):
+        case = case_of(family, SEED, number, (60, 50))
+        return case, gallery("vulkan").frame(case.data, Scene(**case.scene))
+
+    return draw
+
+
+def spoilt(frame, **changes):
+    """The frame with other depths, and whatever else."""
+    depth = changes.pop("depth", frame.depth)
+    drawing = Drawing(depth, frame.normal, frame.color, ())
+    return replace(frame, drawing=drawing, **changes)
+
+
+@pytest.mark.parametrize(("family", "number"), [("cuts", 5), ("faces", 7)])
+def test_the_judge_sees_what_is_wrong(drawn, family, number):
+    case, frame = drawn(family, number)
+    assert case.count(case, frame).wrong == 0
+    there = frame.status == Status.CERTAIN
+    pixel = tuple(np.argwhere(there)[there.sum() // 2])
+    one = np.zeros(frame.status.shape, bool)
+    one[pixel] = True
+    diagonal = np.linalg.norm(np.ptp(frame.position[there], axis=0))
+    faults = {
+        "missed what must be seen": {"status": np.where(one, Status.MISS, frame.status)},
+        "seen where nothing is": {"depth": np.where(one, frame.depth + 1e-6 * diagonal, frame.depth)},
+        "the wrong value": {"field": np.where(one, frame.field + 1e-7 * np.ptp(frame.field[there]), frame.field)},
+        "the wrong element": {"element": np.where(one, 10**6, frame.element)},
+    }
+    for kind, fault in faults.items():
+        found = case.count(case, spoilt(frame, **fault))
+        assert found.wrong == 1, kind
+        assert kind in found.first[0]
