@@ -16,6 +16,7 @@ from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.adapters import choose, opened
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.errors import DeviceError, DeviceLostError
+from elvis.renderer.pacing import Pace, Watch
 
 if TYPE_CHECKING:
     import slangpy
@@ -33,6 +34,8 @@ GROUPS_IN_ROW = 32768
 STAND_IN = 4
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
+#: the number of a dispatch's first group, as in shaders/dispatch.slang
+OFFSET = "first_group"
 #: what whoever uses a closed device is told
 CLOSED = "the device is closed: open another one"
 
@@ -60,12 +63,15 @@ class Device:
 
     Closing it frees all of them at once, also those that an exception's frames or a reference cycle still hold: slangpy
     keeps a device, its threads and its memory for as long as one buffer or kernel of it is there.
+
+    watch  what its kernels do between dispatches
     """
 
     def __init__(self, name: str = "auto") -> None:
         """Open a device (see choose)."""
         self.adapter = choose(name)
         self._opened: slangpy.Device | None = opened(self.adapter)
+        self.watch = Watch(self._opened.wait_for_idle)
         self._folders = [SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
@@ -85,7 +91,7 @@ class Device:
         for kernel in self._kernels.values():
             kernel.release()
         self._kernels.clear()
-        self._session = None
+        self._session, self.watch = None, Watch(lambda: None)
         device, self._opened = self._opened, None
         if device is not None:
             device.close()
@@ -177,7 +183,7 @@ class Device:
         entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
         own = self._session.load_module_from_source(name, source)
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
-        return Kernel(self._device.create_compute_kernel(program), program)
+        return Kernel(self._device.create_compute_kernel(program), program, self.watch)
 
     def listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
@@ -200,9 +206,10 @@ class Kernel:
     capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
     """
 
-    def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram) -> None:
+    def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram, watch: Watch) -> None:
         self._kernel: slangpy.ComputeKernel | None = kernel
-        self.capacity = FIRST_CAPACITY
+        self._watch: Watch | None = watch
+        self._pace, self.capacity = Pace(), FIRST_CAPACITY
         self._group = int(program.layout.entry_points[0].compute_thread_group_size.x)
         # the cpu target wraps all globals in a constant buffer
         layout = program.layout.globals_type_layout
@@ -212,7 +219,7 @@ class Kernel:
 
     def release(self) -> None:
         """Give the program back, whoever still refers to the kernel."""
-        self._kernel = None
+        self._kernel, self._watch = None, None
         self._globals = {}
 
     def dtype(self, name: str) -> np.dtype[Any]:
@@ -221,21 +228,34 @@ class Kernel:
             self._dtypes[name] = _dtype(self._globals[name].element_type_layout)
         return self._dtypes[name]
 
-    def __call__(self, count: int, buffers: dict[str, Buffer], *, groups: bool = False) -> None:
-        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers it knows of."""
-        import slangpy
+    def __call__(
+        self, count: int, buffers: dict[str, Buffer], *, groups: bool = False, work: NDArray[Any] | None = None
+    ) -> None:
+        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers it knows of.
 
-        if self._kernel is None:
+        work  (count,) how much each group has to do, in any unit, where they differ much
+        Long work is done in several dispatches (see Device.watch); it is done on return.
+        """
+        if self._kernel is None or self._watch is None:
             raise DeviceError(CLOSED)
-        missing = self._globals.keys() - buffers.keys()
+        missing = self._globals.keys() - buffers.keys() - {OFFSET}
         if missing:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
+        bound = {name: buffers[name].memory for name in self._globals if name != OFFSET}
         total = count if groups else -(-count // self._group)
-        if total:
-            row = min(total, GROUPS_IN_ROW)
-            threads = slangpy.uint3(row * self._group, -(-total // row), 1)
-            with working():
-                self._kernel.dispatch(threads, vars={name: buffers[name].memory for name in self._globals})
+        with working():
+            for first, end in self._pace.batches(total, GROUPS_IN_ROW, work):
+                self._dispatch(first, end - first, bound)
+                self._watch.after_dispatch()
+
+    def _dispatch(self, first: int, total: int, bound: dict[str, Any]) -> None:
+        """Run some groups from the first one on, in rows that devices allow."""
+        import slangpy
+
+        assert self._kernel is not None
+        row = min(total, GROUPS_IN_ROW)
+        threads = slangpy.uint3(row * self._group, -(-total // row), 1)
+        self._kernel.dispatch(threads, vars={**bound, OFFSET: first})
 
 
 @contextmanager

@@ -55,11 +55,12 @@ class FaceDrawer:
         device = self.loaded.device
         after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
         image: dict[str, Buffer] = {}
-        for number, kernel, buffers, tiles in self._work("face_draw", view, select, quantity, beyond is not None):
+        for number, kernel, buffers, work in self._work("face_draw", view, select, quantity, beyond is not None):
             if not image:
                 image = {name: device.empty(dtype, size * view.count) for name, (dtype, size) in _IMAGE.items()}
                 image["after"] = device.buffer(after)
-            kernel(tiles, {**self.loaded.bound(number, quantity), **buffers, **image}, groups=True)
+            every = {**self.loaded.bound(number, quantity), **buffers, **image}
+            kernel(len(work), every, groups=True, work=work)
         layer = self._layer(image) if image else Layer.empty(view.count)
         for _, edges in self._pieces(view, select):
             _mark(view, layer, edges, np.broadcast_to(after, view.count))
@@ -86,8 +87,8 @@ class FaceDrawer:
         tolerance of an edge may meet the faces on both sides of it, at one depth.
         """
         found = [np.empty(0, self.loaded.device.kernel("face_list", self.loaded.parts[0]).dtype("hits"))]
-        for number, kernel, buffers, tiles in self._work("face_list", view, select, None, rows=rows):
-            run = partial(_run, kernel, tiles, {**self.loaded.bound(number), **buffers})
+        for number, kernel, buffers, work in self._work("face_list", view, select, None, rows=rows):
+            run = partial(_run, kernel, work, {**self.loaded.bound(number), **buffers})
             found.append(self.loaded.device.listed("hits", kernel, run))
         every = np.concatenate(found, dtype=found[0].dtype)
 
@@ -129,8 +130,8 @@ class FaceDrawer:
         quantity: str | None,
         layered: bool | None = None,
         rows: tuple[int, int] | None = None,
-    ) -> Iterator[tuple[int, Kernel, dict[str, Buffer], int]]:
-        """For each part that is seen its number, a kernel, the buffers that say what is where, and how many tiles.
+    ) -> Iterator[tuple[int, Kernel, dict[str, Buffer], Ints]]:
+        """For each part that is seen its number, a kernel, buffers that say what is where, and pieces in each tile.
 
         The first one has all tiles of the picture, unless they are only listed (``layered`` None).
         """
@@ -150,12 +151,14 @@ class FaceDrawer:
             record["first"], record["count"] = self.loaded.first[number], len(tiles)
             record["fresh"], record["layered"] = fresh, bool(layered)
             data = {"pieces": pieces, "listed": listed, "tiles": tiles, "view": record}
-            yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, len(tiles)
+            counts = (tiles[:, 3] - tiles[:, 2]).astype(np.int64)
+            yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, counts
             fresh = False
 
     def _pieces(self, view: View, select: Sequence[str] | Bools) -> list[tuple[Pieces, Edges]]:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
         words = select if isinstance(select, np.ndarray) else tuple(select)
+        # what is interrupted leaves the last answers as they were
         if not _same(self._chosen[0], words):
             first, blocks = self.loaded.first, self.faces.blocks
             rows = (
@@ -163,16 +166,18 @@ class FaceDrawer:
                 if isinstance(words, tuple)
                 else [np.flatnonzero(words[first[block.part] + block.element]) for block in blocks]
             )
-            self._chosen = words, []
+            chosen = []
             for block, own in zip(self.faces.blocks, rows, strict=True):
                 nets = block.nets(own)
                 sides = Sides.of(block.space, block.entity[own], nets)
-                self._chosen[1].append((own, nets[sides.alone], sides))
+                chosen.append((own, nets[sides.alone], sides))
+            self._chosen = words, chosen
         if self._seen[0] != (key := (view, words if isinstance(words, tuple) else id(words))):
-            self._seen = key, []
+            found = []
             for block, (_, nets, sides) in zip(self.faces.blocks, self._chosen[1], strict=True):
-                pieces, edges = pieces_of(block.space, nets, view)
-                self._seen[1].append((sides.both(pieces), edges))
+                pieces, edges = pieces_of(block.space, nets, view, self.loaded.device.watch.pulse)
+                found.append((sides.both(pieces), edges))
+            self._seen = key, found
         return self._seen[1]
 
     def _records(self, number: int, pieces: Pieces, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -205,8 +210,8 @@ def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
     return one is other or (isinstance(one, tuple) and isinstance(other, tuple) and one == other)
 
 
-def _run(kernel: Kernel, tiles: int, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:
-    kernel(tiles, {**buffers, **lists}, groups=True)
+def _run(kernel: Kernel, work: Ints, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:
+    kernel(len(work), {**buffers, **lists}, groups=True, work=work)
 
 
 def _binned(

@@ -120,7 +120,7 @@ class IsosurfaceDrawer:
             buffers["rays"] = self.traversal.rays(draw, view, number, len(bins), value)
             buffers["bins"] = self.device.buffer(bins)
             buffers["order"] = self.device.buffer(sections["element"][order])
-            draw(len(bins), buffers, groups=True)
+            draw(len(bins), buffers, groups=True, work=bins["end"] - bins["first"])
 
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
@@ -196,7 +196,7 @@ class IsosurfaceDrawer:
         buffers["ask"] = self._ask(draw, view, number, value, count=len(bins), certified=certified)
         buffers["bins"], buffers["order"] = self.device.buffer(bins), self.device.buffer(order)
         buffers["pieces"] = self.device.buffer(pieces)
-        draw(len(bins), buffers, groups=True)
+        draw(len(bins), buffers, groups=True, work=bins["end"] - bins["first"])
 
     def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> Buffer:
         """The Ask record of the stages (shaders/iso.slang)."""

@@ -6,7 +6,7 @@ View.to_pixel, depth times w, and w.  NumPy goes quickly along long axes alone, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,14 +59,21 @@ class Edges:
     depth: Floats
 
 
-def pieces_of(space: FaceSpace, nets: Floats, view: View) -> tuple[Pieces, Edges]:
-    """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view."""
+def pieces_of(
+    space: FaceSpace, nets: Floats, view: View, pulse: Callable[[], object] = lambda: None
+) -> tuple[Pieces, Edges]:
+    """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view.
+
+    pulse  is called every now and then, and may raise what ends the work
+    """
     forward = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
     rows = np.concatenate([view.to_pixel, forward[None], [[0.0, 0.0, 0.0, 1.0]]])
     found = [_Batch.of(space, np.arange(0), np.empty((5, space.count, 0)))]
     for some in chunks(len(nets), _CHUNK):
         number = np.arange(len(nets))[some]
-        found += _divided(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view)
+        for batch in _divided(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view):
+            found.append(batch)
+            pulse()
     face, place, screen, pixels, line, spread = (
         np.concatenate(parts, axis=-1) for parts in zip(*map(_Batch.parts, found), strict=True)
     )

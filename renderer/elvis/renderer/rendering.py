@@ -209,9 +209,9 @@ class Renderer:
         """A picture of the volume; the scene has objects.  Only exact records need reference coordinates."""
         start, frame, most = perf_counter(), None, BAND
         while frame is None:
-            self.stages.volumes.pulse = partial(check_time, scene, start)
             try:
-                frame = self._drawn(scene, references, most, start)
+                with self.device.watch.pulsing(partial(check_time, scene, start)):
+                    frame = self._drawn(scene, references, most, start)
             except DeviceLostError as error:
                 most //= 8
                 if most < FEWEST:

@@ -140,12 +140,10 @@ class VolumeRenderer:
     """A loaded volume, ready for any transfer functions from any view.
 
     faces  gives the faces of its elements, for those that are curved
-    pulse  is called now and then, and may raise what ends the work
     """
 
     def __init__(self, loaded: Loaded, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
-        self.pulse: Callable[[], object] = lambda: None
 
     def draw(
         self,
@@ -167,7 +165,6 @@ class VolumeRenderer:
             self._check(medium.transfer)
         march = _March(self, view, media, coats, error, clips)
         for tiles in march.bands():
-            self.pulse()
             march.band(tiles)
         return march.gathered()
 
@@ -314,7 +311,7 @@ class _March:
         lists |= {"stops": self.device.buffer(stops), "hidden": self.device.buffer(hidden)}
         lists |= {"march_of": self.device.buffer(ask), "tiles": self.device.buffer(tiles), **self.shared}
         lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(tiles))
-        self.march(len(tiles), lists, groups=True)
+        self.march(len(tiles), lists, groups=True, work=tiles["room"])
         if any(self.curved):
             lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
             self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
@@ -367,7 +364,7 @@ class _March:
             data = {name: self.device.buffer(array) for name, array in {**some.data, "tiles": some.tiles}.items()}
             data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(some.tiles))
             bound = self.loaded.bound(some.number, self.quantities[some.listed])
-            some.kernel(len(some.tiles), {**bound, **lists, **data}, groups=True)
+            some.kernel(len(some.tiles), {**bound, **lists, **data}, groups=True, work=some.rows)
 
 
 def _place(tiles: NDArray[Any]) -> Ints:

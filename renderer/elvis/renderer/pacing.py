@@ -1,0 +1,88 @@
+"""Long work in dispatches of bounded time, so that time limits and interrupts are noticed while it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.formats.arrays import Floats
+
+#: seconds that a dispatch is meant to take at most
+AIM = 0.2
+#: units of work of a kernel's first dispatches, when nothing is known of its speed
+FIRST = 256.0
+#: how much more work than its predecessor a dispatch does at most
+GROWTH = 8.0
+
+
+class Pace:
+    """How fast one kernel works, as its last dispatch tells."""
+
+    def __init__(self) -> None:
+        self._seconds: float | None = None  # of a unit of work
+        self._compiled = False
+
+    def batches(self, count: int, row: int, work: NDArray[Any] | None = None) -> Iterator[tuple[int, int]]:
+        """Ranges (first, end) of ``count`` groups; the caller waits until one is done before it takes the next.
+
+        row   ranges longer than this many groups are multiples of it, but for the last one
+        work  (count,) what each group has to do, in any unit; None where all have the same to do
+        """
+        ends = np.arange(1.0, count + 1.0) if work is None else np.cumsum(work + 1.0)
+        first, done, most = 0, 0.0, np.inf
+        while first < count:
+            units = min(most, FIRST if self._seconds is None else AIM / self._seconds)
+            end = _end(ends, first, done + units, row)
+            start = perf_counter()
+            yield first, end
+            units = float(ends[end - 1]) - done
+            self._note((perf_counter() - start) / units)
+            first, done, most = end, float(ends[end - 1]), GROWTH * units
+
+    def _note(self, seconds: float) -> None:
+        """Keep what a unit of work took; the first dispatch of all compiles, and tells nothing."""
+        if self._compiled:
+            self._seconds = max(seconds, 1e-12)
+        self._compiled = True
+
+
+def _end(ends: Floats, first: int, limit: float, row: int) -> int:
+    """The group after the last one, of those from ``first`` on, whose work ends (n,) before the limit; one at least."""
+    end = max(first + 1, int(np.searchsorted(ends, limit, side="right")))
+    if end < len(ends) and end - first > row:
+        end -= (end - first) % row
+    return end
+
+
+class Watch:
+    """What is done between dispatches: waiting for the device, and a look at the time.
+
+    pulse  is to be called every now and then in long work of the host too
+    """
+
+    def __init__(self, wait: Callable[[], object]) -> None:
+        self._wait = wait
+        self.pulse: Callable[[], object] = _nothing
+
+    @contextmanager
+    def pulsing(self, pulse: Callable[[], object]) -> Iterator[None]:
+        """Let ``pulse``, which may raise what ends the work, be called after each dispatch in the block."""
+        self.pulse = pulse
+        try:
+            yield
+        finally:
+            self.pulse = _nothing
+
+    def after_dispatch(self) -> None:
+        """Wait until the device has done all that it was given."""
+        self._wait()
+        self.pulse()
+
+
+def _nothing() -> None:
+    """No pulse."""

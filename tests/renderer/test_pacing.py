@@ -1,0 +1,183 @@
+"""Long work goes to the device in dispatches of bounded time: all is done once, and time limits are noticed."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import grid
+from elvis.renderer import (
+    Camera,
+    Contours,
+    CutSurface,
+    Faces,
+    Isosurface,
+    MeshLines,
+    Plane,
+    Scene,
+    SceneError,
+    Sphere,
+    Style,
+    Transfer,
+    VolumeRendering,
+    canvas,
+    faces,
+    pacing,
+)
+from elvis.renderer.device import Kernel
+from elvis.renderer.pacing import Pace
+
+NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
+PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
+LINES = Style(contours=Contours(count=4), mesh_lines=MeshLines())
+SCENES = {
+    "cut": {"plane": PLANE},
+    "faces": {"objects": (Faces(style=LINES),)},
+    "sphere": {"objects": (CutSurface(Sphere((0.5, 0.5, 0.5), 0.4)),)},
+    "isosurface": {"objects": (Isosurface((0.5,)),)},
+    "volume": {"objects": (VolumeRendering(Transfer((-3.0, 3.0), (0.0, 2.0))),)},
+}
+
+
+@pytest.fixture(scope="module")
+def cube(linear):
+    return linear(grid(Shape.HEXAHEDRON, 2))
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """As many dispatches as there are groups."""
+    monkeypatch.setattr(pacing, "AIM", 1e-300)
+    monkeypatch.setattr(pacing, "FIRST", 1.0)
+
+
+@pytest.fixture
+def dispatches(monkeypatch):
+    """A list that grows with each dispatch, and what is called with its length before."""
+    made, before = [], [lambda number: None]
+    plain = Kernel._dispatch
+
+    def dispatch(self, *arguments):
+        before[0](len(made))
+        made.append(arguments[:2])
+        plain(self, *arguments)
+
+    monkeypatch.setattr(Kernel, "_dispatch", dispatch)
+    return made, before
+
+
+class Clock:
+    """Time that passes only as it is told to."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1e-6, 1e-3, 3.0])
+@pytest.mark.parametrize("row", [3, 1000])
+def test_every_group_is_run_once(monkeypatch, seconds, row):
+    clock, pace = Clock(), Pace()
+    monkeypatch.setattr(pacing, "perf_counter", clock)
+    for count, work in (
+        (1, None),
+        (2, None),
+        (700, None),
+        (700, np.arange(700)),
+        (500, np.zeros(500, np.uint32)),
+        (0, None),
+    ):
+        end = 0
+        for first, after in pace.batches(count, row, work):
+            assert first == end < after <= count
+            assert after - first <= row or (after - first) % row == 0 or after == count
+            end = after
+            clock.now += seconds
+        assert end == count
+
+
+def test_dispatches_are_as_long_as_the_work_before_tells(monkeypatch):
+    """The groups in the middle take a thousand times as long as all others; their work says fifty times."""
+    clock, pace, taken = Clock(), Pace(), []
+    monkeypatch.setattr(pacing, "perf_counter", clock)
+    work = np.where(np.abs(np.arange(4000) - 2000) < 500, 100, 1)
+    cost = 1e-4 * np.where(work > 1, 1000.0, 1.0)
+    for _ in range(2):
+        for first, end in pace.batches(len(work), 32768, work):
+            taken.append(cost[first:end].sum())
+            clock.now += taken[-1]
+    assert max(taken) < 21 * pacing.AIM
+    assert len(taken) < 3 * sum(taken) / pacing.AIM
+
+
+@pytest.mark.parametrize(
+    ("shape", "name"),
+    [*((Shape.HEXAHEDRON, name) for name in SCENES), (Shape.TETRAHEDRON, "isosurface"), (Shape.TETRAHEDRON, "volume")],
+)
+def test_a_picture_in_many_dispatches_is_the_same(draw, linear, dispatches, tiny, monkeypatch, shape, name):
+    dataset, scene = linear(grid(shape, 2)), SCENES[name]
+    many = draw(dataset, camera=NEAR, size=(40, 30), **scene)
+    count = len(dispatches[0])
+    monkeypatch.setattr(pacing, "AIM", 1e300)
+    monkeypatch.setattr(pacing, "FIRST", 1e300)
+    whole = draw(dataset, camera=NEAR, size=(40, 30), **scene)
+    assert len(dispatches[0]) - count < count / 2
+    for channel in ("element", "status", "field", "depth", "color"):
+        assert np.array_equal(getattr(many, channel), getattr(whole, channel), equal_nan=True), channel
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_time_limits_are_noticed_within_a_step(draw, cube, dispatches, tiny, monkeypatch, scene):
+    """Each dispatch takes a second of a clock of its own."""
+    made, before = dispatches
+    clock = Clock()
+    before[0] = lambda number: setattr(clock, "now", clock.now + 1.0)
+    monkeypatch.setattr(canvas, "perf_counter", clock)
+    monkeypatch.setattr("elvis.renderer.rendering.perf_counter", clock)
+    with pytest.raises(SceneError, match="not done after 4 s, the time limit"):
+        draw(cube, camera=NEAR, size=(40, 30), timeout=4.0, **scene)
+    assert len(made) == 5
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_after_an_interrupt_the_next_picture_is_right(renderer, cube, dispatches, tiny, scene):
+    drawing = renderer("vulkan")
+    drawing.load(cube, "u")
+    scene = Scene("u", camera=NEAR, size=(40, 30), **scene)
+    whole = drawing.render(scene)
+    made, before = dispatches
+    for moment in (0, 3, 7):
+        drawing.load(cube, "u")
+
+        last = len(made) + moment
+
+        def interrupt(number, last=last):
+            if number == last:
+                raise KeyboardInterrupt
+
+        before[0] = interrupt
+        with pytest.raises(KeyboardInterrupt):
+            drawing.render(scene)
+        before[0] = lambda number: None
+        again = drawing.render(scene)
+        assert np.array_equal(again.element, whole.element)
+        assert np.array_equal(again.color, whole.color)
+
+
+def test_faces_are_cut_into_pieces_anew_after_an_interrupt(renderer, cube, monkeypatch):
+    drawing = renderer("vulkan")
+    drawing.load(cube, "u")
+    scene = Scene("u", camera=NEAR, size=(40, 30), objects=(Faces(),))
+    plain, asked = faces.pieces_of, []
+
+    def interrupted(space, nets, view, pulse):
+        asked.append(pulse)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(faces, "pieces_of", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        drawing.render(scene)
+    monkeypatch.setattr(faces, "pieces_of", plain)
+    assert drawing.render(scene).seen.any()
+    assert asked[0] is not drawing.device.watch.pulse
