@@ -1,5 +1,6 @@
 """Native to native: exact where contained, at other orders, merged, in parts, in every form of file."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,12 +8,12 @@ import numpy as np
 import pytest
 
 from elvis.converters.native import Native
-from elvis.formats import Basis, ElvisError, read, write
-from elvis.formats.dataset import Dataset, Field, Homogeneous
+from elvis.formats import Basis, ElvisError, Shape, read, write
+from elvis.formats.dataset import Block, Dataset, Expansion, Field, Homogeneous
 from elvis.formats.judging.strict import findings
 from elvis.formats.norms import norms
 from elvis.formats.sampling import sample
-from elvis.formats.testing import approximated, curved, mixed_plane, mixed_volume, ripple, shuffled
+from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.testing import check
@@ -59,6 +60,45 @@ def test_real_files_come_back_exactly(case, tmp_path):
     assert {measure.state for measure in (conversion.report.geometry, *conversion.report.fields)} == {"exact"}
     written = write(conversion.dataset, tmp_path / "a.xml")
     assert [str(each) for each in findings(*written) if "Jacobian" not in each.sentence] == []
+
+
+def sizes(field):
+    """Elements of each shape and number of modes."""
+    found = Counter()
+    for block in field.blocks:
+        found[block.expansion.shape.label, block.expansion.modes] += len(block)
+    return found
+
+
+@pytest.mark.parametrize("case", ["gen_allelem_var_h5", "gen_quadface_2d", "cyl_mixorder", "kova_varp"])
+def test_orders_stay_in_each_direction(case):
+    if not DATA.is_dir():
+        pytest.skip(f"there is no {DATA}")
+    before, after = read(*files(case)), convert(Native(files(case))).dataset
+    assert [sizes(field) for field in after.fields] == [sizes(field) for field in before.fields]
+    for one, other in zip(before.fields, after.fields, strict=True):
+        own = {id: row for block in one.blocks for id, row in zip(block.element_ids, block.coefficients, strict=True)}
+        for block in other.blocks:
+            for id, row in zip(block.element_ids, block.coefficients, strict=True):
+                assert np.abs(row - own[id]).max() < 1e-12 * max(1, np.abs(own[id]).max())
+
+
+@pytest.mark.parametrize("basis", [Basis.MODIFIED_A, Basis.GLL_LAGRANGE, Basis.ORTHO_A])
+def test_orders_stay_in_each_direction_whatever_the_basis(tmp_path, basis):
+    """Polynomials of degrees 1, 4, 2 of hexahedra, given by coefficients at random."""
+    mesh = grid(Shape.HEXAHEDRON, 2)
+    expansion = Expansion(Shape.HEXAHEDRON, (basis,) * 3, (2, 5, 3))
+    ids = mesh.of(Shape.HEXAHEDRON).ids
+    coefficients = np.random.default_rng(8).uniform(-1, 1, (len(ids), 30))
+    before = Dataset(mesh, (Field("u", (Block(expansion, ids, coefficients),)),))
+    written = write(before, tmp_path / "a.xml")
+    after = check(Native, written).dataset
+    assert [block.expansion.modes for block in after.fields[0].blocks] == [(2, 5, 3)]
+    points = np.random.default_rng(9).uniform(0, 1, (50, 3))
+    old, new = (sample(each, ["u"], points).values for each in (before, after))
+    assert np.abs(old - new).max() < 1e-12
+    raised = convert(Native(written), Settings(order=6)).dataset
+    assert [block.expansion.modes for block in raised.fields[0].blocks] == [(7, 7, 7)]
 
 
 def test_values_stay_at_their_places(volume):

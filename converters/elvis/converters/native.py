@@ -95,6 +95,7 @@ class Native(Converter):
         """A field, or one for each of its Fourier planes."""
         expansions = [part.patch.fields[number] for _, part in self._parts]
         orders = [None if e is None else max(e.modes) - 1 for e in expansions]
+        modes = [None if e is None else e.modes for e in expansions]
         is_held = all(
             e is None or block.shape is not Shape.PYRAMID or _pyramid(e) is block.pyramid
             for e, block in zip(expansions, self.blocks, strict=True)
@@ -105,7 +106,7 @@ class Native(Converter):
         homogeneous = next(iter(waves), None)
         for plane in range(len(homogeneous.z_ids) if homogeneous else 1):
             is_continuous = self._may_be_continuous(number, plane)
-            yield SourceField(name, orders, is_continuous, is_held, (number, plane), homogeneous)
+            yield SourceField(name, orders, is_continuous, is_held, (number, plane), homogeneous, modes)
 
     def _may_be_continuous(self, number: int, plane: int) -> bool:
         """Whether elements agree at the vertices that they share."""

@@ -93,6 +93,7 @@ class SourceField:
     key            anything by which the converter knows the field again
     homogeneous    Fourier directions of quasi-3D data: then one after another come the fields of one name that are the
                    coefficients of its planes, in their order, and together make one field
+    modes          numbers of native modes in each direction, on each block; for sources whose directions differ
     """
 
     name: str
@@ -101,6 +102,7 @@ class SourceField:
     is_polynomial: bool = True
     key: Any = None
     homogeneous: Homogeneous | None = None
+    modes: Sequence[tuple[int, ...] | None] = ()
 
     def order_on(self, block: int) -> int | None:
         """The degree on a block, None where it lacks the field."""

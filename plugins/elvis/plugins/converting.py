@@ -19,7 +19,7 @@ from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
-from elvis.plugins.projection.fitting import Fitted, fit_positions, mapped, padded
+from elvis.plugins.projection.fitting import Fitted, beyond, fit_positions, mapped, padded
 from elvis.plugins.projection.placing import in_space, worse
 from elvis.plugins.projection.projecting import Projected, at_order, at_tolerance
 from elvis.plugins.projection.sampling import Sampler
@@ -31,6 +31,9 @@ from elvis.plugins.report import Measure, Report, is_rounding
 
 GeometryChoice = Literal["auto", "curves", "map"]
 PyramidChoice = Literal["exact", "native"]
+
+#: coefficients below this share of the largest are rounding
+_LOST = 1e-12
 
 #: the highest order that is asked of a source; more is a slip
 HIGHEST = 30
@@ -113,10 +116,29 @@ def _dataset(
     source: Converter, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], has_map: bool
 ) -> Dataset:
     """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files."""
-    modes = [max((each.modes[i] for each in fitted), default=2) for i in range(len(blocks))]
+    modes = [_modes(block, [(each, i) for each in fitted]) for i, block in enumerate(blocks)]
     metadata = {**source.metadata, **({"GeometryMap": ",".join(MAP_FIELDS[: mesh.space])} if has_map else {})}
     named = [list(group) for _, group in groupby(fitted, lambda each: each.field.name)]
     return Dataset(mesh, tuple(_field(planes, blocks, modes) for planes in named), source.time, metadata)
+
+
+def _modes(block: NativeBlock, fields: Sequence[tuple[Fitted, int]]) -> tuple[int, ...]:
+    """Numbers of modes of a block in files, in each direction, given its number among those of each field.
+
+    They are those of the source where it tells them and nothing that they lack is more than rounding.
+    """
+    dimension, wide = block.shape.dimension, max((each.modes[i] for each, i in fields), default=2)
+    alike = (wide,) * dimension
+    if not fields or block.modes is not None or block.is_collapsed or block.order.any():
+        return alike
+    own = [each.field.modes[block.number] if each.field.modes else None for each, _ in fields]
+    kept = tuple(np.max([modes or (2,) * dimension for modes in own], axis=0, initial=2).tolist())
+    for each, i in fields:
+        coefficients = each.coefficients[i]
+        lost = beyond(coefficients, block.expansion(each.modes[i]), block.expansion(kept))
+        if lost > _LOST * float(np.abs(coefficients).max(initial=0.0)):
+            return alike
+    return kept
 
 
 def _chosen(source: Converter, names: tuple[str, ...] | None) -> list[SourceField]:
@@ -205,7 +227,7 @@ def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[F
     return [Fitted(field, modes, column) for field, column in list(kept)[: mesh.space]]
 
 
-def _field(planes: Sequence[Fitted], blocks: Sequence[NativeBlock], modes: Sequence[int]) -> Field:
+def _field(planes: Sequence[Fitted], blocks: Sequence[NativeBlock], modes: Sequence[tuple[int, ...]]) -> Field:
     """The field with ``modes`` on each block; of several planes where it has Fourier directions."""
     parts, first = [], planes[0]
     for i, (block, many) in enumerate(zip(blocks, modes, strict=True)):

@@ -76,7 +76,8 @@ def bounds_of(
     """The largest error that each field may have: ``tolerance`` of its range, or of the largest of its planes'."""
     precision, most = sampler.source.precision, dict[str, float]()
     for field, (low, high) in zip(fields, _ranges(sampler, blocks, fields), strict=True):
-        bound = allowed(tolerance, high - low, max(abs(low), abs(high)), precision)
+        magnitude = max(abs(low), abs(high))
+        bound = allowed(tolerance, high - low, magnitude, precision) if magnitude > 0 else 0.0
         most[field.name] = max(most.get(field.name, 0.0), bound)
     return [most[field.name] for field in fields]
 

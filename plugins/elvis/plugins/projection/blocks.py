@@ -54,11 +54,12 @@ class NativeBlock:
         """Whether hexahedra stand for pyramids."""
         return self.shape is not self.source.shape
 
-    def expansion(self, modes: int) -> Expansion:
-        """The native expansion of these elements with so many modes each way."""
+    def expansion(self, modes: int | tuple[int, ...]) -> Expansion:
+        """The native expansion of these elements with so many modes each way, or in each direction."""
+        own = (modes,) * self.shape.dimension if isinstance(modes, int) else modes
         if self.is_ortho:
-            return orthonormal(self.shape, modes - 1)
-        return modified(self.shape, (modes,) * self.shape.dimension)
+            return replace(orthonormal(self.shape, 1), modes=own)
+        return modified(self.shape, own)
 
     def select(self, which: Ints, modes: int | None = None) -> NativeBlock:
         """Only the elements ``which`` (k,), with so many modes."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.formats.arrays import Floats, Ints, frozen_ints
 from elvis.formats.dataset import Expansion
 from elvis.formats.polynomials.expansion import mode_count, mode_indices
 from elvis.formats.polynomials.interpolation import modified
@@ -133,13 +134,22 @@ def joined(fitted: Fitted, tolerance: float, traces: Traces) -> Fitted:
 
 
 def padded(coefficients: Floats, few: Expansion, many: Expansion) -> Floats:
-    """Coefficients (..., m) in an expansion of the same family with more modes, the new ones zero."""
+    """Coefficients (..., m) in another expansion of the same family: new ones are zero, what it lacks is left out."""
     if few == many:
         return coefficients
-    index = mode_indices(many)
-    sizes = index.max(axis=0) + 1
-    places = np.full(tuple(sizes), -1)
-    places[tuple(index.T)] = np.arange(len(index))
-    result = np.zeros((*coefficients.shape[:-1], len(index)))
-    result[..., places[tuple(mode_indices(few).T)]] = coefficients
+    result = np.zeros((*coefficients.shape[:-1], len(mode_indices(many))))
+    places = _places(few, many)
+    result[..., places[places >= 0]] = coefficients[..., places >= 0]
     return result
+
+
+def beyond(coefficients: Floats, few: Expansion, many: Expansion) -> float:
+    """The largest of the coefficients (..., m) that the expansion ``many`` has no function for."""
+    return float(np.abs(coefficients[..., _places(few, many) < 0]).max(initial=0.0))
+
+
+@lru_cache(maxsize=256)
+def _places(few: Expansion, many: Expansion) -> Ints:
+    """(m,) the number in ``many`` of each function of ``few``; -1 for those that it lacks."""
+    known = {tuple(index): number for number, index in enumerate(mode_indices(many).tolist())}
+    return frozen_ints(np.array([known.get(tuple(index), -1) for index in mode_indices(few).tolist()], np.int64))
