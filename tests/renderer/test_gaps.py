@@ -8,10 +8,15 @@ import pytest
 from elvis.formats.arrays import frozen_floats
 from elvis.formats.dataset import Dataset
 from elvis.formats.mapping.locate import locate
-from elvis.formats.patch import patches
+from elvis.formats.patch import Patch, patches
+from elvis.formats.polynomials.collapse import uncollapse
+from elvis.formats.polynomials.expansion import values, values_and_gradients
+from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.shapes import Shape
 from elvis.formats.testing import curved, grid, ripple
 from elvis.plugins.native.bending import bends
+from elvis.plugins.nurbs.bezier import evaluated
+from elvis.plugins.nurbs.solving import Solver
 from elvis.renderer import Camera, Plane
 from elvis.renderer.gaps import Gaps
 
@@ -90,3 +95,77 @@ def test_what_bends(shape):
     assert answers[1].all() if shape is Shape.PYRAMID else not answers[1].any()
     assert answers[2].any()
     assert len(bends(patch, np.empty(0, int))) == 0
+
+
+def flat_where_measured(shape, strength):
+    """One element with x = xi1 + strength f(xi1) and f' = 0 at vertices, middles and centre when it is made larger."""
+    parts = [shape.vertices[list(part)].mean(axis=0) for part in (*shape.edges, *shape.faces)]
+    centre = shape.vertices.mean(axis=0)
+    places = centre + 1.25 * (np.concatenate([shape.vertices, parts, centre[None]]) - centre)
+    slope = np.polynomial.Polynomial.fromroots(np.repeat(np.unique(places[:, 0].round(12)), 2))
+    bump = (strength / slope(np.linspace(-1, 1, 201)).max() * slope).integ()
+    degree = bump.degree()
+
+    # the least number of modes that holds it, and points that determine these
+    modes = (degree + 1,) * shape.dimension if len(shape.vertices) == shape.dimension + 1 else (degree + 1, 2, 2)
+    modes = (degree + 1, 2, degree + 1) if shape is Shape.PRISM else modes[: shape.dimension]
+    expansion = modified(shape, modes)
+    lines = [np.cos(np.pi * (np.arange(n) + 0.5) / n) for n in modes]
+    xi = uncollapse(shape, np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, shape.dimension))
+    world = np.pad(xi, ((0, 0), (0, 3 - shape.dimension)))
+    world[:, 0] += bump(xi[:, 0])
+    coefficients = np.linalg.lstsq(values(expansion, xi), world)[0].T[None]
+    return Patch(shape, np.zeros(1, int), expansion, coefficients, (), ())
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1 and shape is not Shape.PYRAMID])
+def test_bends_are_bounded_not_measured_at_some_points(shape):
+    assert bends(flat_where_measured(shape, 2.0), np.zeros(1, int)).all()
+    assert not bends(flat_where_measured(shape, 1e-3), np.zeros(1, int)).any()
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1], ids=lambda shape: shape.label)
+def test_what_does_not_bend_changes_little_everywhere(shape):
+    """b + m / 2 <= 1, as sampled beyond the border; pyramids, whose map would have to be affine, within it."""
+    random = np.random.default_rng(3)
+    larger = 1.0 if shape is Shape.PYRAMID else 1.25
+    amplitude = 1e-12 if shape is Shape.PYRAMID else 0.1
+    (patch,) = patches(Dataset(curved(grid(shape, 2), ripple(amplitude, seed=2), 4)))
+    chosen = np.flatnonzero(~bends(patch, np.arange(len(patch))))
+    centre = shape.vertices.mean(axis=0)
+    points = centre + larger * (uncollapse(shape, random.uniform(-1, 1, (60, shape.dimension))) - centre)
+    slopes = values_and_gradients(patch.geometry, np.vstack([centre, points]))[1]
+    jacobians = np.einsum("ncm,sdm->nscd", patch.geometry_coefficients[chosen, : shape.dimension], slopes)
+    parts = np.linalg.solve(jacobians[:, :1], jacobians)
+    change = np.abs(parts - np.eye(shape.dimension)).sum(axis=3).max(axis=(1, 2))
+    first, second = np.triu_indices(len(points), 1)
+    steps = np.abs(points[first] - points[second]).max(axis=1)
+    slope = (np.abs(parts[:, 1 + first] - parts[:, 1 + second]).sum(axis=3).max(axis=2) / steps).max(axis=1)
+    assert len(chosen)
+    assert (change + slope / 2 <= 1 + 1e-9).all()
+
+
+@pytest.mark.parametrize(("amount", "expected"), [(0.002, False), (0.5, True)])
+def test_weights_of_rational_maps_bend_them(amount, expected):
+    """Jacobians in [0, 1]^3 by finite differences, on an element that is a little larger."""
+    random = np.random.default_rng(5)
+    lattice = np.stack(np.meshgrid(*3 * [np.linspace(0, 1, 3)], indexing="ij"), axis=-1)
+    weights = 1 + amount * random.uniform(-1, 1, (3, 3, 3, 1))
+    nets = np.concatenate([weights * lattice, weights], axis=-1)[None]
+    assert Solver(nets, None).bends(np.zeros(1, int)).tolist() == [expected]
+
+    def slopes(points):
+        step = 1e-5 * np.eye(3)[:, None]
+        ends = [
+            evaluated(np.repeat(nets, 3 * len(points), 0), (points + sign * step).reshape(-1, 3)) for sign in (1, -1)
+        ]
+        places = [(end[:, :3] / end[:, 3:]).reshape(3, -1, 3) for end in ends]
+        return np.moveaxis(places[0] - places[1], 0, 2) / 2e-5
+
+    points = np.vstack([[[0.5] * 3], random.uniform(-0.125, 1.125, (40, 3))])
+    jacobians = slopes(points)
+    parts = np.linalg.solve(jacobians[:1], jacobians)
+    change = np.abs(parts - np.eye(3)).sum(axis=2).max()
+    steps = np.abs(points[:, None] - points).max(axis=2) + np.eye(len(points))
+    slope = (np.abs(parts[:, None] - parts).sum(axis=3).max(axis=2) / steps).max()
+    assert expected or change + slope / 2 <= 1

@@ -6,18 +6,29 @@ k = m d / (2 (1 - b)), so from a step of length l < 1/4 the root is at most k l 
 kernels call a point outside for good once it is outside by 2 l (judge, shaders/invert.slang); facets of simplices are
 three times as steep as coordinates.  Both hold together for k <= 0.4, that is for b + m / 2 <= 1, nearly.  The Jacobian
 of a pyramid depends on the direction at the apex, however little it changes, unless the map is affine.
+
+Both b and m are bounded by Bernstein coefficients of first and second derivatives, on an element a little larger.
 """
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache, reduce
+from itertools import product
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.formats.mapping.orientation import chunks
 from elvis.formats.mapping.tangents import duals
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import (
+    BernsteinSpace,
+    bernstein_coefficients,
+    bernstein_space,
+    bernstein_values,
+    gradient_nets,
+)
+from elvis.formats.polynomials.collapse import uncollapse
 from elvis.formats.polynomials.expansion import values_and_gradients
 from elvis.formats.shapes import Shape
 
@@ -30,44 +41,110 @@ _CHUNK = 256
 
 
 def bends(patch: Patch, rows: Ints) -> Bools:
-    """(n,) whether elements bend so strongly that Newton's method may miss a root; true where a Jacobian is singular.
+    """(n,) whether elements may bend so strongly that Newton's method misses a root; true where J is singular.
 
-    The changes are measured between the centre, vertices and middles of edges and faces, not bounded.
+    That they don't is proved, up to rounding.
     """
-    result = np.empty(len(rows), bool)
+    result, space = np.empty(len(rows), bool), bernstein_space(patch.geometry)
+    centre = patch.shape.vertices.mean(axis=0, keepdims=True)
+    slopes = values_and_gradients(patch.geometry, centre)[1][0]
     for part in chunks(len(rows), _CHUNK):
-        change, slope = _changes(patch, rows[part])
-        result[part] = ~(change <= _AFFINE if patch.shape is Shape.PYRAMID else change + slope / 2 <= 1)
+        coefficients = patch.geometry_coefficients[rows[part]]
+        nets = bernstein_coefficients(patch.geometry, coefficients)
+        result[part] = bent(space, nets, np.einsum("ncm,dm->ncd", coefficients, slopes))
     return result
 
 
-def _changes(patch: Patch, rows: Ints) -> tuple[Floats, Floats]:
-    """b and m (n,)."""
-    places = _places(patch.shape)
-    coefficients = patch.geometry_coefficients[rows]
-    slopes = values_and_gradients(patch.geometry, places)[1]
-    with np.errstate(invalid="ignore", over="ignore"):
-        jacobians = np.einsum("ncm,sdm->nscd", coefficients, slopes)
-        parts = np.einsum("nci,nscd->nsid", duals(jacobians[:, 0]), jacobians)
-        change = np.abs(parts - np.eye(patch.shape.dimension)).sum(axis=3).max(axis=(1, 2))
-        first, second = _pairs(len(places))
-        distance = np.abs(places[first] - places[second]).max(axis=1)
-        between = np.abs(parts[:, first] - parts[:, second]).sum(axis=3).max(axis=2) / distance
-    return change, between.max(axis=1)
+def bent(
+    space: BernsteinSpace, nets: Floats, jacobians: Floats, weights: Floats | None = None, unit: float = 1.0
+) -> Bools:
+    """(n,) as `bends`, of maps with nets (n, 3, count) over weights (n, count), which are 1 unless they are given.
+
+    jacobians  (n, 3, d)  at the centre, or nearby
+    unit       length of a kernel's unit of reference coordinates in those of xi
+    """
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        parts = np.einsum("nci,ncm->nim", duals(jacobians), nets)
+        if space.shape is Shape.PYRAMID:
+            return np.asarray(~(_pyramid_change(space, parts) <= _AFFINE))
+        change, slope = _rational(space, parts, weights) if weights is not None else _polynomial(space, parts)
+        return np.asarray(~(change + unit * slope / 2 <= 1))
 
 
-@cache
-def _places(shape: Shape) -> Floats:
-    """(k, d) the centre, then points around it."""
-    middles = [shape.vertices[list(part)].mean(axis=0) for part in (*shape.edges, *shape.faces)]
-    centre = shape.vertices.mean(axis=0, keepdims=True)
-    around = centre + _BEYOND * (np.unique(np.concatenate([shape.vertices, middles]), axis=0) - centre)
-    apart = np.abs(around - centre).max(axis=1) > 0.1
-    return frozen_floats(np.concatenate([centre, around[apart]]))
+def _polynomial(space: BernsteinSpace, parts: Floats) -> tuple[Floats, Floats]:
+    """Bounds of b and m (n,) of maps with nets (n, d, count) in parts of the Jacobian at the centre."""
+    axes = range(space.shape.dimension)
+    parts = parts - _places(space).T
+    change = sum(np.abs(derived(space, parts, (j,))) for j in axes)
+    slope = sum(np.abs(derived(space, parts, pair)) for pair in product(axes, axes))
+    return np.max(change, axis=(1, 2)), np.max(slope, axis=(1, 2))
 
 
-@cache
-def _pairs(count: int) -> tuple[Ints, Ints]:
-    """All pairs of different numbers below ``count``."""
-    first, second = np.triu_indices(count, 1)
-    return frozen_ints(first), frozen_ints(second)
+def _rational(space: BernsteinSpace, parts: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """As `_polynomial`, of maps y = Y / w: w dy = dY - y dw, and w ddy = ddY - dy dw - dw dy - y ddw."""
+    axes = range(space.shape.dimension)
+    middle = parts[..., parts.shape[-1] // 2] / weights[:, weights.shape[-1] // 2, None]
+    parts, weights = parts - middle[..., None] * weights[:, None], weights[:, None]
+    least = derived(space, weights, ()).min(axis=(1, 2))
+    least = np.where(least > 0.0, least, 0.0)[:, None]
+    size = np.abs(derived(space, parts, ())).max(axis=2) / least
+    first = [np.abs(derived(space, weights, (j,))).max(axis=2) for j in axes]
+
+    # changes (n, d) of the columns of the Jacobian, then how fast the columns change
+    changes = []
+    for j in axes:
+        own = derived(space, parts, (j,))
+        own[:, j] -= derived(space, weights, ())[:, 0]
+        changes.append((np.abs(own).max(axis=2) + size * first[j]) / least)
+    slopes = [change + np.eye(len(axes))[j] for j, change in zip(axes, changes, strict=True)]
+    slope = np.zeros_like(size)
+    for j, k in product(axes, axes):
+        own, second = (np.abs(derived(space, some, (j, k))).max(axis=2) for some in (parts, weights))
+        slope += (own + slopes[j] * first[k] + slopes[k] * first[j] + size * second) / least
+    return np.sum(changes, axis=0).max(axis=1), slope.max(axis=1)
+
+
+def _pyramid_change(space: BernsteinSpace, parts: Floats) -> Floats:
+    """A bound of b (n,) on pyramids themselves: derivatives in xi are those in eta, two of them over c = (1 - eta3)/2.
+
+    At the apex the format's functions do not depend on eta1 and eta2.  With the rest, b_k^r = c r/(r - k) b_k^(r-1).
+    """
+    parts, top = parts - _places(space).T, space.degrees[2]
+    scale = top / (top - np.arange(top))
+    across = []
+    for _, matrix in gradient_nets(space)[:2]:
+        layers = (parts @ matrix).reshape(*parts.shape[:2], top + 1, -1)[:, :, :top]
+        across.append((np.abs(layers) * scale[:, None]).max(axis=(2, 3)))
+    up = np.abs(parts @ gradient_nets(space)[2][1]).max(axis=2) + across[0] + across[1]
+    return np.asarray((across[0] + across[1] + up).max(axis=1))
+
+
+def derived(space: BernsteinSpace, nets: Floats, directions: tuple[int, ...]) -> Floats:
+    """Nets (..., count) of derivatives in these directions, on the larger element, in the space itself."""
+    if len(space.degrees) < space.shape.dimension:
+        return np.asarray(nets @ _matrix(space, directions))
+    grid = nets.reshape(*nets.shape[:-1], *(degree + 1 for degree in space.degrees[::-1]))
+    for direction, degree in enumerate(space.degrees):
+        line = BernsteinSpace(Shape.SEGMENT, (degree,))
+        matrix = _matrix(line, (0,) * directions.count(direction))
+        grid = np.moveaxis(np.moveaxis(grid, -1 - direction, -1) @ matrix, -1, -1 - direction)
+    return np.ascontiguousarray(grid.reshape(nets.shape))
+
+
+@lru_cache(maxsize=128)
+def _matrix(space: BernsteinSpace, directions: tuple[int, ...]) -> Floats:
+    """(count, count) from the right, from a net on the element to that of a derivative on the larger one."""
+    centre, places = space.shape.vertices.mean(axis=0), _places(space)
+    to_net = np.linalg.inv(bernstein_values(space, places))
+    larger = (to_net @ bernstein_values(space, centre + _BEYOND * (places - centre))).T
+    slopes = [(lower, gradient_nets(space)[i][1]) for i in directions for lower in (gradient_nets(space)[i][0],)]
+    raised = [matrix @ (to_net @ bernstein_values(lower, places)).T / _BEYOND for lower, matrix in slopes]
+    return frozen_floats(reduce(np.matmul, raised, larger))
+
+
+@lru_cache(maxsize=32)
+def _places(space: BernsteinSpace) -> Floats:
+    """(count, d) the net of xi itself: for each function of the space the point of its greatest value."""
+    tops = space.powers.max(axis=0)
+    eta = 2 * space.powers / np.maximum(tops, 1) - 1
+    return frozen_floats(uncollapse(space.shape, eta) if space.shape is Shape.PYRAMID else eta)

@@ -14,16 +14,15 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.mapping.inverse import Status, invert
 from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.formats.polynomials.expansion import values
 from elvis.formats.polynomials.interpolation import modified
 from elvis.formats.polynomials.quadrature import gauss
 from elvis.formats.shapes import Shape
-from elvis.plugins.native.bending import bends
+from elvis.plugins.native.bending import bent
 from elvis.plugins.nurbs.bezier import bernstein
 from elvis.plugins.volume import Solution
 
-#: how many degrees more a polynomial has that stands for a rational map where its bend is measured
-_MORE = 2
 UNDECIDED = 2
 
 
@@ -47,7 +46,7 @@ class Solver:
             return answer
         nets = self.nets[elements[near]]
         gaps = nets[..., :3] - points[near, None, None, None] * nets[..., 3:]
-        roots = invert(_through(_values(gaps, 0), gaps.shape[1:4], 0), np.arange(len(near)), np.zeros((len(near), 3)))
+        roots = invert(_through(_values(gaps), gaps.shape[1:4]), np.arange(len(near)), np.zeros((len(near), 3)))
         inside = roots.status == Status.INSIDE
         there, reference = near[inside], (1 + roots.reference[inside]) / 2
         answer.verdict[near] = np.select([inside, roots.status == Status.OUTSIDE], [1, 0], UNDECIDED)
@@ -73,10 +72,21 @@ class Solver:
         return turn, along.min(axis=1) - slack, along.max(axis=1) + slack
 
     def bends(self, elements: Ints) -> Bools:
-        """(n,) whether elements bend so strongly that Newton's method may miss a root."""
+        """(n,) whether elements may bend so strongly that Newton's method misses a root."""
         nets = self.nets[elements]
-        weighted = _values(nets, _MORE)
-        return bends(_through(weighted[..., :3] / weighted[..., 3:], nets.shape[1:4], _MORE), np.arange(len(elements)))
+        space = BernsteinSpace(Shape.HEXAHEDRON, tuple(size - 1 for size in nets.shape[1:4]))
+        flat = nets.transpose(0, 4, 3, 2, 1).reshape(len(nets), 4, space.count)
+        return bent(space, flat[:, :3], _central_jacobians(space, flat), flat[:, 3], unit=2.0)
+
+
+def _central_jacobians(space: BernsteinSpace, nets: Floats) -> Floats:
+    """(n, 3, 3) derivatives of x = (w x) / w at the centre, from nets (n, 4, count) of w x and w."""
+    centre = np.zeros((1, 3))
+    middle = nets @ bernstein_values(space, centre)[0]
+    lower = gradient_nets(space)
+    slopes = np.stack([nets @ matrix @ bernstein_values(some, centre)[0] for some, matrix in lower], axis=2)
+    place, weight = middle[:, :3] / middle[:, 3:], middle[:, 3, None, None]
+    return np.asarray((slopes[:, :3] - place[:, :, None] * slopes[:, 3:]) / weight)
 
 
 def inverted(matrices: Floats) -> Floats:
@@ -85,24 +95,24 @@ def inverted(matrices: Floats) -> Floats:
     return np.asarray(np.linalg.inv(np.where(good[:, None, None], matrices, np.eye(3))))
 
 
-def _values(nets: Floats, more: int) -> Floats:
-    """(n, k, c) values of nets at the nodes of polynomials of so many degrees more."""
-    lines = [bernstein(size - 1, (1 + gauss(size + more)[0]) / 2) for size in nets.shape[1:4]]
+def _values(nets: Floats) -> Floats:
+    """(n, k, c) values of nets at the nodes."""
+    lines = [bernstein(size - 1, (1 + gauss(size)[0]) / 2) for size in nets.shape[1:4]]
     found = np.einsum("ai,bj,ck,nijkd->nabcd", *lines, nets, optimize=True)
     return np.asarray(found.reshape(len(nets), -1, nets.shape[4]))
 
 
-def _through(places: Floats, sizes: tuple[int, ...], more: int) -> Patch:
+def _through(places: Floats, sizes: tuple[int, ...]) -> Patch:
     """The maps that have these values (n, k, 3) at the nodes."""
-    modes = tuple(max(size + more, 2) for size in sizes)
-    coefficients = np.einsum("mk,nkc->ncm", _fit(sizes, more), places)
+    modes = tuple(max(size, 2) for size in sizes)
+    coefficients = np.einsum("mk,nkc->ncm", _fit(sizes), places)
     return Patch(Shape.HEXAHEDRON, np.arange(len(places)), modified(Shape.HEXAHEDRON, modes), coefficients, (), ())
 
 
 @lru_cache(maxsize=64)
-def _fit(sizes: tuple[int, ...], more: int) -> Floats:
+def _fit(sizes: tuple[int, ...]) -> Floats:
     """(modes, k) matrix from values at the nodes to the modes of hexahedra."""
-    x, y, z = np.meshgrid(*(gauss(size + more)[0] for size in sizes), indexing="ij")
+    x, y, z = np.meshgrid(*(gauss(size)[0] for size in sizes), indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    modes = tuple(max(size + more, 2) for size in sizes)
+    modes = tuple(max(size, 2) for size in sizes)
     return np.asarray(np.linalg.pinv(values(modified(Shape.HEXAHEDRON, modes), points)))
