@@ -20,6 +20,7 @@ from elvis.formats.commands.arguments import (
 
 if TYPE_CHECKING:
     from elvis.formats.dataset import Dataset
+    from elvis.formats.judging.finding import Finding
     from elvis.formats.quantities import Expression
 
 Facts = dict[str, Any]
@@ -44,7 +45,11 @@ Examples:
 @field_option
 @json_option
 @click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
-@click.option("--strict", is_flag=True, help="Check every rule that other programs of the format go by; fail if any.")
+@click.option(
+    "--strict",
+    is_flag=True,
+    help="Check the rules for other programs of the format; fail where a required one is broken.",
+)
 @click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive all over; fail if it isn't.")
 @plugin_option
 def info(
@@ -141,19 +146,31 @@ def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
 
 
 def _check(data: tuple[Path, ...], as_json: bool) -> None:
-    """Print the rules that the files break; ElvisError where there are any."""
+    """Print the rules that the files break; ElvisError where some of these are required."""
     from elvis.formats.errors import ElvisError
     from elvis.formats.judging.strict import findings
     from elvis.formats.terminal import print_json, stage
 
     with stage("checking"):
         found = findings(*data)
+    required, advised = ([each for each in found if each.is_required is kind] for kind in (True, False))
     if as_json:
-        print_json({"findings": [{"place": each.place, "sentence": each.sentence} for each in found]})
+        facts = [{"place": each.place, "sentence": each.sentence, "required": each.is_required} for each in found]
+        print_json({"findings": facts})
     else:
-        click.echo("\n".join(map(str, found)) or "all rules are kept")
+        _print_findings("required by programs of the format:", required)
+        _print_findings("good practice, which programs of the format do without:", advised)
+        if not found:
+            click.echo("all rules are kept")
+    if required:
+        count = f"{len(required)} that {'is' if len(required) == 1 else 'are'} broken"
+        raise ElvisError(f"expected files that keep all rules that are required, found {count}")
+
+
+def _print_findings(title: str, found: Sequence[Finding]) -> None:
     if found:
-        raise ElvisError(f"expected files that keep all rules, found {len(found)} that are broken")
+        click.echo(title)
+        click.echo("\n".join(f"  {each}" for each in found))
 
 
 def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:

@@ -1,6 +1,7 @@
 """Whether files keep every rule that the format's own programs ask of a writer (format notes 9), finding by finding.
 
-`elvis.formats.read` takes far more than those programs do; `findings` tells what they would stumble over.
+`elvis.formats.read` takes far more than those programs do; `findings` tells what they would stumble over, and what is
+merely good practice.  A rule counts as required where their reader stops at what breaks it (format notes; version 5).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import FormatError
+from elvis.formats.judging.finding import Finding, required
 from elvis.formats.judging.strict_fields import expansion_findings, section_findings
 from elvis.formats.judging.strict_hdf5 import field_file_findings, mesh_file_findings
 from elvis.formats.judging.strict_mesh import mesh_findings
@@ -20,17 +22,6 @@ from elvis.formats.nektar.sections import Section
 from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, load
 from elvis.formats.nektar.xml import Element
 from elvis.formats.reading import read
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A broken rule: where, and what is wrong there."""
-
-    place: str
-    sentence: str
-
-    def __str__(self) -> str:
-        return f"{self.place}: {self.sentence}"
 
 
 def findings(*paths: str | Path) -> tuple[Finding, ...]:
@@ -59,11 +50,7 @@ class _Review:
         try:
             action()
         except FormatError as error:
-            self.found.append(Finding(place, str(error)))
-
-    def add(self, place: str, sentences: Iterator[str]) -> None:
-        """Findings at one place."""
-        self.guarded(place, lambda: self.found.extend(Finding(place, sentence) for sentence in sentences))
+            self.found.append(required(place, str(error)))
 
     def file(self, path: Path) -> None:
         """Judge what one file holds."""
@@ -78,21 +65,25 @@ class _Review:
 
     def whole(self, dataset: Dataset) -> None:
         """Judge what all files mean together."""
-        for place, sentence in mesh_findings(dataset):
-            self.found.append(Finding(place, sentence))
-        for place, sentence in section_findings(dataset.mesh, self.sections):
-            self.found.append(Finding(place, sentence))
-        rules = expansions.read_rules(self.tags.get("EXPANSIONS"), self.tags.get("CONDITIONS"))
-        self.add("<EXPANSIONS>", expansion_findings(dataset, expansions.resolve(rules, dataset.mesh), self.sections))
+        self.found += mesh_findings(dataset)
+        self.found += section_findings(dataset.mesh, self.sections)
+        self.guarded("<EXPANSIONS>", lambda: self.found.extend(self._expansions(dataset)))
+
+    def _expansions(self, dataset: Dataset) -> Iterator[Finding]:
+        element = self.tags.get("EXPANSIONS")
+        rules = expansions.read_rules(element, self.tags.get("CONDITIONS"))
+        entries = [] if element is None else [child.tag for child in element.children()]
+        if entries and "E" not in entries:
+            return  # orders by element, or those of a field file
+        yield from expansion_findings(dataset, expansions.resolve(rules, dataset.mesh), self.sections)
 
     def _child(self, path: Path, child: Element) -> None:
         place = f"{path.name}, {child.place}"
         if child.tag == "ELEMENTS":
-            self.add(place, payload_findings(child))
+            self.guarded(place, lambda: self.found.extend(payload_findings(place, child)))
             self.guarded(place, lambda: self.sections.append(fields_xml.read_section(child)))
         elif child.tag == "GEOMETRY":
-            for where, sentence in geometry_findings(child):
-                self.found.append(Finding(f"{path.name}, {where}", sentence))
+            self.found += [finding.within(path.name) for finding in geometry_findings(child)]
             if "HDF5FILE" in child.attributes:
                 self._stub(path, child)
         elif not child.is_empty or child.tag not in self.tags:
@@ -104,12 +95,14 @@ class _Review:
         if beside.is_file():
             self.guarded(beside.name, lambda: self._hdf5(beside))
         else:
-            self.found.append(Finding(f"{path.name}, {child.place}", f"expected the file {name} beside it, found none"))
+            self.found.append(
+                required(f"{path.name}, {child.place}", f"expected the file {name} beside it, found none")
+            )
 
     def _hdf5(self, path: Path) -> None:
         with hdf5.opened(path) as file:
             is_mesh = geometry_hdf5.is_geometry(file)
-            for place, sentence in (mesh_file_findings if is_mesh else field_file_findings)(file):
-                self.found.append(Finding(f"{path.name}, {place}", sentence))
+            found = (mesh_file_findings if is_mesh else field_file_findings)(file)
+            self.found += [finding.within(path.name) for finding in found]
         if not is_mesh:
             self.sections += fields_hdf5.read_fields(path)[0]

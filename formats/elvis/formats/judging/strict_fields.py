@@ -8,70 +8,90 @@ import numpy as np
 
 from elvis.formats.arrays import Ints
 from elvis.formats.dataset import Dataset, ExpansionRule
+from elvis.formats.judging.finding import Finding, advised, required
 from elvis.formats.mesh import Composite, Mesh
 from elvis.formats.nektar.sections import Section
 from elvis.formats.shapes import Shape
 
+_PLACE = "<EXPANSIONS>"
 
-def section_findings(mesh: Mesh, sections: Sequence[Section]) -> Iterator[tuple[str, str]]:
-    """Place and sentence: one section a shape, each element of the domain once for each field, none of elsewhere."""
+
+def section_findings(mesh: Mesh, sections: Sequence[Section]) -> Iterator[Finding]:
+    """One section a shape, each element of the domain once for each field, none of elsewhere."""
     seen: dict[object, str] = {}
     for section in sections:
         space = section.space
         key = (space.names, space.shape, space.bases, space.homogeneous)
         if key in seen:
-            yield section.place, f"expected one section a shape, found another {space.shape.label} after {seen[key]}"
+            sentence = f"expected one section a shape, found another {space.shape.label} after {seen[key]}"
+            yield advised(section.place, sentence)
         seen.setdefault(key, section.place)
     domain = mesh.domain_ids()
     for name in dict.fromkeys(name for section in sections for name in section.space.names):
         own = [section for section in sections if name in section.space.names]
-        yield from ((f"field {name}", sentence) for sentence in _covering(mesh, domain, own))
+        yield from _covering(f"field {name}", mesh, domain, own)
 
 
-def _covering(mesh: Mesh, domain: Ints, sections: Sequence[Section]) -> Iterator[str]:
+def _covering(place: str, mesh: Mesh, domain: Ints, sections: Sequence[Section]) -> Iterator[Finding]:
     ids, counts = np.unique(np.concatenate([section.element_ids for section in sections]), return_counts=True)
     missing = np.setdiff1d(domain, ids, assume_unique=True)
     if len(missing):
-        yield f"expected values on all {len(domain)} elements of the domain, found none on {len(missing)}"
+        sentence = f"expected values on all {len(domain)} elements of the domain, found none on {len(missing)}"
+        yield advised(place, sentence)
     if (counts > 1).any() and not any(section.space.homogeneous for section in sections):
-        yield f"expected each element once, found {int(ids[counts > 1][0])} {int(counts.max())} times"
-    unknown = np.setdiff1d(ids, np.concatenate([own.ids for own in mesh.elements.values()] or [ids[:0]]))
+        sentence = f"expected each element once, found {int(ids[counts > 1][0])} {int(counts.max())} times"
+        yield advised(place, sentence)
+    every = np.concatenate([own.ids for own in mesh.elements.values()] or [ids[:0]])
+    unknown = np.setdiff1d(ids, every)
     if len(unknown):
-        yield f"expected elements of the mesh, found {len(unknown)} others, such as {unknown[0]}"
+        # readers skip them, but for pyramids
+        pyramids = [section.element_ids for section in sections if section.space.shape is Shape.PYRAMID]
+        kind = required if np.isin(unknown, np.concatenate([ids[:0], *pyramids])).any() else advised
+        yield kind(place, f"expected elements of the mesh, found {len(unknown)} others, such as {unknown[0]}")
     for section in sections:
-        wrong = np.setdiff1d(section.element_ids, mesh.of(section.space.shape).ids)
-        if len(wrong) > len(unknown):
-            yield f"expected a {section.space.shape.label.lower()} in the mesh for element {wrong[0]}, found another"
+        shape = section.space.shape
+        wrong = np.setdiff1d(np.intersect1d(section.element_ids, every), mesh.of(shape).ids)
+        if len(wrong):
+            sentence = f"expected a {shape.label.lower()} in the mesh for element {wrong[0]}, found another"
+            yield required(place, sentence)
 
 
-def expansion_findings(dataset: Dataset, rules: Sequence[ExpansionRule], sections: Sequence[Section]) -> Iterator[str]:
-    """The trap of format notes 3: names and orders of EXPANSIONS decide over what is read from field files."""
+def expansion_findings(
+    dataset: Dataset, rules: Sequence[ExpansionRule], sections: Sequence[Section]
+) -> Iterator[Finding]:
+    """Rules for every composite of the domain; and the trap of format notes 3.
+
+    Names and orders of EXPANSIONS decide over what is read from field files: data of fields that no rule names, and of
+    higher orders, are cut to its orders.  Genuine files fall into it, so it is no more than advice.
+    """
     mesh, names = dataset.mesh, [field.name for field in dataset.fields]
     known = {composite.id: composite for composite in mesh.composites}
     domain = [known[c] for composites in mesh.domains.values() for c in composites if c in known]
     if not rules:
-        yield "expected rules for the composites of the domain, found none"
+        yield required(_PLACE, "expected rules for the composites of the domain, found none")
         return
     for composite in domain:
         own = [rule for rule in rules if composite.id in rule.composites]
         if not own:
-            yield f"expected a rule for composite {composite.id} of the domain, found none"
+            yield required(_PLACE, f"expected a rule for composite {composite.id} of the domain, found none")
         for name in names:
             yield from _on_composite(mesh, composite, name, own, sections)
 
 
 def _on_composite(
     mesh: Mesh, composite: Composite, name: str, rules: Sequence[ExpansionRule], sections: Sequence[Section]
-) -> Iterator[str]:
+) -> Iterator[Finding]:
     fitting = [rule for rule in rules if name in rule.fields]
     where = f"on composite {composite.id}"
     if rules and len(fitting) != 1:
-        yield f"expected one rule that names the field {name} {where}, found {len(fitting) or 'none'}"
+        kind = required if fitting else advised
+        yield kind(_PLACE, f"expected one rule that names the field {name} {where}, found {len(fitting) or 'none'}")
         return
     needed = _modes(mesh, composite, [section for section in sections if name in section.space.names])
     for rule in fitting:
         if min(rule.modes) < needed:
-            yield f"expected NUMMODES of {needed} or more for {name} {where}, found {min(rule.modes)}"
+            sentence = f"expected NUMMODES of {needed} or more for {name} {where}, found {min(rule.modes)}"
+            yield advised(_PLACE, sentence)
 
 
 def _modes(mesh: Mesh, composite: Composite, sections: Sequence[Section]) -> int:

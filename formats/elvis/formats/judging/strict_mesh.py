@@ -11,13 +11,12 @@ from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import FormatError
 from elvis.formats.geometry import geometry
+from elvis.formats.judging.finding import Finding, advised, required
 from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Curves, Mesh
 from elvis.formats.polynomials.points import PointsType
 from elvis.formats.shapes import Shape
 from elvis.formats.summary import jacobian
-
-Found = tuple[str, str]
 
 _LINES = (PointsType.POLY_EVENLY_SPACED, PointsType.LOBATTO_LEGENDRE)
 _TRIANGLES = (PointsType.TRIANGLE_EVENLY_SPACED, PointsType.TRIANGLE_FEKETE)
@@ -26,8 +25,8 @@ _TRIANGLES = (PointsType.TRIANGLE_EVENLY_SPACED, PointsType.TRIANGLE_FEKETE)
 _NEAR = 1e-8
 
 
-def mesh_findings(dataset: Dataset) -> Iterator[Found]:
-    """Place and sentence of each rule that the mesh breaks."""
+def mesh_findings(dataset: Dataset) -> Iterator[Finding]:
+    """The rules that the mesh breaks."""
     mesh = dataset.mesh
     for shape in mesh.entities:
         yield from _repeated(mesh, shape)
@@ -40,7 +39,7 @@ def mesh_findings(dataset: Dataset) -> Iterator[Found]:
         yield from _jacobians(dataset)
 
 
-def _repeated(mesh: Mesh, shape: Shape) -> Iterator[Found]:
+def _repeated(mesh: Mesh, shape: Shape) -> Iterator[Finding]:
     """Every edge, face and element is listed once, and no face bounds three elements."""
     entities = mesh.of(shape)
     if not len(entities):
@@ -49,12 +48,14 @@ def _repeated(mesh: Mesh, shape: Shape) -> Iterator[Found]:
     order = np.lexsort(key.T[::-1])
     again = (np.diff(key[order], axis=0) == 0).all(axis=1)
     if again.any():
-        yield _what(mesh, shape), f"expected each once, found {_listed(entities.ids[order[1:][again]])} again"
+        sentence = f"expected each once, found {_listed(entities.ids[order[1:][again]])} again"
+        yield advised(_what(mesh, shape), sentence)
     if shape.dimension != mesh.dimension or shape.dimension == 1:
         return
     for label, ids, counts in _uses(mesh, shape):
         if (counts > 2).any():
-            yield _what(mesh, label), f"expected at most two elements on each, found more on {_listed(ids[counts > 2])}"
+            sentence = f"expected at most two elements on each, found more on {_listed(ids[counts > 2])}"
+            yield advised(_what(mesh, label), sentence)
 
 
 def _uses(mesh: Mesh, last: Shape) -> Iterator[tuple[Shape, Ints, Ints]]:
@@ -72,16 +73,16 @@ def _uses(mesh: Mesh, last: Shape) -> Iterator[tuple[Shape, Ints, Ints]]:
         start += len(ids)
 
 
-def _orientation(mesh: Mesh) -> Iterator[Found]:
+def _orientation(mesh: Mesh) -> Iterator[Finding]:
     """Edges close to polygons, faces to elements, triangles collapse at the same vertex from both sides."""
     for shape in mesh.entities:
         try:
             local_vertices(mesh, shape)
         except FormatError as error:
-            yield _what(mesh, shape), str(error)
+            yield required(_what(mesh, shape), str(error))
 
 
-def _edge_curves(mesh: Mesh) -> Iterator[Found]:
+def _edge_curves(mesh: Mesh) -> Iterator[Finding]:
     curves, edges = mesh.edge_curves, mesh.of(Shape.SEGMENT)
     if not len(curves):
         return
@@ -90,10 +91,10 @@ def _edge_curves(mesh: Mesh) -> Iterator[Found]:
     gap = np.abs(ends - mesh.vertices[edges.members[curves.rows]]).max(axis=(1, 2))
     if not (gap <= _NEAR).all():
         ids = edges.ids[curves.rows[~(gap <= _NEAR)]]
-        yield "curved edges", f"expected curves from vertex to vertex, found others on edges {_listed(ids)}"
+        yield advised("curved edges", f"expected curves from vertex to vertex, found others on edges {_listed(ids)}")
 
 
-def _face_curves(mesh: Mesh) -> Iterator[Found]:
+def _face_curves(mesh: Mesh) -> Iterator[Finding]:
     """Families of nodes, and edges that are curved with the same number of points."""
     curves, first = mesh.face_curves, len(mesh.of(Shape.TRIANGLE))
     along = np.zeros(len(mesh.of(Shape.SEGMENT)), np.int64)
@@ -110,7 +111,8 @@ def _face_curves(mesh: Mesh) -> Iterator[Found]:
         wrong = (along[mesh.of(shape).members[rows]] != _points_along(own.kinds, counts)[:, None]).any(axis=1)
         if wrong.any():
             expected = "expected edges curved with as many points as their face"
-            yield f"curved {shape.label.lower()}s", f"{expected}, found others around {_listed(ids[wrong])}"
+            sentence = f"{expected}, found others around {_listed(ids[wrong])}"
+            yield required(f"curved {shape.label.lower()}s", sentence)
 
 
 def _points_along(kinds: Ints, counts: Ints) -> Floats:
@@ -119,37 +121,42 @@ def _points_along(kinds: Ints, counts: Ints) -> Floats:
     return np.where(nodal, (np.sqrt(8 * counts + 1) - 1) / 2, np.sqrt(counts))
 
 
-def _kinds(curves: Curves, ids: Ints, families: tuple[PointsType, ...], what: str) -> Iterator[Found]:
+def _kinds(curves: Curves, ids: Ints, families: tuple[PointsType, ...], what: str) -> Iterator[Finding]:
     wrong = ~np.isin(curves.kinds, families)
     if wrong.any():
         wanted = " or ".join(family.label for family in families)
         found = PointsType(int(curves.kinds[wrong][0])).label
-        yield f"curved {what}", f"expected {wanted}, found {found} on {_listed(ids[wrong])}"
+        yield advised(f"curved {what}", f"expected {wanted}, found {found} on {_listed(ids[wrong])}")
 
 
-def _composites(mesh: Mesh) -> Iterator[Found]:
+def _composites(mesh: Mesh) -> Iterator[Finding]:
     """Composites of one dimension, one shape each in the domain, where every element lies once."""
     dimensions = {"V": 0, "E": 1, "F": 2, **{shape.tag: shape.dimension for shape in Shape}}
     for composite in mesh.composites:
         tags = sorted({tag for tag, _ in composite.parts})
         if len({dimensions[tag] for tag in tags}) > 1:
-            yield f"composite {composite.id}", f"expected entities of one dimension, found {', '.join(tags)}"
+            sentence = f"expected entities of one dimension, found {', '.join(tags)}"
+            yield required(f"composite {composite.id}", sentence)
     known = {composite.id: composite for composite in mesh.composites}
     named = [c for composites in mesh.domains.values() for c in composites]
     own = [known[c] for c in named if c in known]
     if len(own) < len(named) or not own:
-        yield "<DOMAIN>", f"expected composites of the mesh, found {_listed(np.array(named, np.int64))}"
+        sentence = f"expected composites of the mesh, found {_listed(np.array(named, np.int64))}"
+        yield required("<DOMAIN>", sentence)
+    elements = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
     for composite in own:
         tags = sorted({tag for tag, _ in composite.parts})
-        if not set(tags) <= {shape.tag for shape in Shape.of_dimension(mesh.dimension)} or len(tags) != 1:
-            yield f"composite {composite.id}", f"expected elements of one shape in the domain, found {', '.join(tags)}"
+        if not set(tags) <= elements or len(tags) != 1:
+            kind = advised if set(tags) <= elements else required
+            sentence = f"expected elements of one shape in the domain, found {', '.join(tags)}"
+            yield kind(f"composite {composite.id}", sentence)
     ids = np.concatenate([np.empty(0, np.int64), *(part for c in own for _, part in c.parts)])
     distinct, counts = np.unique(ids, return_counts=True)
     if (counts > 1).any():
-        yield "<DOMAIN>", f"expected each element once, found {_listed(distinct[counts > 1])} again"
+        yield advised("<DOMAIN>", f"expected each element once, found {_listed(distinct[counts > 1])} again")
 
 
-def _jacobians(dataset: Dataset) -> Iterator[Found]:
+def _jacobians(dataset: Dataset) -> Iterator[Finding]:
     """Positive where sampled, for the map of the mesh file and for the one that fields give."""
     plain = replace(dataset, metadata={k: v for k, v in dataset.metadata.items() if k != "GeometryMap"})
     for each in [plain, dataset] if "GeometryMap" in dataset.metadata else [plain]:
@@ -157,7 +164,8 @@ def _jacobians(dataset: Dataset) -> Iterator[Found]:
         if wrong:
             whose = "of the map that fields give" if each is dataset and each is not plain else "of the mesh"
             listed = _listed(np.array(wrong, np.int64))
-            yield "elements", f"expected positive Jacobians {whose}, found others in {len(wrong)}: {listed}"
+            sentence = f"expected positive Jacobians {whose}, found others in {len(wrong)}: {listed}"
+            yield advised("elements", sentence)
 
 
 def _what(mesh: Mesh, shape: Shape) -> str:

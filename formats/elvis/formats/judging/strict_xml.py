@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from elvis.formats.judging.finding import Finding, advised, required
 from elvis.formats.nektar.composites import composite_ids
 from elvis.formats.nektar.payload import ENCODING
 from elvis.formats.nektar.xml import Element
@@ -22,11 +23,12 @@ _SAMPLE = 1 << 18
 _MOST = 1 << 20
 
 
-def geometry_findings(geometry: Element) -> Iterator[tuple[str, str]]:
-    """Place and sentence of each rule that the section GEOMETRY breaks by itself."""
+def geometry_findings(geometry: Element) -> Iterator[Finding]:
+    """The rules that the section GEOMETRY breaks by itself."""
     unknown = sorted(set(geometry.attributes) - _ATTRIBUTES)
     if unknown:
-        yield geometry.place, f"expected only DIM, SPACE, PARTITION or HDF5FILE, found {', '.join(unknown)}"
+        sentence = f"expected only DIM, SPACE, PARTITION or HDF5FILE, found {', '.join(unknown)}"
+        yield required(geometry.place, sentence)
     if "HDF5FILE" in geometry.attributes:
         return
     sections = {child.tag: child for child in geometry.children()}
@@ -34,16 +36,17 @@ def geometry_findings(geometry: Element) -> Iterator[tuple[str, str]]:
     for name in ("VERTEX", "CURVED"):
         section = sections.get(name)
         if section is not None and not _is_coded(section):
-            yield from ((section.place, sentence) for sentence in _digits(section))
-    yield from _composites(sections)
+            yield from (advised(section.place, sentence) for sentence in _digits(section))
+    yield from _composites(sections, "PARTITION" in geometry.attributes)
 
 
-def payload_findings(element: Element) -> Iterator[str]:
-    """What is wrong with the text of a payload: it must be one line of base64, and say so."""
+def payload_findings(place: str, element: Element) -> Iterator[Finding]:
+    """What is wrong with the text of a payload: it must be one line of base64, and should say so."""
     if element.attributes.get("COMPRESSED", "").lower() != ENCODING.lower():
-        yield f"expected COMPRESSED={ENCODING}, found {element.attributes.get('COMPRESSED') or 'none'}"
+        found = element.attributes.get("COMPRESSED") or "none"
+        yield advised(place, f"expected COMPRESSED={ENCODING}, found {found}")
     if re.search(rb"\s", bytes(element.content).strip()):
-        yield "expected base64 on one line, found blanks in it"
+        yield required(place, "expected base64 on one line, found blanks in it")
 
 
 def _is_coded(section: Element) -> bool:
@@ -59,18 +62,18 @@ def _first(section: Element) -> Iterator[Element]:
         return
 
 
-def _coding(sections: dict[str, Element]) -> Iterator[tuple[str, str]]:
+def _coding(sections: dict[str, Element]) -> Iterator[Finding]:
     """All sections are compressed, each payload on one line, or none is."""
     filled = [s for t, s in sections.items() if t in ("VERTEX", "EDGE", "FACE", "ELEMENT", "CURVED") and not s.is_empty]
     coded = {section.tag: _is_coded(section) for section in filled}
     for section in filled:
         if coded[section.tag] != coded.get("VERTEX", False):
             wanted = "compressed" if coded.get("VERTEX") else "text"
-            yield section.place, f"expected {wanted} like VERTEX, found another form"
+            yield required(section.place, f"expected {wanted} like VERTEX, found another form")
         if coded[section.tag]:
             for payload in _payloads(section):
                 if re.search(rb"\s", bytes(payload.content).strip()):
-                    yield payload.place, "expected base64 on one line, found blanks in it"
+                    yield required(payload.place, "expected base64 on one line, found blanks in it")
 
 
 def _payloads(section: Element) -> Iterator[Element]:
@@ -101,22 +104,27 @@ def _is_whole(token: bytes) -> bool:
     return _significant(b"%.17g" % float(token)) == _significant(token)
 
 
-def _composites(sections: dict[str, Element]) -> Iterator[tuple[str, str]]:
-    """Composites as TAG[list], the domain as C[list], alone or in children D."""
+def _composites(sections: dict[str, Element], is_piece: bool) -> Iterator[Finding]:
+    """Composites as TAG[list], the domain as C[list], alone or in children D.
+
+    is_piece  whether this is a part of a mesh, which may lack composites that others have
+    """
     present = set()
     for child in sections["COMPOSITE"].children() if "COMPOSITE" in sections else ():
         present.add(child.attributes.get("ID", "").strip())
         if not _TOKENS.fullmatch(bytes(child.content)):
-            yield child.place, f"expected TAG[ids] without blanks in brackets, found {child.text[:40]!r}"
+            yield required(child.place, f"expected TAG[ids] without blanks in brackets, found {child.text[:40]!r}")
     domain = sections.get("DOMAIN")
     if domain is None or domain.is_empty:
-        yield (domain.place if domain else "<GEOMETRY>"), 'expected a DOMAIN such as <D ID="0"> C[0] </D>, found none'
+        place = domain.place if domain else "<GEOMETRY>"
+        yield required(place, 'expected a DOMAIN such as <D ID="0"> C[0] </D>, found none')
         return
     for entry in list(domain.children()) or [domain]:
         if entry.tag not in ("D", "DOMAIN") or not _DOMAIN.fullmatch(bytes(entry.content)):
-            yield entry.place, f"expected C[ids], found {entry.text[:40]!r}"
+            yield required(entry.place, f"expected C[ids], found {entry.text[:40]!r}")
             continue
         ids = composite_ids(bytes(entry.content))
         unknown = next((id for id in ids.expand(_MOST).tolist() if str(id) not in present), None)
         if unknown is not None:
-            yield entry.place, f"expected composites of the mesh, found {unknown}"
+            kind = advised if is_piece else required
+            yield kind(entry.place, f"expected composites of the mesh, found {unknown}")
