@@ -281,5 +281,5 @@ def test_the_command_fails_where_what_is_required_is_broken(volume, tmp_path):
     assert isinstance(outcome.exception, ElvisError)
     assert "rules that are required, found 1 that is broken" in str(outcome.exception)
     required, advised = outcome.stdout.split("good practice, which programs of the format do without:\n")
-    assert required.startswith("required by programs of the format:\n  a.xml, line 4, <GEOMETRY>: expected only DIM")
+    assert required.startswith("required by programs of the format:\n  a.xml, line 3, <GEOMETRY>: expected only DIM")
     assert sentence in advised
