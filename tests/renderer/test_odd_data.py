@@ -10,8 +10,8 @@ from elvis.formats.dataset import Block, Dataset, Field
 from elvis.formats.geometry import geometry
 from elvis.formats.mapping.connectivity import connected
 from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, mixed_volume, ripple
-from elvis.renderer import Plane, Scene, SceneError, Status
+from elvis.formats.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.renderer import Plane, Scene, SceneError, Status, default_field, render
 from elvis.renderer.palette import NOT_A_NUMBER
 
 PLANE = Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0))
@@ -175,3 +175,21 @@ def test_a_glance_has_no_record(renderer, linear, tmp_path):
         with pytest.raises(SceneError, match="an exact record needs reference coordinates"):
             quick.save(tmp_path / name)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_fields_that_give_the_map_are_nobody_s_colours(draw):
+    """A mesh alone whose map travels as fields is a mesh alone; of more fields the first of the others is shown."""
+    mesh = curved(grid(Shape.HEXAHEDRON, 1), ripple(0.05), 3)
+    plain = Dataset(mesh)
+    maps = [approximated(plain, f"map_{'xyz'[i]}", lambda p, i=i: p[:, i], 4) for i in range(3)]
+    mapped = Dataset(mesh, tuple(maps), metadata={"GeometryMap": "map_x,map_y,map_z"})
+    with pytest.raises(SceneError, match="a mesh but no field: give the field file too, or name a quantity"):
+        default_field(mapped)
+    with pytest.raises(SceneError, match="a mesh but no field"):
+        render(mapped, device="reference", objects=(PLANE,), size=(40, 30))
+    other = approximated(plain, "u", lambda p: p[:, 0], 2)
+    assert default_field(replace(mapped, fields=(*maps, other))) == "u"
+    assert default_field(replace(mapped, metadata={})) == "map_x"
+    frame = draw(mapped, "reference", field="x", plane=PLANE, size=(40, 30))
+    assert frame.seen.any()
+    assert np.abs(frame.field - frame.position[..., 0])[frame.seen].max() < 1e-12

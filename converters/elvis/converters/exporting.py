@@ -15,7 +15,7 @@ import numpy as np
 from elvis.formats.arrays import Floats
 from elvis.formats.dataset import Dataset, Expansion
 from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import MAP_FIELDS
+from elvis.formats.geometry import map_names
 from elvis.formats.patch import Patch, patches
 from elvis.formats.polynomials.bases import Basis
 from elvis.formats.polynomials.collapse import uncollapse
@@ -122,9 +122,8 @@ def exported(dataset: Dataset, names: Sequence[str] | None, order: int | None, t
     """
     if any(block.expansion.homogeneous for each in dataset.fields for block in each.blocks):
         raise ElvisError("expected fields without Fourier directions, found some with")
-    maps = dataset.metadata.get("GeometryMap", "").replace(" ", "").split(",")
-    is_mapped = "GeometryMap" in dataset.metadata
-    own = [f.name for f in dataset.fields if not is_mapped or f.name not in (*maps, *MAP_FIELDS)]
+    maps = map_names(dataset)
+    own = [f.name for f in dataset.fields if f.name not in maps]
     chosen = tuple(own if names is None else names)
     result = Export(chosen, losses=[Loss("coordinates"), *(Loss(name) for name in chosen)])
     for patch in patches(dataset, chosen):

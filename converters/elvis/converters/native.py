@@ -13,9 +13,9 @@ import numpy as np
 from elvis.converters.hdf5 import holds
 from elvis.formats import read
 from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset, Expansion
+from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.geometry import MAP_FIELDS
+from elvis.formats.geometry import map_names
 from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Composite, Mesh
 from elvis.formats.nektar.sources import GZIP_SIGNATURE, HDF5_SIGNATURE
@@ -66,7 +66,7 @@ class Native(Converter):
 
     def __init__(self, paths: Sequence[Path], composites: str | None = None) -> None:
         dataset = read(*paths)
-        maps = _map_names(dataset)
+        maps = map_names(dataset)
         names = [field.name for field in dataset.fields if field.name not in maps]
         self.mesh = dataset.mesh if composites is None else None
         wanted = None if composites is None else _wanted(dataset.mesh, composites)
@@ -138,12 +138,6 @@ def _is_native(path: Path) -> bool:
         return holds(path, "NEKTAR") if head.startswith(HDF5_SIGNATURE) else bool(_ROOT.search(head))
     except (OSError, zlib.error):
         return False
-
-
-def _map_names(dataset: Dataset) -> tuple[str, ...]:
-    if "GeometryMap" not in dataset.metadata:
-        return ()
-    return tuple(name.strip() for name in dataset.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
 
 
 def _domain(mesh: Mesh) -> list[Composite]:

@@ -72,11 +72,18 @@ def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
     return (*(part for shape in shapes for part in _assembled(skeleton, shape, ids)), *mapped)
 
 
+def map_names(dataset: Dataset) -> tuple[str, ...]:
+    """The names of the fields that give the map, none where the mesh alone does."""
+    if "GeometryMap" not in dataset.metadata:
+        return ()
+    return tuple(name.strip() for name in dataset.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
+
+
 def _mapped(dataset: Dataset) -> Iterator[GeometryBlock]:
     """Blocks of the elements whose mapping is given as fields."""
-    if "GeometryMap" not in dataset.metadata:
+    names = map_names(dataset)
+    if not names:
         return
-    names = tuple(name.strip() for name in dataset.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
     present = {field.name: field.blocks for field in dataset.fields}
     if len(names) > 3 or not present.keys() >= set(names):
         found = f"{', '.join(names)} among {', '.join(present) or 'no fields'}"

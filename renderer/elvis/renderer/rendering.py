@@ -14,6 +14,7 @@ import numpy as np
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.dataset import Dataset
 from elvis.formats.errors import ElvisError
+from elvis.formats.geometry import map_names
 from elvis.formats.quantities import Expression
 from elvis.plugins.examining import checked
 from elvis.plugins.opening import Opened
@@ -94,10 +95,13 @@ def _is_exact(scene: Scene) -> bool:
 
 
 def default_field(data: Dataset | Opened) -> str:
-    """The first field; SceneError where the data have none."""
-    names = _names(data)
+    """The first field that doesn't give the map; SceneError where the data have none."""
+    maps = () if isinstance(data, Opened) else map_names(data)
+    names = [name for name in _names(data) if name not in maps]
     if not names:
-        raise SceneError("the data hold a mesh but no field: give the field file too")
+        raise SceneError(
+            "the data hold a mesh but no field: give the field file too, or name a quantity, such as --field x"
+        )
     return names[0]
 
 
