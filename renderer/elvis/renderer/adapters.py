@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from elvis.renderer.diagnostics import errors_alone
 from elvis.renderer.errors import DeviceError
+from elvis.renderer.kernel_cache import kernel_cache
 
 if TYPE_CHECKING:
     import slangpy
@@ -77,9 +77,7 @@ def opened(adapter: Adapter) -> slangpy.Device:
     """An adapter's device; DeviceError where it can't be opened."""
     import slangpy
 
-    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "elvis" / "kernels"
     try:
-        cache.mkdir(parents=True, exist_ok=True)
         with _quiet():
             return slangpy.Device(
                 type=getattr(slangpy.DeviceType, adapter.kind),
@@ -87,9 +85,9 @@ def opened(adapter: Adapter) -> slangpy.Device:
                 enable_hot_reload=False,
                 enable_rhi_validation=False,
                 enable_ray_tracing=False,
-                shader_cache_path=cache,
+                shader_cache_path=kernel_cache().private,
             )
-    except (RuntimeError, OSError) as error:
+    except RuntimeError as error:
         advice = f"; {ADVICE}" if adapter.kind == "vulkan" else ""
         raise DeviceError(f"the device {adapter.name} ({adapter.label}) can't be opened{advice}") from error
 

@@ -16,6 +16,7 @@ from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.adapters import choose, opened
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.errors import DeviceError, DeviceLostError
+from elvis.renderer.kernel_cache import KernelCache, kernel_cache
 from elvis.renderer.pacing import Pace, Watch
 
 if TYPE_CHECKING:
@@ -71,7 +72,8 @@ class Device:
         """Open a device (see choose)."""
         self.adapter = choose(name)
         self._opened: slangpy.Device | None = opened(self.adapter)
-        self.watch = Watch(self._opened.wait_for_idle)
+        self.cache = kernel_cache()
+        self.watch = Watch(self._opened.wait_for_idle, _keeping(self._opened, self.cache))
         self._folders = [SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
@@ -91,7 +93,7 @@ class Device:
         for kernel in self._kernels.values():
             kernel.release()
         self._kernels.clear()
-        self._session, self.watch = None, Watch(lambda: None)
+        self._session, self.watch = None, Watch.none()
         device, self._opened = self._opened, None
         if device is not None:
             device.close()
@@ -243,10 +245,13 @@ class Kernel:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
         bound = {name: buffers[name].memory for name in self._globals if name != OFFSET}
         total = count if groups else -(-count // self._group)
+        fresh = not self._pace.compiled
         with working():
             for first, end in self._pace.batches(total, GROUPS_IN_ROW, work):
                 self._dispatch(first, end - first, bound)
                 self._watch.after_dispatch()
+        if fresh:
+            self._watch.compiled()
 
     def _dispatch(self, first: int, total: int, bound: dict[str, Any]) -> None:
         """Run some groups from the first one on, in rows that devices allow."""
@@ -256,6 +261,20 @@ class Kernel:
         row = min(total, GROUPS_IN_ROW)
         threads = slangpy.uint3(row * self._group, -(-total // row), 1)
         self._kernel.dispatch(threads, vars={**bound, OFFSET: first})
+
+
+def _keeping(device: slangpy.Device, cache: KernelCache) -> Callable[[], None]:
+    """Keeps what a device has compiled since the last call."""
+    kept = 0
+
+    def keep() -> None:
+        nonlocal kept
+        compiled = device.shader_cache_stats.miss_count
+        if compiled > kept:
+            kept = compiled
+            cache.keep()
+
+    return keep
 
 
 @contextmanager

@@ -21,11 +21,14 @@ GROWTH = 8.0
 
 
 class Pace:
-    """How fast one kernel works, as its last dispatch tells."""
+    """How fast one kernel works, as its last dispatch tells.
+
+    compiled  whether there was one
+    """
 
     def __init__(self) -> None:
         self._seconds: float | None = None  # of a unit of work
-        self._compiled = False
+        self.compiled = False
 
     def batches(self, count: int, row: int, work: NDArray[Any] | None = None) -> Iterator[tuple[int, int]]:
         """Ranges (first, end) of ``count`` groups; the caller waits until one is done before it takes the next.
@@ -46,9 +49,9 @@ class Pace:
 
     def _note(self, seconds: float) -> None:
         """Keep what a unit of work took; the first dispatch of all compiles, and tells nothing."""
-        if self._compiled:
+        if self.compiled:
             self._seconds = max(seconds, 1e-12)
-        self._compiled = True
+        self.compiled = True
 
 
 def _end(ends: Floats, first: int, limit: float, row: int) -> int:
@@ -62,12 +65,18 @@ def _end(ends: Floats, first: int, limit: float, row: int) -> int:
 class Watch:
     """What is done between dispatches: waiting for the device, and a look at the time.
 
-    pulse  is to be called every now and then in long work of the host too
+    pulse     is to be called every now and then in long work of the host too
+    compiled  is to be called when a kernel has run for the first time
     """
 
-    def __init__(self, wait: Callable[[], object]) -> None:
-        self._wait = wait
+    def __init__(self, wait: Callable[[], object], compiled: Callable[[], object]) -> None:
+        self._wait, self.compiled = wait, compiled
         self.pulse: Callable[[], object] = _nothing
+
+    @staticmethod
+    def none() -> Watch:
+        """That of a closed device."""
+        return Watch(_nothing, _nothing)
 
     @contextmanager
     def pulsing(self, pulse: Callable[[], object]) -> Iterator[None]:
@@ -85,4 +94,4 @@ class Watch:
 
 
 def _nothing() -> None:
-    """No pulse."""
+    """No pulse, and nothing to wait for."""

@@ -229,6 +229,7 @@ class Renderer:
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
             elements=len(self.stages.loaded.ids) - 1,
             pixels=frame.counts(),
+            remarks=[*frame.stats.get("remarks", ()), *self.device.cache.remarks],
         )
         frame.stats["seconds"] = {**self.seconds, **frame.stats.get("seconds", {}), "frame": perf_counter() - start}
         return frame

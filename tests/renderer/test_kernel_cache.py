@@ -1,0 +1,229 @@
+"""Compiled kernels that are kept: found again, checked, shared by processes, and never in the way of a picture."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import grid
+from elvis.renderer import Plane, kernel_cache, render
+from elvis.renderer.compositing import Coats
+from elvis.renderer.device import Device
+from elvis.renderer.kernel_cache import KernelCache, cache_folder
+
+COLOR = (0.25, 0.5, 0.75)
+#: a process that compiles a kernel, and says how many were at hand
+PROGRAM = """
+import sys
+from elvis.renderer.compositing import Coats
+from elvis.renderer.device import Device
+with Device("vulkan") as device:
+    assert (Coats.of(device, 5, [], (0.25, 0.5, 0.75)).compose().colors() == (0.25, 0.5, 0.75)).all()
+    print(device._device.shader_cache_stats.hit_count)
+"""
+
+
+@pytest.fixture
+def process(monkeypatch):
+    """Begin anew, as a new process does, with another folder where one is given."""
+
+    def begin(home=None):
+        for cache in kernel_cache._caches.values():
+            cache.close()
+        kernel_cache._caches.clear()
+        if home is not None:
+            monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+
+    monkeypatch.setattr(kernel_cache, "_caches", {})
+    yield begin
+    begin()
+
+
+@pytest.fixture
+def compose(renderer):
+    """Draw nothing on a background; kernels that were at hand, those that were not, and remarks."""
+    renderer("vulkan")
+
+    def compose():
+        with Device("vulkan") as device:
+            assert (Coats.of(device, 5, [], COLOR).compose().colors() == COLOR).all()
+            stats = device._device.shader_cache_stats
+            return stats.hit_count, stats.miss_count, device.cache.remarks
+
+    return compose
+
+
+def kept(home, suffix="kernel"):
+    """The files that are kept."""
+    return sorted((home / "elvis" / "kernels").glob(f"*.{suffix}"))
+
+
+def test_kernels_are_found_again(process, compose, tmp_path):
+    process(tmp_path)
+    assert compose() == (0, 1, [])
+    assert len(kept(tmp_path)) == 1
+    assert compose() == (1, 0, [])
+    private = kernel_cache.kernel_cache().private
+    process()
+    assert not private.parent.exists()
+    assert compose() == (1, 0, [])
+    assert len(kept(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("damage", ["one bit", "cut short", "empty", "something else"])
+def test_damaged_kernels_are_set_aside_and_made_again(process, compose, tmp_path, damage):
+    process(tmp_path)
+    compose()
+    (file,) = kept(tmp_path)
+    whole = file.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 4
+    wrong = {"one bit": bytes(flipped), "cut short": whole[:-1], "empty": b"", "something else": b"x" * 1000}[damage]
+    file.write_bytes(wrong)
+    process()
+    hits, misses, remarks = compose()
+    assert (hits, misses, len(remarks)) == (0, 1, 1)
+    assert remarks[0] == (
+        f"compiled kernels in {file.parent} that were damaged, set aside and made again when needed: 1"
+    )
+    assert file.read_bytes() == whole
+    assert [path.read_bytes() for path in kept(tmp_path, "damaged")] == [wrong]
+    process()
+    assert compose() == (1, 0, [])
+
+
+def test_any_bit_counts(tmp_path):
+    path = kernel_cache._write(tmp_path, b"key", b"a kernel")
+    whole = path.read_bytes()
+    assert kernel_cache._parsed(whole) == (b"key", b"a kernel")
+    for bit in range(8 * len(whole)):
+        wrong = bytearray(whole)
+        wrong[bit // 8] ^= 1 << bit % 8
+        assert kernel_cache._parsed(bytes(wrong)) is None
+    assert all(kernel_cache._parsed(whole[:end]) is None for end in range(len(whole)))
+
+
+@pytest.mark.parametrize("place", ["a file", "a device"])
+def test_pictures_are_drawn_where_nothing_can_be_kept(process, compose, tmp_path, place):
+    (tmp_path / "file").touch()
+    home = tmp_path / "file" if place == "a file" else Path("/dev/null/here")
+    process(home)
+    hits, misses, remarks = compose()
+    assert (hits, misses) == (0, 1)
+    assert remarks == [f"compiled kernels can't be kept in {home}/elvis/kernels: Not a directory"]
+    # once in a process, which has its kernels nonetheless
+    assert compose() == (1, 0, remarks)
+
+
+def test_a_full_disk_is_said_and_leaves_no_half_file(process, compose, tmp_path, monkeypatch):
+    def full(self, data):
+        with self.open("wb") as file:
+            file.write(data[:10])
+        raise OSError(28, "No space left on device")
+
+    process(tmp_path)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert compose()[2] == [f"compiled kernels can't be kept in {tmp_path}/elvis/kernels: No space left on device"]
+    assert list((tmp_path / "elvis" / "kernels").iterdir()) == []
+
+
+def test_without_a_temporary_folder_kernels_are_in_memory(process, compose, tmp_path, monkeypatch):
+    def none():
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    process(tmp_path)
+    monkeypatch.setattr(kernel_cache.tempfile, "gettempdir", none)
+    for _ in range(2):
+        assert compose() == (
+            0,
+            0,
+            ["compiled kernels are in memory alone: there is no temporary folder to write to"],
+        )
+
+
+def test_remarks_are_in_the_statistics_of_a_picture(process, renderer, linear):
+    renderer("vulkan")
+    kernel_cache.kernel_cache().remarks.append("compiled kernels can't be kept in a test")
+    plane = Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
+    frame = render(linear(grid(Shape.HEXAHEDRON, 1)), field="u", plane=plane, size=(8, 8), device="vulkan")
+    assert "compiled kernels can't be kept in a test" in frame.stats["remarks"]
+
+
+def test_processes_that_run_at_the_same_time(process, compose, tmp_path):
+    settings = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    started = [
+        subprocess.Popen([sys.executable, "-c", PROGRAM], env=settings, stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    assert [process.communicate()[0].strip() in ("0", "1") for process in started] == [True] * 3
+    assert [process.returncode for process in started] == [0] * 3
+    assert [path.suffix for path in (tmp_path / "elvis" / "kernels").iterdir()] == [".kernel"]
+    process(tmp_path)
+    assert compose() == (1, 0, [])
+
+
+def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
+    files = [kernel_cache._write(tmp_path, bytes([k]), np.full(1000, k, np.uint8).tobytes()) for k in range(5)]
+    now = time.time()
+    for age, file in enumerate(files):
+        os.utime(file, (now - 1000 * age, now - 1000 * age))
+    (tmp_path / "half.written").touch()
+    os.utime(tmp_path / "half.written", (now - 1e5, now - 1e5))
+    monkeypatch.setattr(kernel_cache, "MOST_BYTES", 3500)
+    cache = KernelCache(tmp_path)
+    try:
+        assert sorted(tmp_path.iterdir()) == sorted(files[:3])
+        assert cache.remarks == []
+    finally:
+        cache.close()
+
+
+def test_the_use_of_an_old_kernel_is_noted(process, compose, tmp_path):
+    process(tmp_path)
+    compose()
+    (file,) = kept(tmp_path)
+    os.utime(file, (1e9, 1e9))
+    process()
+    compose()
+    process()
+    assert file.stat().st_mtime > 1.1e9
+    os.utime(file, (1e9, 1e9))
+    kernel_cache.kernel_cache()
+    process()
+    assert file.stat().st_mtime == 1e9
+
+
+@pytest.mark.parametrize(
+    ("cache_home", "home", "expected"),
+    [
+        ("/a/b", "/h", "/a/b/elvis/kernels"),
+        ("", "/h", "/h/.cache/elvis/kernels"),
+        (None, "/h", "/h/.cache/elvis/kernels"),
+        ("a/b", "/h", "/h/.cache/elvis/kernels"),
+        ("./a", "/h", "/h/.cache/elvis/kernels"),
+        (None, "relative", None),
+        ("", "", None),
+        ("/a", "", "/a/elvis/kernels"),
+    ],
+)
+def test_the_folder_follows_the_base_directory_specification(monkeypatch, cache_home, home, expected):
+    """Empty is as if it were not set; a relative path is ignored."""
+    monkeypatch.setenv("HOME", home)
+    if cache_home is None:
+        monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    else:
+        monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
+    assert cache_folder() == (None if expected is None else Path(expected))
+
+
+def test_without_a_home_kernels_are_not_kept(process, compose, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", "relative")
+    monkeypatch.chdir(tmp_path)
+    process("")
+    assert compose()[1:] == (1, ["compiled kernels are not kept: there is no home folder, and no XDG_CACHE_HOME"])
+    assert list(tmp_path.iterdir()) == []
