@@ -225,6 +225,7 @@ def test_a_failed_write_leaves_everything_as_it_was(case_files, tmp_path, monkey
         ({"mesh_path": "a.nekg", "mesh_format": "hdf5"}, "a.nekg: expected the name of the XML file"),
         ({"mesh_path": "a.xml", "mesh_format": "binary"}, "expected one of the formats compressed, text, hdf5"),
         ({"field_path": "a.fld.gz", "field_format": "hdf5"}, "a.fld.gz: expected a name without .gz"),
+        ({"mesh_path": "a\udcff.xml", "mesh_format": "hdf5"}, "a\udcff.xml: expected a name that is UTF-8"),
         ({"mesh_path": "nowhere/a.xml"}, "nowhere/a.xml: cannot be written: there is no folder"),
     ],
 )

@@ -3,11 +3,17 @@
 import json
 import os
 import pty
+import re
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from elvis.plugins.interrupts import Interrupts
+
+MINIATURE = Path(__file__).parent / "miniature"
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 
 
@@ -85,6 +91,7 @@ def test_an_unknown_option_names_it(elvis):
         ("file", 1, "/nowhere/wing.xml: No such file or directory"),
         ("memory", 1, "there is not enough memory: Unable to allocate 8 TiB"),
         ("interrupt", 130, "interrupted"),
+        ("name", 1, "wing?.msh: expected a name in UTF-8, as the library that takes it knows no others"),
         ("bug", 1, "unexpected KeyError: 'jacobian'; this is a fault of the program, --debug shows where"),
         ("wordless", 1, "unexpected AssertionError; this is a fault of the program, --debug shows where"),
     ],
@@ -142,7 +149,79 @@ def test_a_full_disk_is_said_once(elvis):
     with open("/dev/full", "w") as full:
         process = elvis("hello", stdout=full)
     assert process.returncode == 1
-    assert one_sentence(process) == "No space left on device"
+    assert re.fullmatch("(standard output: )?No space left on device", one_sentence(process))
+
+
+@pytest.fixture
+def interrupted(miniature):
+    """Run ``elvis`` until it says that it waits, press Ctrl-C; status, standard output and standard error."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(miniature), *sys.path]), "PYTHONUNBUFFERED": "1"}
+
+    def run(*arguments):
+        process = subprocess.Popen(
+            [*ELVIS, *arguments],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        )
+        assert process.stdout.readline() == "waiting\n"
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate()
+        return process.returncode, out, err
+
+    return run
+
+
+@pytest.mark.parametrize(("how", "said"), [("import", "done\n"), ("destructor", "done\n"), ("translated", "")])
+def test_an_interrupt_ends_in_a_sentence_wherever_it_comes(interrupted, how, said):
+    """While a module is loaded, it waits for that; where Python can't take it, it comes again."""
+    status, out, err = interrupted("wait", how)
+    assert (status, err.strip()) == (130, "elvis: error: interrupted")
+    assert said.startswith(out)
+
+
+def test_an_interrupt_that_is_ignored_stays_so():
+    """As in the background of a script."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with Interrupts(is_process=True):
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+CLOSED = {0: "<&-", 1: ">&-", 2: "2>&-"}
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
+@pytest.mark.parametrize("arguments", [("hello",), ("fail", "format")])
+def test_closed_streams(elvis, tmp_path, closed, arguments):
+    """What can't be said fails the command, and no file that it opens takes the place of a stream."""
+    shell = f'"$@" {" ".join(CLOSED[number] for number in closed)}'
+    code = "import sys; from elvis.plugins.command import main; main()"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(MINIATURE), *sys.path])}
+    done = subprocess.run(
+        ["sh", "-c", shell, "sh", sys.executable, "-c", code, *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == (1 if arguments[0] == "fail" or 1 in closed else 0)
+    assert "Traceback" not in done.stderr
+    if 1 in closed and 2 not in closed and arguments[0] == "hello":
+        assert re.fullmatch("(standard output: )?Bad file descriptor", one_sentence(done))
+
+
+def test_names_that_are_no_text(elvis):
+    """File names are bytes."""
+    name = os.fsdecode(b"wing\xff\x1b[31m.xml")
+    process = elvis("info", name)
+    assert process.returncode == 1
+    assert one_sentence(process).startswith("wing??[31m.xml: ")
 
 
 def test_plugins_lists_each_with_its_state(elvis):

@@ -116,5 +116,13 @@ def test_a_scene_that_is_written_can_be_read(folder, suffix):
 @pytest.mark.parametrize("key", ['{"title": "%s"}', '{"data": ["%s"]}', '{"palette": "%s"}'])
 def test_texts_that_no_file_name_and_no_utf8_holds(folder, key, text):
     (folder / "s.json").write_text(key % text)
-    with pytest.raises(SceneError, match=r"s\.json: \S+: expected text without zeros and halves of characters"):
+    with pytest.raises(SceneError, match=r"s\.json: \S+: expected text in UTF-8 without zeros"):
         read_scene(folder / "s.json")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_names_that_are_no_text_stand_in_no_scene_file(folder, suffix):
+    """YAML and JSON would write escapes, which are refused when they are read."""
+    with pytest.raises(SceneError, match=rf"w\{suffix}: data\[0\]: expected text in UTF-8"):
+        write_scene(Scene("u", data=(os.fsdecode(b"\xff.xml"),)), folder / f"w{suffix}")
+    assert not (folder / f"w{suffix}").exists()

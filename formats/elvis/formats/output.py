@@ -136,12 +136,8 @@ def write_bytes(path: str | Path, content: bytes, outputs: Outputs | None = None
 
 def write_text(path: str | Path, content: str, outputs: Outputs | None = None) -> None:
     """Write a whole UTF-8 file with plain line ends, as `write_bytes` does."""
-    try:
-        encoded = content.encode()
-    except UnicodeEncodeError as error:
-        found = content[max(0, error.start - 20) : error.end]
-        raise ElvisError(f"{path}: cannot be written: expected text that UTF-8 can hold, found {found!r}") from error
-    write_bytes(path, encoded, outputs)
+    with replacing(path, outputs) as file:
+        file.write_bytes(content.encode())
 
 
 def check_place(path: str | Path) -> None:
@@ -221,6 +217,9 @@ def _naming(path: str | Path, written: Path) -> Iterator[None]:
             raise
         reason = error.strerror or str(error).replace(str(written), written.name)
         raise ElvisError(f"{path}: cannot be written: {' '.join(reason.split())}") from error
+    except UnicodeEncodeError as error:
+        found = error.object[max(0, error.start - 20) : error.end]
+        raise ElvisError(f"{path}: cannot be written: expected names and text in UTF-8, found {found!r}") from error
 
 
 def _hand_on_mode(item: Replacement) -> None:

@@ -1,4 +1,7 @@
-"""What a person at a terminal sees: tables and progress; plain and silent in a pipe."""
+"""What a person at a terminal sees: tables and progress; plain and silent in a pipe.
+
+Names come from files and may hold anything: what a terminal would act on is shown as question marks.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,21 @@ from typing import TypeVar
 Item = TypeVar("Item")
 
 
+def visible(text: str) -> str:
+    """The text with a question mark for each character that has no picture, lines but for their ends."""
+    return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
+
+
+def one_line(text: str) -> str:
+    """The text as `visible`, its words on one line."""
+    return visible(" ".join(text.split()))
+
+
+def say(text: str = "") -> None:
+    """Print text on standard output."""
+    print(visible(text))
+
+
 def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> None:
     """Print a table on standard output, columns of numbers to the right: framed on a terminal, bare in a pipe.
 
@@ -21,11 +39,11 @@ def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title:
     from rich.table import Table
     from rich.text import Text
 
-    cells = [[str(cell) for cell in row] for row in rows]
+    cells = [[visible(str(cell)).replace("\n", " ") for cell in row] for row in rows]
     on_terminal = sys.stdout.isatty()
     table = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, title_justify="left")
     table.show_header = any(headers)
-    table.title = Text(title, style="bold") if title else None
+    table.title = Text(one_line(title), style="bold") if title else None
     for column, header in enumerate(headers):
         numeric = bool(cells) and all(_is_number(row[column]) for row in cells)
         table.add_column(header, justify="right" if numeric else "left", overflow="fold")
@@ -47,8 +65,9 @@ def stage(description: str) -> Iterator[None]:
         yield
         return
     from rich.console import Console
+    from rich.text import Text
 
-    with Console(stderr=True).status(description):
+    with Console(stderr=True).status(Text(one_line(description))):
         yield
 
 
@@ -58,9 +77,11 @@ def track(items: Sequence[Item], description: str) -> Iterator[Item]:
         yield from items
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import track as rich_track
 
-    yield from rich_track(items, description=description, console=Console(stderr=True), transient=True)
+    shown = escape(one_line(description))
+    yield from rich_track(items, description=shown, console=Console(stderr=True), transient=True)
 
 
 @contextmanager
@@ -70,16 +91,17 @@ def progress(description: str) -> Iterator[Callable[[int, int], object] | None]:
         yield None
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(description, total=None)
+        task = bar.add_task(escape(one_line(description)), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def warn(sentence: str) -> None:
     """Say on standard error what the user should know of a result."""
-    print(f"elvis: warning: {sentence}", file=sys.stderr)
+    print("elvis: warning:", one_line(sentence), file=sys.stderr)
 
 
 def _is_number(cell: str) -> bool:

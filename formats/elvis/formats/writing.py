@@ -78,8 +78,18 @@ def _check(mesh_format: str, field_format: str, mesh_file: Path | None, field_fi
         raise ElvisError("expected the name of a file to write, found none")
     if mesh_file == field_file:
         raise ElvisError(f"{mesh_file}: expected two names for mesh and fields, found one")
+    if mesh_format == "hdf5" and mesh_file:
+        _check_text(mesh_file)
     if field_format == "hdf5" and field_file and field_file.suffix == ".gz":
         raise ElvisError(f"{field_file}: expected a name without .gz, for HDF5 packs its data itself")
+
+
+def _check_text(path: Path) -> None:
+    """ElvisError where the name of a file is not text, so that the XML can't name the one beside it."""
+    try:
+        path.name.encode()
+    except UnicodeEncodeError as error:
+        raise ElvisError(f"{path}: expected a name that is UTF-8, for the XML names the HDF5 file beside it") from error
 
 
 def _field_file(dataset: Dataset, mesh_file: Path | None, field_path: str | Path | None) -> Path | None:

@@ -1,199 +1,65 @@
-"""The ``elvis`` command: subcommands from the entry points ``elvis.commands``, one way of ending for all of them.
+"""The ``elvis`` command: ``main`` runs it, ``elvis`` is the click group.
 
 Exit status: 0 when all went well, 2 after a usage error, 130 after an interrupt, 1 after any other failure; one
-sentence on standard error goes with each failure.  A command is a ``click.Command`` whose module imports the heavy
-things inside its functions, because ``elvis --help`` loads them all.
+sentence on standard error goes with each failure.
+
+This module imports next to nothing, as Ctrl-C is a traceback of Python's own until `main` takes charge of it.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
-import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
-from elvis.formats.errors import ElvisError
-from elvis.plugins.registry import Plugin, PluginError, plugins
-
 if TYPE_CHECKING:
-    from elvis.plugins.answers import Answers
-
-INTERRUPTED = 130
-
-
-@dataclass
-class Settings:
-    """What holds for the whole run; ``debug`` shows the traceback of a failure."""
-
-    debug: bool
-
-    def ask(self, paths: Sequence[Path], plugin: str | None, report: Callable[[str], object]) -> Answers | None:
-        """What a runtime plugin answers about the files, for commands of floors below; None where none opens them."""
-        from elvis.plugins.answers import answers
-
-        return answers(paths, plugin, report)
+    from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``elvis`` with ``arguments``, those of the process by default, and exit with its status."""
-    settings = Settings(debug=os.environ.get("ELVIS_DEBUG", "0") not in ("", "0"))
-    with warnings.catch_warnings():
-        if not sys.warnoptions:
-            warnings.simplefilter("ignore")
-        sys.exit(_status(arguments, settings))
+    # a Ctrl-C waits until there is something to take it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 
-
-def _status(arguments: Sequence[str] | None, settings: Settings) -> int:
-    """Run the command to its end and return the exit status; failures are said in one sentence."""
-    try:
-        status = elvis.main(arguments, prog_name="elvis", standalone_mode=False, obj=settings)
-        if sys.stdout:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        _forget_broken_stdout()
-        return 1
-    except (KeyboardInterrupt, click.Abort):
-        return _say("interrupted", INTERRUPTED)
-    except click.ClickException as error:
-        return _say(_usage_sentence(error), error.exit_code)
-    except Exception as error:
-        if settings.debug:
-            sys.excepthook(type(error), error, error.__traceback__)
-        _forget_broken_stdout()
-        return _say(_sentence(error), 1)
-    return status if isinstance(status, int) else 0
-
-
-def _sentence(error: Exception) -> str:
-    """What went wrong, for a user."""
-    if isinstance(error, ElvisError):
-        return str(error)
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    if isinstance(error, MemoryError):
-        return f"there is not enough memory: {error}" if str(error) else "there is not enough memory"
-    what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return f"unexpected {what}; this is a fault of the program, --debug shows where"
-
-
-def _usage_sentence(error: click.ClickException) -> str:
-    """What was wrong with the command line, and where help is."""
-    message = error.format_message().rstrip(".")
-    context = getattr(error, "ctx", None)
-    return f"{message} (see {context.command_path} --help)" if context else message
-
-
-def _say(sentence: str, status: int) -> int:
-    """Print one line on standard error, with nothing in it that a terminal would act on, and pass the status on."""
-    line = " ".join(sentence.split())
-    print("elvis: error:", "".join(c if c.isprintable() else "?" for c in line), file=sys.stderr)
-    return status
-
-
-def _forget_broken_stdout() -> None:
-    """Point standard output at nothing where it cannot be written any more, lest the flush at exit say so again."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _debug_option() -> click.Option:
-    def remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-        if value and isinstance(context.obj, Settings):
-            context.obj.debug = True
-
-    text = "Show the traceback of a failure."
-    return click.Option(["--debug"], is_flag=True, expose_value=False, is_eager=True, callback=remember, help=text)
-
-
-def _print_version(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    if value:
-        from importlib.metadata import version
-
-        click.echo(f"elvis {version('elvis-viz')}")
-        context.exit()
-
-
-class PluginGroup(click.Group):
-    """A group whose commands are the plugins of ``elvis.commands``, loaded when they are asked for."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Every name, sorted."""
-        return list(plugins("elvis.commands"))
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, None where there is none; a broken plugin becomes a command that says so."""
-        plugin = plugins("elvis.commands").get(cmd_name)
-        if plugin is None:
-            return None
+    is_process = arguments is None
+    with Interrupts(is_process) as interrupts:
         try:
-            command = _loaded(plugin)
-        except PluginError as error:
-            return _broken(cmd_name, error)
-        if all("--debug" not in parameter.opts for parameter in command.params):
-            command.params.append(_debug_option())
-        return command
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            if is_process:
+                _open_closed_streams()
+            from elvis.plugins.running import run
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, but a name that is unknown is answered with those that are near it."""
-        name = args[0]
-        if not name.startswith("-") and name not in self.list_commands(ctx):
-            raise click.UsageError(f"there is no command {name!r}{self._suggestion(name, ctx)}", ctx)
-        return super().resolve_command(ctx, args)
-
-    def _suggestion(self, name: str, ctx: click.Context) -> str:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, self.list_commands(ctx), cutoff=0.5)
-        return f"; did you mean {' or '.join(near)}?" if near else ""
+            status = run(arguments, interrupts)
+        except KeyboardInterrupt:
+            print("elvis: error: interrupted", file=sys.stderr)
+            status = INTERRUPTED
+    sys.exit(status)
 
 
-def _loaded(plugin: Plugin) -> click.Command:
-    command = plugin.load()
-    if not isinstance(command, click.Command):
-        raise PluginError(f"{plugin} is not a click command but {type(command).__name__}")
-    return command
+def _open_closed_streams() -> None:
+    """Give standard streams that the caller has closed something to be, lest the next file opened become one of them.
 
-
-def _broken(name: str, error: PluginError) -> click.Command:
-    """A command that takes any arguments and only tells what is wrong with it."""
-
-    def fail(**ignored: object) -> None:
-        raise error
-
-    return click.Command(
-        name,
-        callback=fail,
-        params=[click.Argument(["anything"], nargs=-1, type=click.UNPROCESSED)],
-        context_settings={"ignore_unknown_options": True, "help_option_names": []},
-        short_help="(does not load, see elvis plugins)",
-    )
-
-
-@click.group(
-    cls=PluginGroup,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-@click.option(
-    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_print_version, help="Show the version."
-)
-@click.pass_context
-def elvis(context: click.Context) -> None:
-    """Pixel-exact pictures of high-order finite element solutions.
-
-    A DATA argument is one or more files in any order: meshes and fields are told apart by their content.
+    What is written to standard output then fails as it does on one that is broken; what is said of it is lost.
     """
-    if context.invoked_subcommand is None:
-        click.echo(context.get_help())
+    for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, mode)
+    sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
+    for stream in (sys.stdout, sys.stderr):
+        # names of files need not be text in the encoding of the terminal
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
-elvis.params.append(_debug_option())
+def __getattr__(name: str) -> object:
+    if name == "elvis":
+        from elvis.plugins.running import elvis
+
+        return elvis
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

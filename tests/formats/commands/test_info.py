@@ -146,3 +146,21 @@ def test_the_range_of_a_quantity(nektar, elvis):
     assert found["lower"] <= -1.99
     assert found["upper"] == pytest.approx(2, abs=0.05)
     assert "d(u,z)" in elvis("info", *channel, "--field", "d(u,z)")
+
+
+def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
+    """HDF5 holds any text; tables show it harmless, JSON whole."""
+    from dataclasses import replace
+
+    from elvis.formats import Dataset, Shape, write
+    from elvis.formats.testing import approximated, grid
+
+    name = "u\x1b]0;title\x07\x1b[2J"
+    bare = Dataset(grid(Shape.QUADRILATERAL, 2))
+    data = replace(bare, fields=(approximated(bare, name, lambda x: x[:, 0], 3),), metadata={"Note": name})
+    files = write(data, tmp_path / "m.xml", field_format="hdf5")
+    shown = elvis("info", *files) + elvis("norms", *files)
+    assert "u?]0;title??[2J" in shown
+    assert all(character.isprintable() or character == "\n" for character in shown)
+    assert elvis_json("info", *files)["fields"][0]["name"] == name
+    assert name in elvis("probe", *files, "--line", "0,0:1,1", "-n", "2")

@@ -22,6 +22,7 @@ def fail(how):
         "memory": MemoryError("Unable to allocate 8 TiB"),
         "interrupt": KeyboardInterrupt(),
         "bug": KeyError("jacobian"),
+        "name": UnicodeEncodeError("utf-8", "wing\udcff.msh", 4, 5, "surrogates not allowed"),
         "wordless": AssertionError(),
     }
     raise failures[how]
@@ -44,3 +45,28 @@ def flood():
 
 
 not_a_command = "text"
+
+
+@click.command("wait", short_help="Wait to be interrupted.")
+@click.argument("how")
+def wait(how):
+    """Wait, in the way asked for, and say when."""
+    import time
+
+    class Slow:
+        def __del__(self):
+            click.echo("waiting")
+            time.sleep(0.5)
+
+    if how == "import":
+        import slow  # noqa: F401
+    elif how == "destructor":
+        Slow()
+    elif how == "translated":
+        try:
+            click.echo("waiting")
+            time.sleep(60)
+        except KeyboardInterrupt:
+            raise RuntimeError("the library has an error of its own") from None
+    click.echo("done")
+    time.sleep(60)

@@ -177,7 +177,7 @@ def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent
     from elvis.formats import write
     from elvis.formats.errors import ElvisError
     from elvis.formats.output import Outputs
-    from elvis.formats.terminal import stage
+    from elvis.formats.terminal import say, stage
     from elvis.formats.writing import companions
 
     fields, data = companions(output)
@@ -195,7 +195,7 @@ def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent
             outputs.remove(file)
         written = write(dataset, output, outputs=outputs, **formats)
     if not is_silent:
-        click.echo(f"\nwrote {' and '.join(map(str, written))}")
+        say(f"\nwrote {' and '.join(map(str, written))}")
 
 
 def _converted(
@@ -228,14 +228,14 @@ def _converted(
 
 
 def _print_report(report: Report) -> None:
-    from elvis.formats.terminal import print_table
+    from elvis.formats.terminal import print_table, say
     from elvis.plugins.report import HEADERS
 
     counts = ", ".join(f"{count} {label}" for label, count in report.elements.items())
-    click.echo(f"{report.converter}: {counts}\n")
+    say(f"{report.converter}: {counts}\n")
     print_table(HEADERS, report.rows())
     for sentence in report.sentences():
-        click.echo(f"\nnote: {sentence}")
+        say(f"\nnote: {sentence}")
 
 
 def _print_list() -> None:

@@ -149,7 +149,7 @@ def _check(data: tuple[Path, ...], as_json: bool) -> None:
     """Print the rules that the files break; ElvisError where some of these are required."""
     from elvis.formats.errors import ElvisError
     from elvis.formats.judging.strict import findings
-    from elvis.formats.terminal import print_json, stage
+    from elvis.formats.terminal import print_json, say, stage
 
     with stage("checking"):
         found = findings(*data)
@@ -161,23 +161,24 @@ def _check(data: tuple[Path, ...], as_json: bool) -> None:
         _print_findings("required by programs of the format:", required)
         _print_findings("good practice, which programs of the format do without:", advised)
         if not found:
-            click.echo("all rules are kept")
+            say("all rules are kept")
     if required:
         count = f"{len(required)} that {'is' if len(required) == 1 else 'are'} broken"
         raise ElvisError(f"expected files that keep all rules that are required, found {count}")
 
 
 def _print_findings(title: str, found: Sequence[Finding]) -> None:
+    from elvis.formats.terminal import one_line, say
+
     if found:
-        click.echo(title)
-        click.echo("\n".join(f"  {each}" for each in found))
+        say("\n".join([title, *(f"  {one_line(str(each))}" for each in found)]))
 
 
 def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
     """Print the verdict on the Jacobian of every element; ElvisError where one is not positive for certain."""
     from elvis.formats.errors import ElvisError
     from elvis.formats.judging.validity import Verdict, validity, verdicts
-    from elvis.formats.terminal import print_json, print_table, stage
+    from elvis.formats.terminal import print_json, print_table, say, stage
 
     with stage("proving"):
         found = validity(dataset)
@@ -185,7 +186,7 @@ def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
     if as_json:
         print_json(facts)
     else:
-        click.echo(_verdict(facts))
+        say(_verdict(facts))
         headers = ("element", "shape", "jacobian", "lower bound", "upper bound", "least", "at xi", "at x")
         rows = [_listed_row(row) for row in facts["listed"]]
         if rows:

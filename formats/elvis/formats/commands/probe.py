@@ -124,6 +124,7 @@ def probe(
     --all shows the value of each. A grid's values alone are written, of one field or the components of a vector.
     """
     from elvis.formats.columns import csv_lines, write_columns
+    from elvis.formats.terminal import visible
 
     if output is not None:
         _check_output(output, (grid or box) is not None, inputs(data, plugin, points), overwrite)
@@ -136,7 +137,8 @@ def probe(
     if output is not None:
         write_columns(output, columns)
     else:
-        sys.stdout.writelines(csv_lines(columns))
+        lines = csv_lines(columns)
+        sys.stdout.writelines(map(visible, lines) if sys.stdout.isatty() else lines)
     _tell(columns)
 
 

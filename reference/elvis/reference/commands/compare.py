@@ -92,14 +92,14 @@ def compare(
     A scene is given as for elvis render: by a scene file, or DATA and options.  Two records that elvis render has
     written as .npz are compared with one another, the first held for true.
     """
-    from elvis.formats.terminal import print_json
+    from elvis.formats.terminal import print_json, say
     from elvis.reference.report.summary import summary
     from elvis.reference.report.writing import check_folder, plain, write_report
     from elvis.renderer.scene.tables import input_files
 
     if output is not None:
         check_folder(output, data, overwrite)
-    study = _study(data, {**options, "meshes": bool(meshes and output)})
+    study = _study(data, {**options, "meshes": bool(meshes and output)}, output)
     numbers = summary(study)
     if output is not None:
         inputs = [*data, *(input_files(study.scene) if study.scene else ())]
@@ -107,15 +107,15 @@ def compare(
     if as_json:
         print_json(plain(numbers))
     else:
-        click.echo(numbers["verdict"])
+        say(numbers["verdict"])
     _check(require, study)
 
 
-def _study(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
+def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
     """The comparison of two records, or of a scene with its linear pictures."""
     records = [path for path in data if path.suffix.lower() == ".npz"]
     if not records:
-        return _of_scene(data, options)
+        return _of_scene(data, options, output)
     if len(data) != 2 or len(records) != 2:
         raise click.UsageError("expected two records (.npz), or data and a scene, found both or another number")
     from elvis.reference.record import Record
@@ -124,13 +124,14 @@ def _study(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
     return compare_records(Record.load(records[0]), Record.load(records[1]), records[1].name)
 
 
-def _of_scene(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
-    """The exact picture of a scene against linear ones."""
+def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
+    """The exact picture of a scene against linear ones; ``output`` is to hold the scene."""
     from elvis.formats.commands.arguments import read_data
     from elvis.formats.terminal import stage
     from elvis.reference.study import compare_scene
     from elvis.renderer import SceneError
     from elvis.renderer.commands.composing import composed
+    from elvis.renderer.scene.files import scene_text
 
     own = ("refinements", "memory_limit", "judge", "meshes")
     levels, limit, judged, meshes = (options.pop(name) for name in own)
@@ -139,6 +140,8 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any]) -> Study:
         raise SceneError("the scene names no data: give the mesh and field files too")
     if scene.plugin is not None:
         raise SceneError("linear meshes are made of the native format only: leave the plugin out")
+    if output is not None:
+        scene_text(scene, output / "scene.toml")
     dataset = read_data(tuple(map(Path, scene.data)))
     with stage("comparing"):
         return compare_scene(dataset, scene, levels, limit, judged=judged, meshes=meshes)

@@ -40,7 +40,7 @@ def write_report(
     check_folder(folder, read, overwrite)
     with Outputs() as outputs, outputs.folder(folder) as beside:
         text, files = page(study, _scene(study, beside, folder))
-        (beside / "index.html").write_text(text, encoding="utf-8")
+        _put(beside / "index.html", text)
         for name, content in files.items():
             _put(beside / name, content)
         _put_meshes(study, beside / "meshes", formats)
@@ -129,7 +129,8 @@ def _put(path: Path, content: Any) -> None:
     if isinstance(content, np.ndarray):
         Image.fromarray(content).save(path, format="PNG", optimize=False)
     else:
-        path.write_text(content, encoding="utf-8")
+        # names of files that are not text are shown with question marks
+        path.write_bytes(content.encode(errors="replace"))
 
 
 def _json(value: Any) -> str:

@@ -148,7 +148,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
     from elvis.formats.commands.arguments import inputs
     from elvis.formats.output import check_places
     from elvis.renderer.saving import check_suffix
-    from elvis.renderer.scene.files import check_scene_suffix
+    from elvis.renderer.scene.files import check_scene_suffix, scene_text
     from elvis.renderer.scene.tables import input_files
 
     if not scene.outputs:
@@ -157,6 +157,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
         check_suffix(Path(output))
     if save_scene:
         check_scene_suffix(save_scene)
+        scene_text(scene, save_scene)
     written = [place for place in (*scene.outputs, scene.stats, save_scene) if place]
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
 

@@ -70,10 +70,17 @@ def write_scene(scene: Scene, path: str | Path, outputs: Outputs | None = None) 
 
 
 def scene_text(scene: Scene, path: Path) -> str:
-    """What a scene file of that name holds; what has its default is left out, and what a file may not say."""
+    """What a scene file of that name holds; what has its default is left out, and what a file may not say.
+
+    SceneError where it can't hold the names of files, which need not be text.
+    """
     usual: dict[str, Any] = {field.name: field.default for field in fields(Scene)}
     permitted = replace(scene, **{key: usual[key] for key in forbidden(scene, path.parent)})
     table = table_of(permitted, str(path.parent))
+    try:
+        check_texts(table)
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from error
     match path.suffix.lower():
         case ".toml":
             return _toml(table)

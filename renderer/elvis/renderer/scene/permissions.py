@@ -47,7 +47,7 @@ def forbidden(scene: Scene, folder: Path) -> tuple[str, ...]:
 
 
 def check_texts(item: Any, place: str = "") -> None:
-    """SceneError where a text holds what names of files and UTF-8 can't: JSON and YAML have escapes for it."""
+    """SceneError where a text holds what names of files or UTF-8 can't, as escapes of JSON and YAML may."""
     if isinstance(item, dict):
         for key, value in item.items():
             check_texts(value, f"{place}.{key}" if place else str(key))
@@ -55,7 +55,7 @@ def check_texts(item: Any, place: str = "") -> None:
         for number, value in enumerate(item):
             check_texts(value, f"{place}[{number}]")
     elif isinstance(item, str) and any(c == "\0" or "\ud800" <= c <= "\udfff" for c in item):
-        raise SceneError(f"{place}: expected text without zeros and halves of characters, found {item[:40]!r}")
+        raise SceneError(f"{place}: expected text in UTF-8 without zeros, found {item[:40]!r}")
 
 
 def _is_plugin_file(plugin: Any) -> bool:

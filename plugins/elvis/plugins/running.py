@@ -1,0 +1,202 @@
+"""Subcommands from the entry points ``elvis.commands``, and one way of ending for all of them.
+
+A command is a ``click.Command`` whose module imports the heavy things inside its functions, because ``elvis --help``
+loads them all.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from elvis.formats.errors import ElvisError
+from elvis.formats.terminal import one_line
+from elvis.plugins.interrupts import INTERRUPTED, Interrupts
+from elvis.plugins.registry import Plugin, PluginError, plugins
+
+if TYPE_CHECKING:
+    from elvis.plugins.answers import Answers
+
+
+@dataclass
+class Settings:
+    """What holds for the whole run; ``debug`` shows the traceback of a failure."""
+
+    debug: bool
+
+    def ask(self, paths: Sequence[Path], plugin: str | None, report: Callable[[str], object]) -> Answers | None:
+        """What a runtime plugin answers about the files, for commands of floors below; None where none opens them."""
+        from elvis.plugins.answers import answers
+
+        return answers(paths, plugin, report)
+
+
+def run(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
+    """Run ``elvis`` with ``arguments``, those of the process by default; the exit status."""
+    settings = Settings(debug=os.environ.get("ELVIS_DEBUG", "0") not in ("", "0"))
+    with warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+        return _status(arguments, settings, interrupts)
+
+
+def _status(arguments: Sequence[str] | None, settings: Settings, interrupts: Interrupts) -> int:
+    """Run the command to its end and return the exit status; failures are said in one sentence."""
+    try:
+        status = elvis.main(arguments, prog_name="elvis", standalone_mode=False, obj=settings)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _forget_broken_stdout()
+        return 1
+    except (KeyboardInterrupt, click.Abort):
+        return _say("interrupted", INTERRUPTED)
+    except click.ClickException as error:
+        return _say(_usage_sentence(error), error.exit_code)
+    except Exception as error:
+        if settings.debug:
+            sys.excepthook(type(error), error, error.__traceback__)
+        is_broken = _forget_broken_stdout()
+        if interrupts.asked:
+            return _say("interrupted", INTERRUPTED)  # which a library has made something else of
+        return _say(f"standard output: {_sentence(error)}" if is_broken else _sentence(error), 1)
+    return status if isinstance(status, int) else 0
+
+
+def _sentence(error: Exception) -> str:
+    """What went wrong, for a user."""
+    if isinstance(error, ElvisError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory: {error}" if str(error) else "there is not enough memory"
+    if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
+        return f"{error.object}: expected a name in UTF-8, as the library that takes it knows no others"
+    what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return f"unexpected {what}; this is a fault of the program, --debug shows where"
+
+
+def _usage_sentence(error: click.ClickException) -> str:
+    """What was wrong with the command line, and where help is."""
+    message = error.format_message().rstrip(".")
+    context = getattr(error, "ctx", None)
+    return f"{message} (see {context.command_path} --help)" if context else message
+
+
+def _say(sentence: str, status: int) -> int:
+    """Print one line on standard error, with nothing in it that a terminal would act on, and pass the status on."""
+    print("elvis: error:", one_line(sentence), file=sys.stderr)
+    return status
+
+
+def _forget_broken_stdout() -> bool:
+    """Point standard output at nothing where it can't be written, lest the flush at exit say so; whether so."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
+
+
+def _debug_option() -> click.Option:
+    def remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+        if value and isinstance(context.obj, Settings):
+            context.obj.debug = True
+
+    text = "Show the traceback of a failure."
+    return click.Option(["--debug"], is_flag=True, expose_value=False, is_eager=True, callback=remember, help=text)
+
+
+def _print_version(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    if value:
+        from importlib.metadata import version
+
+        click.echo(f"elvis {version('elvis-viz')}")
+        context.exit()
+
+
+class PluginGroup(click.Group):
+    """A group whose commands are the plugins of ``elvis.commands``, loaded when they are asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Every name, sorted."""
+        return list(plugins("elvis.commands"))
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, None where there is none; a broken plugin becomes a command that says so."""
+        plugin = plugins("elvis.commands").get(cmd_name)
+        if plugin is None:
+            return None
+        try:
+            command = _loaded(plugin)
+        except PluginError as error:
+            return _broken(cmd_name, error)
+        if all("--debug" not in parameter.opts for parameter in command.params):
+            command.params.append(_debug_option())
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click does, but a name that is unknown is answered with those that are near it."""
+        name = args[0]
+        if not name.startswith("-") and name not in self.list_commands(ctx):
+            raise click.UsageError(f"there is no command {name!r}{self._suggestion(name, ctx)}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def _suggestion(self, name: str, ctx: click.Context) -> str:
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, self.list_commands(ctx), cutoff=0.5)
+        return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _loaded(plugin: Plugin) -> click.Command:
+    command = plugin.load()
+    if not isinstance(command, click.Command):
+        raise PluginError(f"{plugin} is not a click command but {type(command).__name__}")
+    return command
+
+
+def _broken(name: str, error: PluginError) -> click.Command:
+    """A command that takes any arguments and only tells what is wrong with it."""
+
+    def fail(**ignored: object) -> None:
+        raise error
+
+    return click.Command(
+        name,
+        callback=fail,
+        params=[click.Argument(["anything"], nargs=-1, type=click.UNPROCESSED)],
+        context_settings={"ignore_unknown_options": True, "help_option_names": []},
+        short_help="(does not load, see elvis plugins)",
+    )
+
+
+@click.group(
+    cls=PluginGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.option(
+    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_print_version, help="Show the version."
+)
+@click.pass_context
+def elvis(context: click.Context) -> None:
+    """Pixel-exact pictures of high-order finite element solutions.
+
+    A DATA argument is one or more files in any order: meshes and fields are told apart by their content.
+    """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+elvis.params.append(_debug_option())

@@ -1,0 +1,39 @@
+"""Names come from files, and a terminal acts on some of what they may hold."""
+
+import pytest
+
+from elvis.formats.terminal import one_line, print_json, print_table, say, visible, warn
+
+#: colours, titles of windows, deletion, text that runs backwards, bytes that are no text
+HOSTILE = "u\x1b[31m\x1b]0;title\x07\x9b2J\x7f\u202e\udcff\r"
+
+
+@pytest.fixture(params=[False, True], ids=["pipe", "terminal"])
+def on(request, monkeypatch):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: request.param, raising=False)
+
+
+def test_a_picture_of_every_character():
+    assert visible(HOSTILE + "é ü µ\n") == "u?[31m?]0;title??2J????é ü µ\n"
+    assert one_line("a\n  b\x1b") == "a b?"
+
+
+def test_nothing_that_a_terminal_acts_on_is_printed(capsys, on):
+    print_table(("name", "value"), [(HOSTILE, f"two\nlines {HOSTILE}")], title=HOSTILE)
+    say(HOSTILE)
+    warn(f"{HOSTILE}\n{HOSTILE}")
+    captured = capsys.readouterr()
+    own = captured.out.replace("\x1b[1m", "").replace("\x1b[0m", "")  # of the table itself
+    for character in HOSTILE[1:]:
+        if not character.isprintable():
+            assert character not in own + captured.err
+    assert "two lines u?[31m" in own
+    assert captured.err.count("\n") == 1
+
+
+def test_json_has_escapes_of_its_own(capsys):
+    print_json({HOSTILE: HOSTILE})
+    said = capsys.readouterr().out
+    assert said.isascii()
+    assert "\\u001b[31m" in said
+    assert "\x1b" not in said
