@@ -292,7 +292,7 @@ def test_elements_that_are_constant_or_not_numbers_are_left_out_and_counted(iso,
     block = plain.fields[0].blocks[0]
     values = np.array(block.coefficients)
     values[0] = np.nan
-    values[1] = approximated(plain, "c", lambda p: np.full(len(p), 0.25), 3).blocks[0].coefficients[1]
+    values[1] = 0.25 * np.rint(approximated(plain, "one", lambda p: np.ones(len(p)), 3).blocks[0].coefficients[1])
     dataset = Dataset(plain.mesh, (replace(plain.fields[0], blocks=(replace(block, coefficients=values),)),))
     view = View.through(PARALLEL, SIZE)
     layer, drawer = iso(dataset, view, 0.25)

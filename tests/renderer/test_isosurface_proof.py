@@ -137,7 +137,9 @@ def test_values_out_of_range_are_refused_with_the_range(draw, linear):
 
 def test_a_constant_field_has_no_surface_at_its_value(iso):
     dataset = Dataset(grid(Shape.PRISM, 2))
-    dataset = Dataset(dataset.mesh, (approximated(dataset, "u", lambda p: np.full(len(p), 0.3), 3),))
+    field = approximated(dataset, "u", lambda p: np.ones(len(p)), 3)
+    blocks = tuple(replace(block, coefficients=0.3 * np.rint(block.coefficients)) for block in field.blocks)
+    dataset = Dataset(dataset.mesh, (replace(field, blocks=blocks),))
     layer = iso(dataset, View.through(CAMERA, SIZE), 0.3)
     assert not np.isfinite(layer.depth).any()
     assert (layer.status == Status.MISS).all()

@@ -12,7 +12,13 @@ from elvis.formats.testing import curved, grid, ripple
 from elvis.renderer import Camera, Plane, Status
 from elvis.renderer.picture import picture
 
-SCALARS = {"depth": np.float64, "field": np.float64, "element": np.int64, "status": np.int64}
+SCALARS = {
+    "depth": np.float64,
+    "field": np.float64,
+    "element": np.int64,
+    "status": np.int64,
+    "uncertainty": np.float64,
+}
 VECTORS = ("color", "position", "reference", "normal")
 
 
@@ -47,6 +53,8 @@ def test_what_stands_where_nothing_is_seen(frame, tmp_path):
         assert np.isnan(record[name][nothing]).all()
         assert np.isfinite(record[name][~nothing]).all()
     assert np.isposinf(record["depth"][nothing]).all()
+    assert np.isnan(record["uncertainty"][nothing]).all()
+    assert (record["uncertainty"][~nothing] < 1e-13).all()
     assert (record["status"][nothing] == Status.MISS).all()
     assert (record["color"][nothing] == 1).all()
     assert np.isin(record["status"][~nothing], (Status.CERTAIN, Status.AMBIGUOUS)).all()
@@ -69,7 +77,7 @@ def test_exr_has_the_channels_of_the_record(frame, tmp_path):
     with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
     vectors = [f"{name}.{axis}" for name in ("position", "reference", "normal") for axis in "XYZ"]
-    assert set(channels) == {"R", "G", "B", "A", "Z", "field", "element", "status", *vectors}
+    assert set(channels) == {"R", "G", "B", "A", "Z", "field", "element", "status", "uncertainty", *vectors}
     for name, pixels in channels.items():
         assert pixels.shape == (50, 70)
         assert pixels.dtype == (np.uint32 if name in ("element", "status") else np.float32)

@@ -112,6 +112,7 @@ def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
         bends=part.bends if fields.twins else None,
         evaluate=None,
         bounds=None,
+        rounding=None,
         is_distance=own.is_distance,
         quantities=quantities,
     )
@@ -138,7 +139,8 @@ def _quantity(fields: Fields, expression: Expression) -> Quantity:
     names, shape = expression.fields, fields.part.shape
     part = fields.parts[names[0]] if names else fields.part
     if expression.is_field:
-        return Quantity(part.type, part.source, {} if part is fields.part else part.buffers, part.degree, part.bounds)
+        buffers = {} if part is fields.part else part.buffers
+        return Quantity(part.type, part.source, buffers, part.degree, part.bounds, rounding=part.rounding)
     known = (*POINTWISE, *(("shape", "quality") if shape else ()))
     for name in expression.attributes:
         if name not in known and target_of(name) is None:

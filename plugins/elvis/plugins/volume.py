@@ -45,6 +45,8 @@ class Quantity:
     is_distance  whether its value is the distance to the first of the surfaces in its buffers (`distances`)
     level    optional, where degree is 0: for a value, a quantity with a degree, and its value that is in the same
              places, but for poles; None where none is known
+    rounding optional: how far computed values may be from the true ones anywhere in each element, (n,), 0 where the
+             field is constant; by default 1e-13 of the greatest value
     """
 
     type: str
@@ -54,6 +56,7 @@ class Quantity:
     bounds: Callable[[], tuple[Floats, Floats]] | None = None
     is_distance: bool = False
     level: Callable[[float], tuple[Quantity, float] | None] | None = None
+    rounding: Callable[[], Floats] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ class Part:
     affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
                  coordinates; their hull points are these corners
     shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy (`twins`)
-    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``
+    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level`` and ``rounding``
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
 
@@ -103,6 +106,7 @@ class Part:
     unit: bool = False
     is_distance: bool = False
     level: Callable[[float], tuple[Quantity, float] | None] | None = None
+    rounding: Callable[[], Floats] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from time import perf_counter
 from typing import Any
@@ -24,7 +24,7 @@ from elvis.renderer.view import View
 #: most pixels that are drawn at once, and hits that are kept while colours must wait for other bands
 BAND, KEPT = 1 << 21, 1 << 23
 #: bytes for each pixel of a picture with and without its record, while it is saved
-BYTES = {True: 160, False: 16}
+BYTES = {True: 176, False: 16}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +82,7 @@ class Canvas:
             self._fill(band, kept.pop(own) if own in kept else self._drawn(band.view))
         arrays = self.arrays
         drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.sheets))
+        drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         stats |= {"remarks": self.painter.remarks(self.sheets), "not_a_number": self.undefined}
         if self.painter.gathered:
@@ -115,6 +116,8 @@ class Canvas:
         self._keep("status", rows, inner(np.maximum(record.status, self.glow)))
         if self.records:
             self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
+            known = record.uncertainty
+            self._keep("uncertainty", rows, inner(np.full(band.view.count, np.nan) if known is None else known))
             for name in ("field", "depth", "reference", "normal"):
                 self._keep(name, rows, inner(getattr(record, name)))
 
@@ -166,7 +169,7 @@ def check_time(scene: Scene, start: float) -> None:
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:
     """Empty channels by name, (height, width[, 3]); those that aren't kept take no room."""
-    shape, values = (view.height, view.width), {"field": np.nan, "depth": np.inf, "element": -1}
+    shape, values = (view.height, view.width), {"field": np.nan, "depth": np.inf, "element": -1, "uncertainty": np.nan}
     full = np.full if records else lambda shape, value: np.broadcast_to(np.array(value), shape)
     scalars = {name: full(shape, value) for name, value in values.items()}
     vectors = {name: full((*shape, 3), np.nan) for name in ("reference", "normal")}

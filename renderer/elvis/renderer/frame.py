@@ -47,13 +47,15 @@ class Legend:
 class Drawing:
     """What several surfaces show together; arrays as in Frame.
 
-    color  (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
+    color        (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
+    uncertainty  NaN also where what is seen is met in closed form
     """
 
     depth: Floats
     normal: Floats
     color: Floats | NDArray[np.uint8]
     legends: tuple[Legend, ...]
+    uncertainty: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +103,24 @@ class Frame:
         if self.drawing is not None:
             return self.drawing.depth
         return np.where(self.seen, self.view.depth_of(self.position), np.inf)
+
+    @cached_property
+    def uncertainty(self) -> Floats:
+        """(h, w) the depth of the surface is within this of ``depth``, in world units.
+
+        Rounding of field and places over how steeply the ray meets the surface; infinite where nothing is proved, NaN
+        where nothing is seen.
+        """
+        from elvis.renderer.conditioning import uncertainties
+
+        known = None if self.drawing is None else self.drawing.uncertainty
+        result = np.full(self.element.shape, np.nan) if known is None else known.copy()
+        rest = np.flatnonzero(self.seen & np.isnan(result))
+        places = self.position.reshape(-1, 3)[rest]
+        depth, normal = self.depth.reshape(-1)[rest], self.normal.reshape(-1, 3)[rest]
+        reach = float(np.abs(places).max(initial=0.0))
+        result.reshape(-1)[rest] = uncertainties(self.view, rest, depth, normal, reach)
+        return result
 
     @cached_property
     def normal(self) -> Floats:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats
+from elvis.renderer.conditioning import misplaced
 from elvis.renderer.device import STAND_IN, Buffer, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Status
@@ -21,7 +22,7 @@ from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
 from elvis.renderer.view import View
 
 #: what becomes of a piece, as in shaders/iso.slang
-SPLIT, CLEAR, TINY, FLAT, UNDEFINED = range(5)
+SPLIT, UNDEFINED = 0, 4
 #: pieces that are halved at once; beyond it nothing more is proved
 MOST_PIECES = 1 << 19
 #: rounds of halving, and pieces that a dispatch halves
@@ -71,6 +72,8 @@ class IsosurfaceDrawer:
         assert hits is not None
         layer = _layer(self.device.read(hits, draw.dtype("hits")), value)
         layer.status[unproved & (layer.status == Status.MISS)] = Status.AMBIGUOUS
+        assert layer.doubt is not None
+        layer.doubt[unproved] = 0.0
         if stands_in:
             self._check_poles(layer, quantity, value)
         return layer
@@ -106,21 +109,29 @@ class IsosurfaceDrawer:
         buffers: dict[str, Buffer],
     ) -> None:
         """The straight tetrahedra of a part that may have the value."""
-        low, high = self.traversal.bounds(number, quantity)
-        flat = np.isfinite(low) & (
-            np.maximum(high - value, value - low) <= 1e-13 * np.maximum(np.abs(low), np.abs(high))
-        )
+        flat = self.traversal.flat(number, quantity, value)
         self.counts["flat"] += int(flat.sum())
-        self.counts["undefined"] += int(np.isnan(low).sum())
-        sections = seen(view, self.traversal.corners(number), (low <= value) & (high >= value) & ~flat)
+        undefined = np.isnan(self.traversal.bounds(number, quantity)[0])
+        self.counts["undefined"] += int(undefined.sum())
+        wanted = self._holding(number, quantity, value) & ~undefined
+        sections = seen(view, self.traversal.corners(number), wanted)
         self.counts["pieces"] += len(sections)
         if len(sections):
             bins, order = binned(sections, draw.dtype("bins"))
             buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
             buffers["rays"] = self.traversal.rays(draw, view, number, len(bins), value)
+            errors = np.where(flat, np.inf, self.traversal.rounding(number, quantity, value))
+            buffers["errors"] = self.device.buffer(errors)
+            buffers["steepest"] = self.device.buffer(self.traversal.steepest(number, quantity, value))
             buffers["bins"] = self.device.buffer(bins)
             buffers["order"] = self.device.buffer(sections["element"][order])
             draw(len(bins), buffers, groups=True, work=bins["end"] - bins["first"])
+
+    def _holding(self, number: int, quantity: str | None, value: float) -> Bools:
+        """(n,) elements of a part that may have the value, but not all over."""
+        low, high = self.traversal.bounds(number, quantity)
+        exactly = (low == value) & (high == value) & (self.traversal.rounding(number, quantity, value) == 0.0)
+        return np.asarray(~((low > value) | (high < value) | exactly))
 
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
@@ -128,10 +139,10 @@ class IsosurfaceDrawer:
     def _pieces(self, view: View, number: int, quantity: str | None, value: float) -> NDArray[Any]:
         """Pieces of a part that are to be drawn, in order of depth."""
         start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
-        low, high = self.traversal.bounds(number, quantity)
-        elements = np.flatnonzero(~((low > value) | (high < value)))
+        elements = np.flatnonzero(self._holding(number, quantity, value))
         parents = np.zeros(len(elements), split.dtype("pieces"))
         parents["element"], parents["half"] = elements, 1.0
+        parents["error"] = self.traversal.rounding(number, quantity, value)[elements]
         degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
         buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
@@ -168,9 +179,8 @@ class IsosurfaceDrawer:
         return self.device.read(lists["pieces"], parents.dtype)[:count].copy()
 
     def _sorted(self, pieces: NDArray[Any]) -> NDArray[Any]:
-        for name, fate in (("flat", FLAT), ("undefined", UNDEFINED)):
-            self.counts[name] += len(np.unique(pieces["element"][pieces["fate"] == fate]))
-        pieces = pieces[np.isin(pieces["fate"], (CLEAR, TINY))]
+        self.counts["undefined"] += len(np.unique(pieces["element"][pieces["fate"] == UNDEFINED]))
+        pieces = pieces[pieces["fate"] != UNDEFINED]
         self.counts["pieces"] += len(pieces)
         centre = pieces["centre"]
         return pieces[np.lexsort([*centre.T, pieces["element"], pieces["near"]])]
@@ -185,6 +195,7 @@ class IsosurfaceDrawer:
         buffers: dict[str, Buffer],
     ) -> None:
         """The other elements of a part, in pieces."""
+        self.counts["flat"] += int(self.traversal.flat(number, quantity, value).sum())
         pieces = self._pieces(view, number, quantity, value)
         if not len(pieces):
             return
@@ -205,6 +216,7 @@ class IsosurfaceDrawer:
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
         record["to_depth"] = np.append(forward, -forward @ eye)
         record["eye"], record["forward"], record["level"] = eye, forward, value
+        record["misplaced"] = misplaced(view, self.loaded.reach)
         record["across"], record["apart"] = 1 / np.linalg.norm(view.column), APART * self.loaded.reach
         record["width"], record["height"], record["perspective"] = view.width, view.height, view.perspective
         record["first"] = self.loaded.first[number]
@@ -238,4 +250,7 @@ def _layer(hits: NDArray[Any], value: float) -> Layer:
     field = np.where(missed, np.nan, value)
     nowhere = missed[:, None]
     reference, normal = (np.where(nowhere, np.nan, hits[name]) for name in ("reference", "normal"))
-    return Layer(owner, field, reference, depth, normal, status.astype(np.uint8))
+    uncertainty = np.where(missed, np.nan, hits["uncertainty"])
+    doubt = np.where(hits["doubt"] > 0, hits["doubt"], np.inf)
+    status = status.astype(np.uint8)
+    return Layer(owner, field, reference, depth, normal, status, uncertainty=uncertainty, doubt=doubt)

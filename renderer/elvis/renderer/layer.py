@@ -34,6 +34,9 @@ class Layer:
     held       buffers of a device that hold some of these arrays, by name
     sections   of a plane cut: where elements may be seen, by running number, as cut_cull lists them
     offset     of a plane cut: normal · x
+    uncertainty  (n,) the true depths are within this of the given ones, in world units, infinite where nothing is
+                 proved and NaN where nothing is hit; None: those of a surface that is given in closed form
+    doubt      (n,)    depths from which on something may have been overlooked, infinite where nothing was; None: none
     """
 
     owner: NDArray[np.uint32]
@@ -47,6 +50,8 @@ class Layer:
     held: Mapping[str, Buffer] = default(default_factory=dict)
     sections: NDArray[Any] | None = default(default_factory=lambda: None)
     offset: float = 0.0
+    uncertainty: Floats | None = default(default_factory=lambda: None)
+    doubt: Floats | None = default(default_factory=lambda: None)
 
     @staticmethod
     def made(made: Mapping[str, Callable[[], Any]], **known: Any) -> Layer:
@@ -57,6 +62,8 @@ class Layer:
             "flat": None,
             "sections": None,
             "offset": 0.0,
+            "uncertainty": None,
+            "doubt": None,
             **({} if "side" in made else {"side": None}),
             **known,
         }
@@ -90,6 +97,8 @@ class Layer:
             self.flat,
             sections=self.sections,
             offset=self.offset,
+            uncertainty=None if self.uncertainty is None else np.where(gone, np.nan, self.uncertainty),
+            doubt=self.doubt,
         )
 
     def on(self, device: Device, name: str) -> Buffer:

@@ -57,11 +57,12 @@ def arrays(frame: Frame) -> dict[str, Any]:
         "reference": frame.reference,
         "normal": frame.normal,
         "status": frame.status.astype(np.int64),
+        "uncertainty": frame.uncertainty,
     }
 
 
 def _save_exr(frame: Frame, path: Path) -> None:
-    """Channels R G B A, Z, field, element, status (uint), and the vectors by component, as 32-bit numbers."""
+    """Channels R G B A, Z, field, uncertainty, element, status, and the vectors by component, as 32-bit numbers."""
     import OpenEXR
 
     def single(values: Any) -> Any:
@@ -71,6 +72,7 @@ def _save_exr(frame: Frame, path: Path) -> None:
     channels = {name: single(record["color"][..., i]) for i, name in enumerate("RGB")}
     shown = frame.seen | (frame.status == Status.CERTAIN)
     channels |= {"A": single(shown), "Z": single(record["depth"]), "field": single(record["field"])}
+    channels["uncertainty"] = single(record["uncertainty"])
     for name in ("position", "reference", "normal"):
         channels |= {f"{name}.{axis}": single(record[name][..., i]) for i, axis in enumerate("XYZ")}
 

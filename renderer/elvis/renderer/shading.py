@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
+from elvis.formats.arrays import Bools, Floats
 from elvis.formats.errors import ElvisError
 from elvis.renderer.compositing import Coats
 from elvis.renderer.frame import Legend, Status
@@ -24,6 +24,8 @@ from elvis.renderer.stages import Sheet, Stages
 from elvis.renderer.view import View
 from elvis.renderer.volume_rendering import Medium
 
+#: part of a depth within which two hits of surfaces in closed form may lie either way
+SAME = 1e-14
 #: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
 Key: TypeAlias = tuple[str, str, object]
 Drawn: TypeAlias = list[tuple[Sheet, Layer]]
@@ -32,23 +34,46 @@ Drawn: TypeAlias = list[tuple[Sheet, Layer]]
 def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> Layer:
     """The surface that counts at each pixel: of the most opaque ones the nearest; a failed search anywhere is told.
 
-    whole  whether reference coordinates and normals are wanted too
+    whole  whether reference coordinates, normals and uncertainties are wanted too
+    What another layer may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
     """
     if len(drawn) == 1:
         return drawn[0][1]
     best, opacity = Layer.empty(view.count), np.zeros(view.count)
-    failed, doubt = np.zeros((2, view.count), bool)
+    best.uncertainty = np.full(view.count, np.nan)
+    failed = np.zeros(view.count, bool)
     for sheet, layer in drawn:
         failed |= layer.status == Status.FAILED
-        doubt |= layer.status == Status.AMBIGUOUS
         nearer = (sheet.style.opacity == opacity) & (layer.depth < best.depth)
         better = np.flatnonzero((layer.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
         opacity[better] = sheet.style.opacity
         for name in ("owner", "field", "depth", "status", *(("reference", "normal") if whole else ())):
             getattr(best, name)[better] = getattr(layer, name)[better]
-    best.status[doubt & (best.owner == NOBODY)] = Status.AMBIGUOUS
+        best.uncertainty[better] = np.nan if layer.uncertainty is None else layer.uncertainty[better]
+    for sheet, layer in drawn:
+        best.status[_rivals(layer, best, sheet.style.opacity, opacity)] = Status.AMBIGUOUS
     best.status[failed] = Status.FAILED
     return best
+
+
+def _rivals(layer: Layer, best: Layer, own: float, opacity: Floats) -> Bools:
+    """(n,) where a layer of some opacity may have what should be there in place of the best hits and their opacities.
+
+    Hits at exactly the same depth are no rivals: of these the first object's counts.
+    """
+    missing = (layer.status == Status.AMBIGUOUS) & (layer.owner == NOBODY)
+    doubt = np.where(missing, 0.0, np.inf) if layer.doubt is None else layer.doubt
+    counts = (best.owner == NOBODY) | (own > opacity) | (own == opacity) & (doubt <= best.depth)
+
+    # hits of infinite uncertainty have a doubt that begins before them
+    around = np.zeros(len(opacity))
+    for one in (layer, best):
+        if one.uncertainty is not None:
+            around += np.nan_to_num(one.uncertainty, posinf=0.0)
+    with np.errstate(invalid="ignore"):
+        close = np.abs(layer.depth - best.depth) <= around + SAME * best.depth
+    close &= (own == opacity) & (layer.owner != NOBODY) & (layer.depth != best.depth)
+    return np.asarray(np.isfinite(doubt) & counts | close)
 
 
 class Painter:

@@ -141,10 +141,15 @@ class Stages:
             if left := len(self._undefined(self.named(name, scene))):
                 yield f"elements left out of an isosurface because their {name} is not a number: {left}"
         for name, value in dict.fromkeys((item.quantity or scene.field, v) for item in levels for v in item.values):
-            if flat := sum(int((ends == value).all(axis=0).sum()) for ends in self._ends(self.named(name, scene))):
+            if flat := self._flat(self.named(name, scene), value):
                 yield f"elements left out of an isosurface because their {name} is {value:g} all over: {flat}"
         if gathered["lost"]:
             yield f"places along rays in a volume that were not found: {gathered['lost']}"
+
+    def _flat(self, own: str | None, value: float) -> int:
+        """Elements whose quantity is a value all over them, to rounding."""
+        traversal = self.volumes.traversal
+        return sum(int(traversal.flat(n, own, value).sum()) for n in range(len(self.loaded.parts)))
 
     def _ends(self, own: str | None) -> list[Floats]:
         """For each part the certified least and greatest values (2, n) of a quantity on its elements."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Bools, Floats, frozen_floats
 from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.formats.shapes import Shape
+from elvis.renderer.conditioning import misplaced
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.tiles import TILE, tiles_of
@@ -21,6 +22,8 @@ SECTION = np.dtype([("element", np.uint32), ("least", np.int32, 4), ("most", np.
 _TILE = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
 #: hits, and ends of segments, are one where they lie nearer than this part of the greatest coordinate
 APART = 1e-11
+#: part of values that is rounding where a plugin says nothing of it
+ROUNDING = 1e-13
 
 
 class Traversal:
@@ -49,6 +52,33 @@ class Traversal:
             self._bounds[number, quantity] = (-ends, ends) if bounds is None else bounds()
         return self._bounds[number, quantity]
 
+    def rounding(self, number: int, quantity: str | None, value: float) -> Floats:
+        """(n,) how far computed values in each element of a part may be from the true ones; by default in parts of the
+        greatest value, or of ``value`` where no bounds are known."""
+        part = self.loaded.parts[number]
+        own = part if quantity is None else part.quantities[quantity]
+        if own.rounding is not None:
+            return own.rounding()
+        greatest = np.abs(np.stack(self.bounds(number, quantity))).max(axis=0)
+        return np.asarray(ROUNDING * np.where(np.isfinite(greatest), greatest, abs(value)))
+
+    def steepest(self, number: int, quantity: str | None, value: float) -> Floats:
+        """(n,) how much a polynomial field may change at most in each element for a unit in reference coordinates.
+
+        Coefficients of derivatives are differences, times the degree n and half for each of three directions.  Where
+        bounds aren't known, values are no greater than what n products for each direction make of their rounding.
+        """
+        low, high = self.bounds(number, quantity)
+        degree = self.degree(number, quantity)
+        rounding = self.rounding(number, quantity, value)
+        range_of = np.where(np.isfinite(high - low), high - low, 2.0**53 * rounding / degree)
+        return np.asarray(1.5 * degree * range_of)
+
+    def flat(self, number: int, quantity: str | None, value: float) -> Bools:
+        """(n,) elements of a part whose field can't be told from the value anywhere, by its bounds."""
+        low, high = self.bounds(number, quantity)
+        return np.maximum(np.abs(high - value), np.abs(value - low)) <= 4.0 * self.rounding(number, quantity, value)
+
     def corners(self, number: int) -> Floats:
         """(n, 4, 3) the corners of a part's straight tetrahedra; asked of the device once."""
         if number not in self._corners:
@@ -67,13 +97,14 @@ class Traversal:
         record["eye"], record["forward"] = view.camera.eye, view.camera.basis()[2]
         record["corner"], record["column"], record["row"] = view.corner, view.column, view.row
         record["level"], record["apart"] = level, APART * self.loaded.reach
+        record["misplaced"] = misplaced(view, self.loaded.reach)
         record["width"], record["height"], record["perspective"] = view.width, view.height, view.perspective
         record["first"], record["count"] = self.loaded.first[number], count
         return self.device.buffer(record)
 
     def lines(self, degree: int) -> dict[str, Buffer]:
         """Places on a line, and the way from values there to Bernstein coefficients: exact, and with an error."""
-        names = ("nodes", "net", "places", "fit")
+        names = ("nodes", "net", "places", "fit", "net_size")
         return {name: self.device.buffer(data) for name, data in zip(names, _line(degree), strict=True)}
 
 
@@ -118,12 +149,15 @@ def seen(view: View, corners: Floats, chosen: Bools) -> NDArray[Any]:
 
 
 @lru_cache(maxsize=16)
-def _line(degree: int) -> tuple[Floats, Floats, Floats, Floats]:
+def _line(degree: int) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Chebyshev points of [0, 1], degree + 1 of them, and the matrix from values there to Bernstein coefficients; two
-    points more, and the matrix to those of a Chebyshev series, then to the two terms that it lacks.
+    points more, and the matrix to those of a Chebyshev series, then to the two terms that it lacks; the greatest sum of
+    magnitudes in a row of the first matrix.
     """
     nodes, places = (-np.cos(np.pi * np.arange(d + 1) / max(d, 1)) for d in (degree, degree + 2))
     net = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), nodes[:, None]))
     series = np.linalg.inv(chebvander(places, degree + 2))
     fit = np.vstack([net @ chebvander(nodes, degree) @ series[:-2], series[-2:]])
-    return frozen_floats((nodes + 1) / 2), frozen_floats(net), frozen_floats((places + 1) / 2), frozen_floats(fit)
+    size = np.abs(net).sum(axis=-1).max(keepdims=True)
+    nodes, places = (nodes + 1) / 2, (places + 1) / 2
+    return frozen_floats(nodes), frozen_floats(net), frozen_floats(places), frozen_floats(fit), frozen_floats(size)

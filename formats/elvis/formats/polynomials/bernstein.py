@@ -140,19 +140,26 @@ def _heights(space: BernsteinSpace) -> Ints:
     return heights
 
 
-def bernstein_coefficients(expansion: Expansion, coefficients: Floats, space: BernsteinSpace | None = None) -> Floats:
+def bernstein_coefficients(
+    expansion: Expansion, coefficients: Floats, space: BernsteinSpace | None = None, *, magnitudes: bool = False
+) -> Floats:
     """(..., count) Bernstein coefficients of elements with modal ``coefficients`` (..., m).
 
     The same as ``coefficients @ to_bernstein(expansion, space)``, one direction at a time on tensor shapes.
+    With ``magnitudes`` each is the sum of its terms' magnitudes, in proportion to which it is rounded.
     """
+
+    def signed(numbers: Floats) -> Floats:
+        return np.abs(numbers) if magnitudes else numbers
+
     if expansion.shape not in _TENSOR:
-        return coefficients @ to_bernstein(expansion, space)
+        return signed(coefficients) @ signed(to_bernstein(expansion, space))
     plan, target = product_plan(expansion), _target(expansion, space)
-    net = coefficients.reshape(*coefficients.shape[:-1], *expansion.modes[::-1])
+    net = signed(coefficients).reshape(*coefficients.shape[:-1], *expansion.modes[::-1])
     for direction, count in enumerate(expansion.modes):
         index = np.empty(count, np.int64)
         index[plan.modes[:, direction]] = plan.index[direction]
-        matrix = _nets(expansion, direction, target.degrees[direction])[-1][index]
+        matrix = signed(_nets(expansion, direction, target.degrees[direction])[-1][index])
         net = np.moveaxis(np.moveaxis(net, -1 - direction, -1) @ matrix, -1, -1 - direction)
     return np.ascontiguousarray(net.reshape(*coefficients.shape[:-1], target.count))
 

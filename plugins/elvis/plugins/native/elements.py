@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from elvis.formats.quantities.tree import Node
 from elvis.formats.shapes import Shape
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
+from elvis.plugins.native.rounding import expression_rounding, field_rounding
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
@@ -32,6 +33,8 @@ from elvis.plugins.volume import Part, Quantity
 HIGHEST = 8
 #: the same of those that only isosurfaces ask for, in straight tetrahedra
 HIGHEST_STRAIGHT = 16
+#: rounding of the level of another expression, in parts of it
+LEVEL_ROUNDING = 1e-15
 #: elements whose bounds are found together
 _CELLS = 4096
 
@@ -83,6 +86,7 @@ class Elements:
             bounds=own.bounds,
             is_distance=own.is_distance,
             level=own.level,
+            rounding=own.rounding,
         )
 
     @cached_property
@@ -104,8 +108,10 @@ class Elements:
             type, source = f"Planes<{type}, {len(self.series.z_ids)}>", "import native_planes;"
         buffers: dict[str, NDArray[Any]] = {"coefficients": net} if names else {}
         if expression.is_field:
-            degree = 0 if self.series else max(*self.geometry.degrees, *space.degrees)
-            return Quantity(type, source, buffers, degree, None if self.series else partial(_bounds, net, space))
+            if self.series:
+                return Quantity(type, source, buffers)
+            degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
+            return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
         formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions))
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
@@ -114,15 +120,22 @@ class Elements:
         bounds = partial(self._certified, expression) if (bounded or not known) and not self.series else None
         plain = expression.root.op == "attribute" and bool(formula.targets)
         level = None if known or plain else partial(self._level, expression)
-        return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", buffers, known, bounds, plain, level)
+        rounding = cache(partial(self._rounding_of, expression)) if known else None
+        type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
+        return Quantity(type, source, buffers, known, bounds, plain, level, rounding)
 
     def _level(self, expression: Expression, value: float) -> tuple[Quantity, float] | None:
         """As Quantity.level, of an expression."""
         found = same_level(expression.root, value)
         if found is None:
             return None
-        quantity = self._quantity(Expression(f"{expression.text} at {value!r}", found[0]), bounded=True)
-        return (quantity, found[1]) if quantity.degree else None
+        root, level = found
+        quantity = self._quantity(Expression(f"{expression.text} at {value!r}", root), bounded=True)
+        if not quantity.degree:
+            return None
+        rounding = quantity.rounding
+        assert rounding is not None
+        return replace(quantity, rounding=lambda: rounding() + LEVEL_ROUNDING * abs(level)), level
 
     def _certified(self, expression: Expression) -> tuple[Floats, Floats]:
         """(n,) what an expression is not less and not greater than on each element, by interval arithmetic."""
@@ -133,6 +146,32 @@ class Elements:
                 found.append(cells.bounds(expression.root))
         low, high = map(np.concatenate, zip(*found, strict=True))
         return low, high
+
+    def _rounding(self, names: tuple[str, ...]) -> Floats:
+        """(n,) how far computed values of a field may be from the true ones, in each element."""
+        space = self._net(names)[0]
+        return frozen_floats(np.concatenate([self._errors_in(patch, names[0], space) for patch in self.patches]))
+
+    def _rounding_of(self, expression: Expression) -> Floats:
+        """The same of an expression."""
+        names = expression.fields if len(expression.fields) < 2 else self._several
+        space, found = self._net(names)[0], []
+        degree = max(*self.geometry.degrees, *space.degrees)
+        for patch in self.patches:
+            errors = {name: self._errors_in(patch, name, space) for name in expression.fields}
+            for rows in np.array_split(np.arange(len(patch)), -(-len(patch) // _CELLS)):
+                cells = Cells.of(patch, self.names, self.attributes, rows, expression.order > 0)
+                own = {name: error[rows] for name, error in errors.items()}
+                found.append(expression_rounding(expression.root, cells, own.__getitem__, degree))
+        return frozen_floats(np.concatenate(found))
+
+    def _errors_in(self, patch: Patch, name: str, space: BernsteinSpace) -> Floats:
+        """(n,) the rounding of a field in the elements of a patch, not a number where they lack it."""
+        number = self.names.index(name)
+        if patch.fields[number] is None:
+            return np.full(len(patch), np.nan)
+        plain = _coefficients(patch, number, space)[:, 0] / weights(space)
+        return field_rounding(patch, number, space, plain)
 
     def _degree(self, leaf: Node, space: BernsteinSpace) -> int | None:
         """The degree of what an expression is made of, where that is a polynomial: slopes are on straight simplices."""
@@ -200,13 +239,10 @@ class Elements:
         return {"waves": waves(self.series), "period": np.array(self.series.lengths)}
 
 
-def _bounds(net: Floats, space: BernsteinSpace) -> tuple[Floats, Floats]:
-    """(n,) least and greatest Bernstein coefficient of each element, a little apart for rounding."""
+def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) -> tuple[Floats, Floats]:
+    """(n,) least and greatest Bernstein coefficient of each element, apart by their rounding."""
     plain = net.reshape(len(net), space.count) / weights(space)
-    with np.errstate(invalid="ignore"):
-        low, high = plain.min(axis=1), plain.max(axis=1)
-        rounding = 1e-14 * np.maximum(np.abs(low), np.abs(high))
-        return low - rounding, high + rounding
+    return plain.min(axis=1) - rounding(), plain.max(axis=1) + rounding()
 
 
 def map_space(patch: Patch) -> BernsteinSpace:

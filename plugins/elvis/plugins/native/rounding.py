@@ -1,0 +1,167 @@
+"""How far computed values of fields and expressions may be from the true ones, anywhere in an element.
+
+Bounds of the error of n rounded operations are n u times the magnitudes that go into them, u = 2^-53 (Higham 2002,
+Accuracy and Stability of Numerical Algorithms, chapter 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from elvis.formats.arrays import Floats
+from elvis.formats.dataset import Expansion
+from elvis.formats.patch import Patch
+from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
+from elvis.formats.quantities.cells import Cells
+from elvis.formats.quantities.functions import function
+from elvis.formats.quantities.intervals import Interval
+from elvis.formats.quantities.tree import Node, folded
+from elvis.formats.shapes import Shape
+
+#: unit roundoff of 64-bit floats
+UNIT = 2.0**-53
+#: modes this much smaller than the greatest one are none of a constant
+_SMALL = 1e-3
+
+
+def operations(space: BernsteinSpace) -> int:
+    """Roundings that each term of a polynomial goes through on a device, by nested Horner schemes: products with t and
+    with powers of 1 - t, sums, and those of t itself."""
+    return _horner(space.shape.dimension, max(space.degrees))
+
+
+def field_rounding(patch: Patch, number: int, space: BernsteinSpace, coefficients: Floats) -> Floats:
+    """(n,) bounds for one of a patch's fields.
+
+    coefficients  (n, count) Bernstein coefficients, as rounded
+
+    The change of basis sums the modes: its error is in proportion to their magnitudes.  Bernstein functions are
+    positive and sum to 1: that of the evaluation is to the greatest coefficient.  0 where the field is a constant.
+    """
+    expansion, modal = patch.fields[number], patch.coefficients[number]
+    assert expansion is not None
+    assert modal is not None
+    with np.errstate(invalid="ignore"):
+        modes, values = np.abs(modal), np.abs(coefficients)
+        greatest = values.max(axis=1)
+        summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=1)
+        changed = (_summands(expansion, modal.shape[1]) + 3) * summed
+        rounding = UNIT * (changed + operations(space) * greatest)
+
+        # a constant is a sum of modes of about one size
+        alike = (coefficients == coefficients[:, :1]).all(axis=1)
+        small = ((modes > 0) & (modes < _SMALL * modes.max(axis=1, keepdims=True))).any(axis=1)
+    return np.where(alike & ~small, 0.0, rounding)
+
+
+def _summands(expansion: Expansion, modes: int) -> int:
+    """Terms of the sums in the change to Bernstein coefficients: one direction at a time on tensor shapes."""
+    tensor = expansion.shape in (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
+    return sum(expansion.modes) if tensor else modes
+
+
+@dataclass(frozen=True, eq=False)
+class _Computed:
+    """Values between two arrays, and how far computed ones may be from them."""
+
+    ends: Interval
+    error: Any
+
+    @property
+    def size(self) -> Any:
+        """The greatest magnitude."""
+        return np.maximum(np.abs(self.ends[0]), np.abs(self.ends[1]))
+
+
+def expression_rounding(root: Node, cells: Cells, field_errors: Callable[[str], Floats], degree: int) -> Floats:
+    """(c,) bounds for an expression on boxes: each operation adds its rounding to what its operands bring along.
+
+    field_errors  those of the fields by name, (c,)
+    degree        of map and fields
+    Infinite where an operation is none of polynomials.
+    """
+    gradients = _Gradients(cells, degree)
+
+    def leaf(node: Node) -> _Computed:
+        ends = cells.bounds(node)
+        size = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
+        if node.op == "field":
+            own = field_errors(node.name)
+            return _Computed(ends, gradients.error(node, own) if node.axes else own)
+        return _Computed(ends, _horner(3, degree) * UNIT * size if node.op == "coordinate" else 0.0 * size)
+
+    def inner(node: Node, parts: list[_Computed]) -> _Computed:
+        ends = function(node).interval(*(part.ends for part in parts))
+        size = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
+        return _Computed(ends, _carried(node, parts) + _rounded(node) * UNIT * size)
+
+    with np.errstate(all="ignore"):
+        error = folded(root, leaf, inner).error
+    return np.broadcast_to(np.where(np.isnan(error), np.inf, error), len(cells))
+
+
+def _rounded(node: Node) -> int:
+    """Roundings of an operation, its own."""
+    if node.op in "+-*/":
+        return 1
+    return 2 * abs(int(node.operands[-1].value)) + 1 if _is_whole_power(node) else 8
+
+
+def _is_whole_power(node: Node) -> bool:
+    power = node.operands[-1]
+    return node.op == "^" and power.op == "number" and power.value.is_integer()
+
+
+def _carried(node: Node, parts: list[_Computed]) -> Any:
+    """What the errors of its operands make of the error of an operation."""
+    first, last = parts[0], parts[-1]
+    if node.op in "+-":
+        return first.error + last.error
+    if node.op == "*":
+        return first.size * last.error + last.size * first.error + first.error * last.error
+    if node.op == "/" and node.operands[1].op == "number":
+        return first.error / last.size
+    if _is_whole_power(node) and node.operands[1].value >= 0:
+        count = int(node.operands[1].value)
+        return count * (first.size + first.error) ** max(count - 1, 0) * first.error
+    exact = sum(part.error for part in parts) == 0
+    return np.where(exact, 0.0, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class _Gradients:
+    """Errors of the derivatives of fields along x, y and z in straight simplices."""
+
+    cells: Cells
+    degree: int
+
+    def error(self, node: Node, field_error: Floats) -> Floats:
+        """(c,) that of a leaf: infinite for what is no first derivative, or not known.
+
+        Coefficients of derivatives are differences times the degree; the inverse Jacobian, by cofactors, has a relative
+        error that grows as its determinant is small beside the lengths of its columns.
+        """
+        nets, number = self.cells.nets, self.cells.names.index(node.name)
+        dimension = self.cells.patch.shape.dimension
+        if len(node.axes) > 1 or ("field", number, 0) not in nets:
+            return np.full(len(self.cells), np.inf)
+        axes = tuple(range(1, dimension + 1))
+        rows = [[nets["x", c, d].mean(axis=axes) for d in range(dimension)] for c in range(dimension)]
+        jacobian = np.moveaxis(np.array(rows), 2, 0)
+        lengths = np.linalg.norm(jacobian, axis=1).prod(axis=1)
+        skewed = lengths / np.abs(np.linalg.det(jacobian))
+        total = np.zeros(len(self.cells))
+        weights = np.abs(np.linalg.inv(jacobian))[:, :, node.axes[0]]
+        for direction in range(dimension):
+            steepest = np.abs(nets["field", number, direction]).max(axis=axes)
+            own = 2 * self.degree * field_error + (_horner(dimension, self.degree) + 16 * skewed) * UNIT * steepest
+            total += weights[:, direction] * own
+        return total
+
+
+def _horner(dimension: int, degree: int) -> int:
+    return dimension * (5 * degree + 2)

@@ -1,0 +1,185 @@
+"""Isosurfaces where fields are flat, touch their level or hardly rise: nothing certain is wrong, nothing is lost."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.dataset import Block, Dataset, Field
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import grid, with_field
+from elvis.plugins.serving import volume_of
+from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
+from elvis.renderer.isosurface import IsosurfaceDrawer
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.view import View
+
+SOLIDS = [shape for shape in Shape if shape.dimension == 3]
+CAMERA, SIZE = Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.25), fov=32.0), (30, 30)
+#: part of a depth up to which a certain one may be wrong
+MOST = 1e-8
+
+
+def height(points):
+    """From -1 to 1 over the unit cube; exact."""
+    return 2 * points[:, 2] - 1
+
+
+#: name to a function, its scale, what is added to both field and level, and the place of a coordinate where it is zero
+FLAT = {
+    "inflection": (lambda p: height(p) ** 3, 1.0, 1.0, 2, 0.5),
+    "inflection of a small field": (lambda p: height(p) ** 3, 1.0, 2.0**-10, 2, 0.5),
+    "inflection at zero": (lambda p: height(p) ** 3, 1.0, 0.0, 2, 0.5),
+    "inflection elsewhere": (lambda p: (p[:, 0] - 0.46875) ** 3, 1.0, 1.0, 0, 0.46875),
+    "small slope": (height, 2.0**-17, 2.0**20, 2, 0.5),
+    "smallest slope": (height, 2.0**-52, 1.0, 2, 0.5),
+    "touching at zero": (lambda p: (p[:, 2] - 0.25) ** 2, 1.0, 0.0, 2, 0.25),
+    "touching": (lambda p: (p[:, 2] - 0.25) ** 2, 1.0, 3.0, 2, 0.25),
+    "touching, scaled": (lambda p: (p[:, 2] - 0.25) ** 2, 2.0**-90, 2.0**-90, 2, 0.25),
+}
+#: name to a field, times a scale, that takes its value at one place of a coordinate steeply
+STEEP = {
+    "plain": (lambda x: x + x**2, 1.0, 2, 0.375),
+    "great": (lambda x: x + x**3, 2.0**100, 0, 0.46875),
+    "small": (lambda x: x + x**2, 2.0**-100, 1, 0.3125),
+}
+
+
+@pytest.fixture(scope="module")
+def iso(renderer):
+    """The layer of an isosurface of a dataset's first field, or of an expression."""
+
+    def draw(dataset, view, value, text="u"):
+        return IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(dataset, [text]))).draw(view, None, value)
+
+    return draw
+
+
+def exact(shape, function, scale=1.0, offset=0.0, cells=1):
+    """A function on the unit cube, times a scale, and an offset: coefficients of few binary digits."""
+    mesh, modes = grid(shape, cells), []
+    for own in (function, lambda p: np.ones(len(p))):
+        block = with_field(mesh, own, 4).fields[0].blocks[0]
+        modes.append(np.rint(block.coefficients * 2.0**20) / 2.0**20)
+    values = scale * modes[0] + offset * modes[1]
+    return Dataset(mesh, (Field("u", (Block(block.expansion, block.element_ids, values),)),))
+
+
+def places(view, axis, place):
+    """Depths of rays where a coordinate has a value; how far inside the unit cube that is, in the other coordinates."""
+    origins, ways = view.every_ray()
+    depth = (place - origins[:, axis]) / ways[:, axis]
+    inside = 0.5 - np.abs(origins + depth[:, None] * ways - 0.5)
+    inside[:, axis] = 0.5
+    return depth, inside.min(axis=1)
+
+
+def meets_cube(view):
+    """(n,) rays that meet the unit cube, or nearly."""
+    origins, ways = view.every_ray()
+    ends = np.sort([(-1e-3 - origins) / ways, (1.001 - origins) / ways], axis=0)
+    return ends[0].max(axis=1) <= ends[1].min(axis=1)
+
+
+def check(layer, depth, inside):
+    """Whatever is certain is right; pixels of the surface are hits or ambiguous, all others are misses or ambiguous."""
+    hit, sure = layer.owner != NOBODY, layer.status != Status.AMBIGUOUS
+    clear = sure & (np.abs(inside) > 1e-9)
+    assert np.array_equal(hit[clear], (inside > 0)[clear])
+    right = np.abs(layer.depth - depth) <= MOST * depth
+    assert right[sure & hit].all()
+    assert (np.abs(layer.depth - depth) <= layer.uncertainty)[sure & hit].all()
+    assert np.array_equal(np.isnan(layer.uncertainty), ~hit)
+
+
+@pytest.mark.parametrize("name", FLAT)
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_flat_and_touching_surfaces_are_ambiguous(iso, shape, name):
+    function, scale, level, axis, place = FLAT[name]
+    view = View.through(CAMERA, SIZE)
+    layer = iso(exact(shape, function, scale, level), view, level)
+    depth, inside = places(view, axis, place)
+    check(layer, depth, inside)
+    assert (inside > 0).sum() > 80
+    assert (layer.status[inside > 0] == Status.AMBIGUOUS).all()
+    assert (layer.status[~meets_cube(view)] == Status.MISS).all()
+
+
+@pytest.mark.parametrize("name", STEEP)
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_steep_surfaces_are_certain_and_their_uncertainty_bounds_the_error(iso, shape, name):
+    function, scale, axis, place = STEEP[name]
+    view = View.through(CAMERA, SIZE)
+    layer = iso(exact(shape, lambda p: function(p[:, axis]), scale), view, scale * function(place))
+    depth, inside = places(view, axis, place)
+    check(layer, depth, inside)
+    well = inside > 1e-9
+    assert (layer.status[well] == Status.CERTAIN).mean() > 0.98
+    assert np.nanmax(layer.uncertainty[well & (layer.status == Status.CERTAIN)]) < 1e-11
+
+
+def test_a_flat_surface_costs_few_pieces(renderer):
+    """Where the field can't be told from its level, halving shows nothing new."""
+    data = exact(Shape.HEXAHEDRON, lambda p: (p[:, 2] - 0.46875) ** 3, 1.0, 1.0)
+    drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
+    drawer.draw(View.through(CAMERA, (120, 120)), None, 1.0)
+    assert drawer.counts["pieces"] < 200
+
+
+def test_what_lies_behind_a_doubtful_surface_is_not_certain(draw):
+    """The surface z = 1/2, flat, hides a plane below it."""
+    data = exact(Shape.HEXAHEDRON, lambda p: height(p) ** 3, 1.0, 1.0)
+    low = CutSurface(Plane((0.0, 0.0, 0.1), (0.0, 0.0, 1.0)))
+    frame = draw(data, objects=(Isosurface((1.0,)), low), camera=CAMERA, size=SIZE)
+    _, inside = places(frame.view, 2, 0.5)
+    assert (frame.status.ravel()[inside > 0] == Status.AMBIGUOUS).all()
+    assert (frame.status.ravel()[inside < -0.1] == Status.CERTAIN).sum() > 10
+
+    # before it, the plane is certain
+    high = CutSurface(Plane((0.0, 0.0, 0.9), (0.0, 0.0, 1.0)))
+    frame = draw(data, objects=(Isosurface((1.0,)), high), camera=CAMERA, size=SIZE)
+    above = places(frame.view, 2, 0.9)[1] > 1e-9
+    assert (frame.status.ravel()[above] == Status.CERTAIN).all()
+
+
+def constant(shape, value, other=0.0):
+    """A field that is a value on all elements; other modes than those of vertices have the value ``other``."""
+    data = with_field(grid(shape, 1), lambda p: np.ones(len(p)), 4)
+    block = data.fields[0].blocks[0]
+    modes = np.where(np.abs(block.coefficients) > 0.5, value, other)
+    return Dataset(data.mesh, (Field("u", (Block(block.expansion, block.element_ids, modes),)),))
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_constant_elements_have_no_surface_and_nearly_constant_ones_are_ambiguous(iso, shape):
+    view = View.through(CAMERA, SIZE)
+    for other, status in ((0.0, Status.MISS), (2.0**-55, Status.AMBIGUOUS)):
+        layer = iso(constant(shape, 0.25, other), view, 0.25)
+        assert (layer.owner == NOBODY).all()
+        assert (layer.status[places(view, 2, 0.5)[1] > 1e-9] == status).all()
+
+
+def test_rounding_of_expressions_counts(iso):
+    """(u + 2^40) - 2^40 at 1/3: values are rounded to 2^-12, so that no place is certain."""
+    view = View.through(CAMERA, SIZE)
+    layer = iso(exact(Shape.HEXAHEDRON, lambda p: p[:, 2]), view, 0.33, "(u+1099511627776)-1099511627776")
+    depth, inside = places(view, 2, 0.33)
+    check(layer, depth, inside)
+    assert (layer.status[inside > 0] == Status.AMBIGUOUS).all()
+    assert (layer.owner[inside > 1e-2] != NOBODY).all()
+
+
+def test_a_surface_within_a_face_shared_by_elements_is_there(iso):
+    """u = z over two layers of elements, at the height of the face between them: there is no gap."""
+    view = View.through(CAMERA, SIZE)
+    for shape in (Shape.TETRAHEDRON, Shape.HEXAHEDRON):
+        layer = iso(exact(shape, lambda p: p[:, 2], cells=2), view, 0.5)
+        depth, inside = places(view, 2, 0.5)
+        check(layer, depth, inside)
+        assert (layer.owner[inside > 1e-9] != NOBODY).all()
+        assert (layer.status[inside > 1e-9] == Status.AMBIGUOUS).all()
+
+
+def test_remarks_tell_of_constant_elements(draw):
+    data = constant(Shape.HEXAHEDRON, 0.25)
+    frame = draw(data, objects=(Isosurface((0.25,)), CutSurface(Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0)))), size=(8, 8))
+    assert any("u is 0.25 all over: 1" in remark for remark in frame.stats["remarks"])
