@@ -46,16 +46,22 @@ def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, 
     diagonal  of the data's box in world units; by default of what is seen
     Rounding of large numbers is no failure: where it is more than a bar, as far from the origin, it is the limit.
     Pixels that either calls ambiguous may belong to a neighbouring element, and may be seen in one alone; those that
-    either calls failed are failures.
+    either calls failed are failures.  Places may differ along their rays by what both pictures say of the uncertainty
+    of depths; where that is more than the bar for places, values are not compared.
     """
     decided = (exact.status != Status.AMBIGUOUS) & (other.status != Status.AMBIGUOUS)
     same = decided & exact.seen & other.seen & (exact.element == other.element)
     size = diagonal or extent(exact)
     moved = np.linalg.norm(other.position - exact.position, axis=2) / size
+    uncertain = uncertainty_of(exact) + uncertainty_of(other)
+    with np.errstate(invalid="ignore"):
+        deeper = np.abs(other.depth - exact.depth)
+    moved[(deeper > 0.0) & (deeper <= uncertain)] = 0.0
     away = float(np.abs(exact.position[exact.seen]).max(initial=0.0))
     gone = (exact.status == Status.FAILED) | (other.status == Status.FAILED)
     low, high = not_narrow(ends) if ends else value_range(exact)
-    values = np.where(same, value_errors(exact, other, (low, high)), 0.0)
+    known = same & (uncertain <= POSITION * size)
+    values = np.where(known, value_errors(exact, other, (low, high)), 0.0)
     value_limit = allowed(VALUE, high - low, max(abs(low), abs(high))) / (high - low)
     return [
         _measured("field value", value_limit, values, exact, other),
@@ -64,6 +70,11 @@ def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, 
         _counted("element", decided & exact.seen & other.seen & (exact.element != other.element), exact, other),
         _counted("failed pixels", gone, exact, other),
     ]
+
+
+def uncertainty_of(record: Record) -> Floats:
+    """(h, w) how far the true depths may be from the given ones: 0 where the picture doesn't say."""
+    return np.zeros(record.shape) if record.uncertainty is None else np.nan_to_num(record.uncertainty, posinf=np.inf)
 
 
 def _measured(name: str, limit: float, values: Floats, exact: Record, other: Record) -> Bar:

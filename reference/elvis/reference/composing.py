@@ -73,6 +73,7 @@ def record(
         nearest.reference.reshape(*shape, 3),
         nearest.normal.reshape(*shape, 3),
         nearest.status.reshape(shape).astype(np.int64),
+        nearest.uncertainty.reshape(shape),
     )
 
 

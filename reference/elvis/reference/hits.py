@@ -23,6 +23,7 @@ class Hits:
     depth      (n,)    distance from the eye's plane along the view, infinite likewise
     normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN likewise
     status     (n,)    of `Status`
+    uncertainty  (n,)  the true depth is within this of ``depth``, NaN likewise
     """
 
     element: Ints
@@ -32,6 +33,7 @@ class Hits:
     depth: Floats
     normal: Floats
     status: NDArray[np.uint8]
+    uncertainty: Floats
 
     @staticmethod
     def none(count: int, names: tuple[str, ...]) -> Hits:
@@ -42,7 +44,7 @@ class Hits:
 
         values = {name: nothing() for name in names}
         away, miss = np.full(count, np.inf), np.full(count, Status.MISS, np.uint8)
-        return Hits(np.full(count, -1), values, nothing(3), nothing(3), away, nothing(3), miss)
+        return Hits(np.full(count, -1), values, nothing(3), nothing(3), away, nothing(3), miss, nothing())
 
     @property
     def seen(self) -> Bools:
@@ -51,7 +53,7 @@ class Hits:
 
     def put(self, pixels: Ints | Bools, other: Hits, rows: Ints | Bools | slice = slice(None)) -> None:
         """Overwrite some pixels by rows of other hits."""
-        for name in ("element", "reference", "position", "depth", "normal", "status"):
+        for name in ("element", "reference", "position", "depth", "normal", "status", "uncertainty"):
             getattr(self, name)[pixels] = getattr(other, name)[rows]
         for name, values in self.values.items():
             values[pixels] = other.values[name][rows]

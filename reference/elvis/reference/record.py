@@ -30,6 +30,7 @@ class Record:
     element    global id, -1 where nothing is seen
     position, reference, normal  world and reference coordinates, unit normals; NaN where nothing is seen
     status     0 miss, 1 certain, 2 ambiguous, 3 failed
+    uncertainty  the true depth is within this of the given one; NaN where nothing is seen, None where it isn't known
     """
 
     color: Floats
@@ -40,6 +41,7 @@ class Record:
     reference: Floats
     normal: Floats
     status: Ints
+    uncertainty: Floats | None = None
 
     @staticmethod
     def of(frame: Frame) -> Record:
@@ -47,14 +49,15 @@ class Record:
         from elvis.renderer.saving import arrays
 
         found = arrays(frame)
-        return Record(**{name: found[name] for name in CHANNELS})
+        return Record(**{name: found[name] for name in (*CHANNELS, "uncertainty")})
 
     @staticmethod
     def load(path: Path) -> Record:
         """A record from an .npz file; FormatError where it is none, or lacks a channel."""
         try:
             with np.load(path, allow_pickle=False) as archive:
-                found = {name: archive[name] for name in CHANNELS if name in archive.files}
+                names = [name for name in (*CHANNELS, "uncertainty") if name in archive.files]
+                found = {name: archive[name] for name in names}
         except FileNotFoundError as error:
             raise FormatError("expected a record that elvis render writes as .npz, found no file", file=path) from error
         except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
@@ -69,15 +72,16 @@ class Record:
     def _checked(found: dict[str, Any], path: Path) -> Record:
         """The record, if every channel has the picture's size and a number at each pixel."""
         size = found["field"].shape
-        for name, depth in CHANNELS.items():
+        for name in found:
+            depth = CHANNELS.get(name, 0)
             expected = (*size, depth) if depth else size
             if len(size) != 2 or found[name].shape != expected or found[name].dtype.kind not in "fiu":
                 shape = " x ".join(map(str, found[name].shape)) or "a single value"
                 raise FormatError(
                     f"expected numbers at all pixels of one picture, found {shape}", file=path, place=name
                 )
-        whole = {name: np.int64 if name in ("element", "status") else np.float64 for name in CHANNELS}
-        return Record(**{name: found[name].astype(whole[name]) for name in CHANNELS})
+        whole = {name: np.int64 if name in ("element", "status") else np.float64 for name in found}
+        return Record(**{name: values.astype(whole[name]) for name, values in found.items()})
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -93,4 +97,5 @@ class Record:
     def save(self, path: Path) -> None:
         """Write an .npz file as ``elvis render`` does."""
         with replacing(path) as beside, beside.open("wb") as stream:
-            np.savez_compressed(stream, **{own.name: getattr(self, own.name) for own in fields(self)})
+            every = {own.name: getattr(self, own.name) for own in fields(self)}
+            np.savez_compressed(stream, **{name: values for name, values in every.items() if values is not None})

@@ -46,7 +46,7 @@ def sampled(draw: Draw, data: Dataset | Opened, scene: Scene) -> Frame:
     fine = replace(_finer(frame.scene, n), camera=frame.view.camera, size=(n * width, n * height))
     color = draw(data, replace(fine, range=frame.range)).color
     mean = color.reshape(height, n, width, n, 3).mean(axis=(1, 3))
-    drawing = Drawing(frame.depth, frame.normal, mean, frame.legends)
+    drawing = Drawing(frame.depth, frame.normal, mean, frame.legends, frame.uncertainty)
     return replace(frame, scene=replace(frame.scene, samples=n), drawing=drawing)
 
 

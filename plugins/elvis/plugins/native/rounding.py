@@ -18,7 +18,7 @@ from elvis.formats.patch import Patch
 from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.formats.quantities.cells import Cells
 from elvis.formats.quantities.functions import function
-from elvis.formats.quantities.intervals import Interval
+from elvis.formats.quantities.intervals import Interval, number
 from elvis.formats.quantities.tree import Node, folded
 from elvis.formats.shapes import Shape
 
@@ -34,7 +34,7 @@ def operations(space: BernsteinSpace) -> int:
     return _horner(space.shape.dimension, max(space.degrees))
 
 
-def field_rounding(patch: Patch, number: int, space: BernsteinSpace, coefficients: Floats) -> Floats:
+def field_rounding(patch: Patch, field: int, space: BernsteinSpace, coefficients: Floats) -> Floats:
     """(n,) bounds for one of a patch's fields.
 
     coefficients  (n, count) Bernstein coefficients, as rounded
@@ -42,7 +42,7 @@ def field_rounding(patch: Patch, number: int, space: BernsteinSpace, coefficient
     The change of basis sums the modes: its error is in proportion to their magnitudes.  Bernstein functions are
     positive and sum to 1: that of the evaluation is to the greatest coefficient.  0 where the field is a constant.
     """
-    expansion, modal = patch.fields[number], patch.coefficients[number]
+    expansion, modal = patch.fields[field], patch.coefficients[field]
     assert expansion is not None
     assert modal is not None
     with np.errstate(invalid="ignore"):
@@ -87,6 +87,8 @@ def expression_rounding(root: Node, cells: Cells, field_errors: Callable[[str], 
     gradients = _Gradients(cells, degree)
 
     def leaf(node: Node) -> _Computed:
+        if node.op == "number":
+            return _Computed(number(node.value), 0.0)
         ends = cells.bounds(node)
         size = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
         if node.op == "field":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from elvis.reference.quantities import Quantities
 from elvis.renderer.frame import Status
 from elvis.renderer.view import View
 
+#: part of its depth to which a certain hit is known; units in the last place that coordinates may be wrong by
+CERTAIN, _UNITS = 1e-8, 8
 #: hits of one surface nearer to one another than this part of the scene's size are one hit
 _ONE = 1e-10
 
@@ -29,6 +31,7 @@ class Crossings:
     reference  (k, 3)  reference coordinates
     normal     (k, 3)  normals of any length, towards either side
     status     (k,)    of `Status`; FAILED where a search did not settle: such a hit shows nothing
+    uncertainty  (k,)  the true depths are within this of the given ones; NaN where only places are rounded
     """
 
     pixel: Ints
@@ -38,6 +41,7 @@ class Crossings:
     reference: Floats
     normal: Floats
     status: NDArray[np.uint8]
+    uncertainty: Floats
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -46,7 +50,7 @@ class Crossings:
     def none() -> Crossings:
         """No hit."""
         whole, vectors = np.empty(0, np.int64), np.empty((0, 3))
-        return Crossings(whole, np.empty(0), whole, whole, vectors, vectors, np.empty(0, np.uint8))
+        return Crossings(whole, np.empty(0), whole, whole, vectors, vectors, np.empty(0, np.uint8), np.empty(0))
 
     def part(self, which: Ints | Bools) -> Crossings:
         """Some of the hits."""
@@ -59,6 +63,23 @@ class Crossings:
         columns = [np.concatenate([getattr(part, own.name) for part in every]) for own in fields(Crossings)]
         found = Crossings(*columns)
         return found.part(np.lexsort([found.depth, found.pixel]))
+
+    def weighed(self, view: View, size: float) -> Crossings:
+        """The hits with all uncertainties, none certain where its depth is known to less than `CERTAIN` of it.
+
+        size  greatest coordinate of the data and of the eye
+        Coordinates that are rounded by some units in the last place make depths uncertain by that over the cosine
+        between ray and normal.
+        """
+        directions = view.rays(self.pixel % view.width, self.pixel // view.width)[1]
+        lengths = np.linalg.norm(directions, axis=1) * np.linalg.norm(self.normal, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            cosine = np.abs(np.einsum("ni,ni->n", directions, self.normal)) / lengths
+            rounded = _UNITS * np.spacing(size) / cosine
+        uncertainty = np.fmax(np.nan_to_num(self.uncertainty, posinf=np.inf), rounded)
+        known = uncertainty <= CERTAIN * self.depth
+        status = np.where(~known & (self.status == Status.CERTAIN), Status.AMBIGUOUS, self.status).astype(np.uint8)
+        return replace(self, status=status, uncertainty=uncertainty)
 
     def distinct(self, size: float) -> Crossings:
         """The hits without those that are there twice: of one element, at one place; ``size`` is that of the scene."""
@@ -120,6 +141,7 @@ class Crossings:
         origins, directions = view.rays(columns.astype(np.float64), rows.astype(np.float64))
         found.element[here], found.depth[here] = self.ids(quantities.patches), self.depth
         found.reference[here], found.status[here] = self.reference, self.status
+        found.uncertainty[here] = self.uncertainty
         found.position[here] = origins + self.depth[:, None] * directions
         found.normal[here] = turned(self.normal, directions)
         for name in names:

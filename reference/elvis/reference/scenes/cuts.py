@@ -51,7 +51,8 @@ def _located(found: Location, pixel: Ints, depth: Floats, normal: Floats) -> Cro
     status = np.where(known, certain, Status.FAILED).astype(np.uint8)
     reference = np.zeros((len(here), 3))
     reference[:, : found.reference.shape[1]] = found.reference[here]
-    return Crossings(pixel[here], depth[here], found.patch[here], found.row[here], reference, normal[here], status)
+    columns = (pixel[here], depth[here], found.patch[here], found.row[here], reference, normal[here], status)
+    return Crossings(*columns, np.full(len(here), np.nan))
 
 
 def surface_hits(surface: Surface, view: View) -> tuple[Ints, Floats, Floats]:

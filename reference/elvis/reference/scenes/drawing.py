@@ -105,6 +105,10 @@ class Scenery:
         """Diagonal of the box."""
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
+    def _greatest(self, view: View) -> float:
+        """The greatest coordinate of the elements and of the eye, in magnitude."""
+        return float(np.abs([*self.box, view.camera.eye]).max())
+
     @cached_property
     def locator(self) -> Locator:
         """Points among the elements."""
@@ -125,6 +129,7 @@ class Scenery:
                 found = self._faces(select, view)
             case _:
                 return Crossings.none()
+        found = found.weighed(view, self._greatest(view))
         found = found.part(~self._clipped(found, scene, view))
         return found.once(self.quantities.patches, self.size)
 
@@ -184,7 +189,7 @@ class Scenery:
             status.ravel()[glowing[status.ravel()[glowing] == Status.MISS]] = Status.CERTAIN
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.named(scene.palette, *ends)
-        drawing = Drawing(made.depth, made.normal, made.color, (Legend(scene.field, palette),))
+        drawing = Drawing(made.depth, made.normal, made.color, (Legend(scene.field, palette),), made.uncertainty)
         return Frame(scene, view, made.field, made.element, made.reference, status, {}, drawing)
 
     def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges) -> list[Fog]:

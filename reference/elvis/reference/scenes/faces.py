@@ -162,4 +162,5 @@ def _hits(number: int, face: Face, rows: Ints, pixel: Ints, roots: Roots, direct
     doubt = (other[here] <= TOLERANCE) | ~(cosine > _GRAZING)
     status = np.where(doubt, Status.AMBIGUOUS, Status.CERTAIN).astype(np.uint8)
     patch = np.full(len(here), number)
-    return Crossings(pixel[here], roots.depth[here], patch, rows[here], roots.reference[here], normal, status)
+    columns = (pixel[here], roots.depth[here], patch, rows[here], roots.reference[here], normal, status)
+    return Crossings(*columns, np.full(len(here), np.nan))

@@ -2,7 +2,8 @@
 
 Pairs of an element and a ray of which bounds can't say that they miss the value (`bounding`) are looked at.  Along the
 ray's way through the element (`ways`, `courses`) the function depends on the depth alone, and all its zeros are found
-(`zeros`), however near to one another.  Newton's method on the exact map and function finishes each.
+(`zeros`), however near to one another.  Newton's method on the exact map and function finishes each.  How certain it is
+shows when the function is measured nearby: values beside a straight line are rounding.
 """
 
 from __future__ import annotations
@@ -18,15 +19,18 @@ from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.bounding import candidates, degree_along
 from elvis.reference.scenes.courses import followed_through
 from elvis.reference.scenes.crossings import Crossings
-from elvis.reference.scenes.newton import Constraint, solve
+from elvis.reference.scenes.newton import Constraint, inverses, solve
 from elvis.reference.scenes.ways import Ways, ways_through
 from elvis.reference.scenes.zeros import Zeros, zeros
-from elvis.reference.solids import margins_of
+from elvis.reference.solids import margins_of, placed
 from elvis.renderer.frame import Status
 from elvis.renderer.view import View
 
 #: values next to the one that is looked for are it, in parts of it; steps of Newton's method; starts are near
 _ROUNDING, _STEPS = 4e-15, 12
+#: half the stretch on which the function is measured about a zero, in parts of the depth and of the way at most; places
+#: there; how much greater rounding may be elsewhere
+_WINDOW, _NARROW, _PLACES, _SAFETY = 1e-8, 1e-6, 9, 4.0
 #: how far from a zero's place Newton's method may end, in parts of the way, and of the scene's size
 _NEAR, _NEARER = 1e-2, 1e-9
 #: ways that are looked at together
@@ -88,14 +92,40 @@ class _Search:
         stays = roots.found & (np.abs(roots.depth - depth) <= near)
         reference = np.where(stays[:, None], roots.reference, start)
         depth = np.where(stays, roots.depth, depth)
+        width = np.minimum(_WINDOW * depth, _NARROW * (ways.far - ways.near))
+        uncertainty, along = self._uncertain(ways.row, reference, directions, width)
+        uncertainty[found.double | ~stays] = np.inf
+
+        # what is uncertain may lie on either side of a border
+        shift = np.where(stays, 2 * np.minimum(uncertainty, width) * np.abs(along).max(axis=1), 0.0)
         margin = margins_of(self.patch, reference)
-        here = np.flatnonzero((margin >= -TOLERANCE) & (depth > 0) & (stays | ~found.rough))
-        doubt: Bools = (margin <= TOLERANCE) | found.double | ~stays
+        here = np.flatnonzero((margin >= -TOLERANCE - shift) & (depth > 0) & (stays | ~found.rough))
+        doubt: Bools = (margin <= TOLERANCE + shift) | ~np.isfinite(uncertainty)
         status = np.where(doubt, Status.AMBIGUOUS, Status.CERTAIN).astype(np.uint8)
-        every = Crossings(
-            ways.pixel, depth, np.full(len(depth), self.number), ways.row, reference, roots.normal, status
-        )
+        number = np.full(len(depth), self.number)
+        every = Crossings(ways.pixel, depth, number, ways.row, reference, roots.normal, status, uncertainty)
         return every.part(here)
+
+    def _uncertain(self, rows: Ints, reference: Floats, directions: Floats, width: Floats) -> tuple[Floats, Floats]:
+        """How far depths (n,) of zeros may be from the true ones, and steps (n, 3) of r for a unit of depth.
+
+        The function is measured at places along the ray, as far from the zero as ``width`` (n,): a line through the
+        values has the function's rise, and they lie beside it by what rounding does to them.
+        """
+        _, slopes = placed(self.patch, rows, reference)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            along = np.einsum("nij,nj->ni", inverses(slopes), directions)
+        shares = np.linspace(-1.0, 1.0, _PLACES)
+        steps = width[:, None, None] * shares[:, None] * along[:, None]
+        places, every = reference[:, None] + steps, np.repeat(rows, _PLACES)
+        values = self.quantities.values(self.name, self.patch, every, places.reshape(-1, places.shape[2]))
+        values = values.reshape(-1, _PLACES)
+        rise = (values - values.mean(axis=1, keepdims=True)) @ shares / (shares @ shares)
+        line = values.mean(axis=1, keepdims=True) + rise[:, None] * shares
+        beside = np.abs(values - line).max(axis=1) + np.spacing(np.abs(values).max(axis=1))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            uncertainty = width * _SAFETY * beside / np.abs(rise)
+        return np.where(np.isnan(uncertainty), np.inf, uncertainty), along
 
 
 def level_of(quantities: Quantities, name: str, patch: Patch, value: float) -> Constraint:

@@ -107,7 +107,8 @@ def beginnings(locator: Callable[[], Locator], view: View, box: Floats) -> Cross
     reference = np.zeros((len(held), 3))
     reference[:, : found.reference.shape[1]] = found.reference[held]
     status = np.full(len(held), Status.CERTAIN, np.uint8)
-    return Crossings(pixel, np.zeros(len(held)), found.patch[held], found.row[held], reference, reference, status)
+    columns = (pixel, np.zeros(len(held)), found.patch[held], found.row[held], reference, reference, status)
+    return Crossings(*columns, np.full(len(held), np.nan))
 
 
 def _paired(hits: Crossings, pairs: Ints) -> Ways:

@@ -93,7 +93,8 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
         errors = accuracy * size + noise if depth == 0 else errors
         inexact = errors[parts.which]
         ready = rest <= np.maximum(_RESOLVED * size, inexact)
-        error = np.maximum(2 * rest, inexact)
+        # what is left in the last coefficients, rounding not least, is in all others too
+        error = np.maximum((degree + 2) * rest, inexact)
         found += _separated(parts.some(ready), coefficients[ready], error[ready])
 
         # the last parts that aren't resolved may have a zero where they change their sign
@@ -108,7 +109,11 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
 
 
 def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
-    """The zeros of series (k, n) on parts, right but for errors (k,)."""
+    """The zeros of series (k, n) on parts, right but for errors (k,).
+
+    A slope is that of the function where it is greater than what the error may add, n^2 times as much (Markov 1889);
+    a part that has its zero at an end, to within the error, has it there, and so may the next one.
+    """
     found: list[Zeros] = []
     halve, signs = _halving(coefficients.shape[1] - 1), (-1.0) ** np.arange(coefficients.shape[1])
     for depth in range(_HALVED + 1):
@@ -116,10 +121,13 @@ def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros
         kept = ~(sizes[:, 0] - sizes[:, 1:].sum(axis=1) > error)
         parts, coefficients, error = parts.some(kept), coefficients[kept], error[kept]
         slopes = np.abs(coefficients @ _slopes(coefficients.shape[1] - 1))
-        single = 2 * slopes[:, 0] > slopes.sum(axis=1)
+        single = 2 * slopes[:, 0] - slopes.sum(axis=1) > (len(signs) - 1) ** 2 * error
         flat = (np.abs(coefficients).sum(axis=1) <= error) | (depth == _HALVED)
-        crossed = ((coefficients @ signs > 0) != (coefficients.sum(axis=1) > 0)) & single & ~flat
+        first, last = coefficients @ signs, coefficients.sum(axis=1)
+        crossed = ((first > 0) != (last > 0)) & single & ~flat
         found.append(parts.some(crossed).zeros(_bisected(coefficients[crossed])))
+        ended = ~crossed & single & ~flat & (np.minimum(np.abs(first), np.abs(last)) <= error)
+        found.append(parts.some(ended).zeros(np.where(np.abs(first) <= np.abs(last), -1.0, 1.0)[ended]))
         found.append(parts.some(flat).zeros(np.zeros(int(flat.sum())), double=True))
         more = ~single & ~flat
         if not more.any():
