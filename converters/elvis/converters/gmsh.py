@@ -5,6 +5,7 @@ Values are evaluated by the functions of their interpolation scheme where they h
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
+from elvis.plugins.recognition import found_instead
 
 #: how many bytes tell what a file is, comments at its beginning included
 _HEAD = 1 << 16
@@ -50,12 +52,24 @@ class Gmsh(Converter):
         """Whether all files start like Gmsh's."""
         return bool(paths) and all(_starts(path) for path in paths)
 
+    @classmethod
+    def hint(cls, path: Path) -> str:
+        """Its scripts and lists of values, which hold no mesh."""
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+        if re.search(rb"(?m)^\s*(View|T2|T3)\s*\"", head) or b"$PostFormat" in head:
+            return "a list of values of Gmsh (.pos) without a mesh: save the view in a .msh file"
+        if re.search(rb"(?m)^\s*(SetFactory|Point|Line|Circle|Include|Merge)\s*(\(|\")", head):
+            return "a script of Gmsh (.geo) without a mesh: mesh it (gmsh -3), and give the .msh file"
+        return ""
+
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         if step is not None and not step.lstrip("-").isdigit():
             raise ElvisError(f"expected a number for --step, found {step!r}")
         for path in paths:
             if not _starts(path):
-                raise FormatError(f"expected {MAGIC.decode()} at the beginning, found something else", file=path)
+                found = self.hint(path) or found_instead(path)
+                raise FormatError(f"expected {MAGIC.decode()} at the beginning, found {found}", file=path)
         contents = [scan(path) for path in paths]
         self._mesh = read_mesh(_with_mesh(contents))
         self._groups = self._mesh.groups

@@ -47,6 +47,11 @@ class Hopr(Converter):
         """Whether every file is a HOPR mesh or a state that names one."""
         return all(holds(path, "ElemInfo", "NodeCoords") or holds(path, "DG_Solution") for path in paths)
 
+    @classmethod
+    def hint(cls, path: Path) -> str:
+        """Other files of FLEXI's, such as wall distances."""
+        return _other_kind(path)
+
     def __init__(self, paths: Sequence[Path]) -> None:
         mesh, state = _roles(paths)
         with opened(mesh) as file:
@@ -171,6 +176,23 @@ def _widths(file: h5py.File, count: int) -> Floats:
     if len(widths) != count or not (widths > 0).all() or not np.isclose(widths.sum(), 2):
         raise FormatError(f"expected {count} widths with sum 2, found {widths}", file=file.filename, place="FV_w")
     return widths
+
+
+def _other_kind(path: Path) -> str:
+    """What an HDF5 file of FLEXI's tools holds that is neither mesh nor state, and what to do; empty for others."""
+    import h5py
+
+    if not path.is_file() or not h5py.is_hdf5(path):
+        return ""
+    try:
+        with opened(path) as file:
+            kind = text(attribute(file, "File_Type")) if "File_Type" in file.attrs else ""
+            distances = [name for name in file if "walldist" in name.lower()]
+    except FormatError:
+        return ""
+    if distances or "walldist" in kind.lower():
+        return "distances to walls of FLEXI, without a solution: give a state file, with its mesh beside it"
+    return f"a FLEXI file of the kind {kind}, without DG_Solution: give a state file" if kind else ""
 
 
 def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, read_boundaries, read_header
+from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, other_file, read_boundaries, read_header
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
 from elvis.formats.polynomials.quadrature import lobatto
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, SourceField
 from elvis.plugins.nodal import NodalBasis, tensor_nodes
+from elvis.plugins.recognition import found_instead
 
 #: our local side for each side of theirs, by dimension
 _SIDES = {2: np.array([0, 1, 2, 3]), 3: np.array([1, 2, 3, 4, 0, 5])}
@@ -41,6 +42,11 @@ class Nek(Converter):
         kinds = [_kind(path) for path in paths]
         return bool(paths) and all(kinds) and ("field" in kinds or "index" in kinds)
 
+    @classmethod
+    def hint(cls, path: Path) -> str:
+        """The mesh, the partition and the case of a run, which hold no field."""
+        return other_file(path)
+
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         if step is not None and not step.isdigit():
             raise ElvisError(f"expected a number for --step, found {step!r}")
@@ -48,7 +54,9 @@ class Nek(Converter):
         fields += [_member(path, step) for path in paths if _kind(path) == "index"]
         for path in paths:
             if not _kind(path):
-                raise FormatError("expected a Nek5000 field, .re2 or .nek5000 file, found another", file=path)
+                raise FormatError(
+                    f"expected a Nek5000 field, .re2 or .nek5000 file, found {found_instead(path)}", file=path
+                )
         points, values = _steps(fields)
         self._points, self._values = Step(points), Step(values)
         self._check_match()

@@ -30,6 +30,22 @@ _NUMBERED, _INSIDE = ("MSH", "EXO"), ("E", "P", "p", "J", "SP", "")
 _MOST_POINTS = 64
 
 
+def other_file(path: Path) -> str:
+    """What a file of a run is that holds no field, and what to do; empty for fields, and for files of others."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(512)
+    except OSError:
+        return ""
+    advice = "give a field file (.f00001) too, which has the curved points"
+    if start.startswith(MESH_MAGIC):
+        what = "partition (.ma2)" if path.suffix == ".ma2" else "mesh (.re2)"
+        return f"a Nek5000 {what} without a field: {advice}"
+    if b"NEKTON" in start or b"PARAMETERS FOLLOW" in start:
+        return f"a Nek5000 case (.rea) without a field: {advice}"
+    return ""
+
+
 @dataclass(frozen=True)
 class Header:
     """The first line of a field file.

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.names import components
-from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES
+from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, export
 from elvis.converters.ngsolve_files import is_mesh, sampled
 from elvis.converters.unit import UNIT
 from elvis.formats.arrays import Floats, Ints
@@ -25,7 +25,7 @@ from elvis.formats.errors import ElvisError, FormatError
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
 
-_HIGHEST = 30
+_HIGHEST, _HEAD = 30, 4096
 
 
 class NGSolve(Converter):
@@ -51,6 +51,17 @@ class NGSolve(Converter):
         except (OSError, zipfile.BadZipFile):
             return False
         return any({f"{shape}_ref.npy", f"{shape}_xyz.npy", f"{shape}_verts.npy"} <= names for shape in SHAPES)
+
+    @classmethod
+    def hint(cls, path: Path) -> str:
+        """Functions without their mesh, pickled sessions."""
+        if path.suffix == ".gfu":
+            return "numbers of an NGSolve function (.gfu) without a mesh: give the .vol file too, and --spaces"
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+        if head.startswith(b"\x80") and b"ngsolve" in head:
+            return f"a pickled NGSolve session, which would run what it holds: use {export.__module__}.export in Python"
+        return ""
 
     def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:
         is_archive = len(paths) == 1 and zipfile.is_zipfile(paths[0])

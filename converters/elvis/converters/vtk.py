@@ -14,7 +14,7 @@ import numpy as np
 
 from elvis.converters.names import components
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
-from elvis.converters.vtk_files import Grid, kind_of, read
+from elvis.converters.vtk_files import Grid, kind_of, other_kind, read
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
@@ -46,6 +46,11 @@ class Vtk(Converter):
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether all are unstructured grids or lists of them."""
         return bool(paths) and all(kind_of(path) for path in paths)
+
+    @classmethod
+    def hint(cls, path: Path) -> str:
+        """VTK's other data sets."""
+        return other_kind(path)
 
     def __init__(
         self,

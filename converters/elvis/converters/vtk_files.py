@@ -13,6 +13,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.plugins.recognition import found_instead
 
 #: how much of a file tells what it is
 _START = 4096
@@ -22,6 +23,20 @@ _KINDS = {
     b"PUnstructuredGrid": "parts",
     b"vtkMultiBlockDataSet": "blocks",
     b"Collection": "series",
+}
+
+_UNSTRUCTURED = "save an unstructured grid (.vtu), in ParaView by the filter Append Datasets"
+
+#: what other kinds of its data sets hold, and what to do
+_OTHERS = {
+    b"POLYDATA": "a surface of polygons (PolyData) without a volume: save the volume as an unstructured grid (.vtu)",
+    b"STRUCTUREDGRID": f"a structured grid of linear cells: {_UNSTRUCTURED}",
+    b"RECTILINEARGRID": f"a rectilinear grid of linear cells: {_UNSTRUCTURED}",
+    b"IMAGEDATA": f"an image of points on a lattice (ImageData): {_UNSTRUCTURED}",
+    b"STRUCTUREDPOINTS": f"an image of points on a lattice (StructuredPoints): {_UNSTRUCTURED}",
+    b"HYPERTREEGRID": f"a hyper tree grid: {_UNSTRUCTURED}",
+    b"TABLE": "a table of values without cells: give the grid",
+    b"FIELD": "arrays without cells: give the grid",
 }
 
 #: arrays of the library's own, and those with a meaning of their own
@@ -71,18 +86,36 @@ def kind_of(path: Path) -> str:
     return _KINDS.get(found[1], "") if found else ""
 
 
+def other_kind(path: Path) -> str:
+    """What a file of VTK's holds that is no unstructured grid, and what to do; empty for files of others."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(_START)
+    except OSError:
+        return ""
+    found = re.search(rb"<VTKFile[^>]*?\btype\s*=\s*[\"'](\w+)[\"']", start)
+    if found is None and start.startswith(b"# vtk DataFile"):
+        found = re.search(rb"(?im)^\s*(?:DATASET\s+)?(\w+)", start.split(b"\n", 3)[-1])
+    if found is None:
+        return ""
+    kind = found[1].upper().replace(b"_", b"").removeprefix(b"VTK")
+    words = _OTHERS.get(kind) or _OTHERS.get(kind.removeprefix(b"P"))
+    return words or f"VTK data of the kind {found[1].decode('ascii', 'replace')}: {_UNSTRUCTURED}"
+
+
 def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
     """The grids of all files; of a series those of one step."""
     grids: list[Grid] = []
     for path in paths:
         if not kind_of(path):
-            raise FormatError("expected an unstructured grid of VTK, found another file", file=path)
+            found = other_kind(path) or found_instead(path)
+            raise FormatError(f"expected an unstructured grid of VTK, found {found}", file=path)
         if kind_of(path) == "series":
             time, members = _members(path, step)
-            found = [grid for member in members for grid in _read(member)]
-            for grid in found:
+            own = [grid for member in members for grid in _read(member)]
+            for grid in own:
                 grid.time = time
-            grids += found
+            grids += own
         else:
             grids += _read(path)
     return grids

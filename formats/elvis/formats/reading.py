@@ -105,6 +105,8 @@ class _Reader:
 
     def _add_hdf5(self, path: Path) -> None:
         with hdf5.opened(path) as file:
+            if "NEKTAR" not in file:
+                raise FormatError(f"expected a group NEKTAR, found none; {xml.OTHERS}", file=path)
             is_geometry = geometry_hdf5.is_geometry(file)
         if is_geometry:
             self._bare.append(path)
@@ -115,8 +117,7 @@ class _Reader:
 
     def _add_xml(self, path: Path, is_mesh_piece: bool = False) -> None:
         for root in xml.parse(load(path), str(path)):
-            if root.tag != "NEKTAR":
-                raise FormatError(f"expected a root <NEKTAR>, found <{root.tag}>", file=path)
+            xml.check_root(root, str(path))
             metadata: dict[str, str] = {}
             parts: list[str] = []
             is_field = False

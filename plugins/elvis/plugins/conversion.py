@@ -175,6 +175,14 @@ class Converter(ABC):
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether these files, all of them, are for this converter; told by content, quickly, without raising."""
 
+    @classmethod
+    def hint(cls, path: Path) -> str:
+        """What a relative of the format is that it doesn't open, and what to do; empty for all other files.
+
+        As ``a Nek5000 mesh (.re2) without a field: give a field file too``; told as quickly as by `opens`.
+        """
+        return ""
+
     @abstractmethod
     def __init__(self, paths: Sequence[Path], **options: Any) -> None:
         """Read the files; FormatError where they are not what they should be."""

@@ -11,6 +11,7 @@ from typing import Any
 
 from elvis.formats.errors import ElvisError
 from elvis.plugins.conversion import Converter, Option
+from elvis.plugins.recognition import found_instead
 from elvis.plugins.registry import PluginError, plugins
 
 GROUP = "elvis.converters"
@@ -78,13 +79,35 @@ def chosen(candidates: Sequence[Candidate], paths: Sequence[Path], name: str | N
     known = {candidate.name: candidate for candidate in candidates}
     if name is not None and name not in known:
         raise ElvisError(f"there is no converter {name!r}; there are: {', '.join(known) or 'none'}")
-    opening = [known[name]] if name is not None else [c for c in candidates if c.converter and c.converter.opens(paths)]
+    opening = [known[name]] if name is not None else _opening(candidates, paths)
     files = ", ".join(str(path) for path in paths)
     if not opening:
-        raise ElvisError(f"{files}: expected files that a converter opens ({', '.join(known)}), found others")
+        raise ElvisError(_unopened(candidates, paths))
     if len(opening) > 1:
         raise ElvisError(f"{files}: {' and '.join(c.name for c in opening)} open them all; choose one with --from")
     return _usable(opening[0])
+
+
+def _opening(candidates: Sequence[Candidate], paths: Sequence[Path]) -> list[Candidate]:
+    return [each for each in candidates if each.converter and each.converter.opens(paths)]
+
+
+def _unopened(candidates: Sequence[Candidate], paths: Sequence[Path]) -> str:
+    """A sentence about files that no converter opens: which of them, what it is, what to do."""
+    alone = {path: [each.name for each in _opening(candidates, [path])] for path in paths}
+    strange = [path for path, names in alone.items() if not names]
+    if strange:
+        known = [each.converter for each in candidates if each.converter]
+        names = ", ".join(each.name for each in candidates) or "none"
+        return (
+            f"{strange[0]}: expected a file that a converter opens ({names}), found {found_instead(strange[0], known)}"
+        )
+    files = ", ".join(map(str, paths))
+    if len({tuple(names) for names in alone.values()}) == 1:
+        name = next(iter(alone.values()))[0]
+        return f"{files}: expected files that belong together, found {len(paths)} that {name} opens one at a time"
+    owners = ", ".join(f"{path.name} ({' or '.join(names)})" for path, names in alone.items())
+    return f"{files}: expected files of one converter, found {owners}: convert them one by one"
 
 
 def _usable(candidate: Candidate) -> Candidate:

@@ -41,3 +41,18 @@ def test_norms_of_quantities_are_their_integrals(nektar, elvis):
     assert found["d(u,z)"]["L2"] == pytest.approx(np.sqrt(32 / 3), rel=1e-12)
     assert found["2*u"]["L2"] == pytest.approx(2 * plain["u"]["L2"], rel=1e-13)
     assert found["q_criterion"]["Linf"] < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("text", "is_told"), [("1", True), ("-2*pi", True), ("x/x", False), ("u", False), ("0", False)]
+)
+def test_the_norm_of_a_constant_is_not_the_volume_which_is_told(nektar, elvis, monkeypatch, text, is_told):
+    """A cube of edge 2."""
+    told = []
+    monkeypatch.setattr("elvis.formats.terminal.warn", told.append)
+    channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
+    found = json.loads(elvis("norms", "--json", *channel, "--field", text))
+    if is_told:
+        assert found[text]["L2"] == pytest.approx(np.sqrt(8) * found[text]["Linf"], rel=1e-12)
+    assert len(told) == is_told
+    assert all(sentence.endswith("the domain's volume (area, length) is 8") for sentence in told)

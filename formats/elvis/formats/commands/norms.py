@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +17,9 @@ from elvis.formats.commands.arguments import (
     plugin_option,
     read_data,
 )
+
+if TYPE_CHECKING:
+    from elvis.formats.norms import Norm
 
 EPILOG = """\b
 Examples:
@@ -34,8 +39,9 @@ def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, pl
 
     The quadrature is that of the solver, so that the numbers can be laid beside those of FieldConvert. Linf is the
     greatest magnitude at the quadrature points; maximum, which FieldConvert calls L inf, is the greatest value there.
-    With --field just those quantities are integrated, by the rule of the field with most modes in them. Data of runtime
-    plugins are integrated by rules that are refined until they agree.
+    With --field just those quantities are integrated, by the rule of the field with most modes in them: the root of the
+    integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
+    are refined until they agree.
     """
     from elvis.formats.norms import norms as norms_of
     from elvis.formats.norms import quantity_norm
@@ -51,8 +57,28 @@ def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, pl
             found = {each.text: quantity_norm(dataset, each) for each in expressions(dataset, quantities)}
         else:
             found = norms_of(dataset)
+    _tell_measure(quantities, found)
     if as_json:
         print_json({name: {"L2": norm.l2, "Linf": norm.linf} for name, norm in found.items()})
         return
     rows = [(name, *(f"{number:.10g}" for number in (n.l2, n.linf, n.maximum))) for name, n in found.items()]
     print_table(("", "L2", "Linf", "maximum"), rows)
+
+
+def _tell_measure(quantities: tuple[str, ...], found: Mapping[str, Norm]) -> None:
+    """Say of the first constant what its norm is, and what was probably asked for: the volume."""
+    from elvis.formats.errors import ElvisError
+    from elvis.formats.quantities import Expression, Names
+    from elvis.formats.terminal import warn
+
+    for text in quantities:
+        try:
+            is_constant = not Expression.parse(text, Names(())).leaves
+        except ElvisError:
+            continue
+        norm = found.get(text)
+        if is_constant and norm is not None and norm.linf > 0:
+            measure = (norm.l2 / norm.linf) ** 2
+            volume = f"the domain's volume (area, length) is {measure:.10g}"
+            warn(f"the L2 norm of {text} is the root of an integral: {volume}")
+            return

@@ -58,8 +58,7 @@ class _Review:
             self._hdf5(path)
             return
         for root in xml.parse(load(path), str(path)):
-            if root.tag != "NEKTAR":
-                raise FormatError(f"expected a root <NEKTAR>, found <{root.tag}>", file=path)
+            xml.check_root(root, str(path))
             for child in root.children():
                 self._child(path, child)
 

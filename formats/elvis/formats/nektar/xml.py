@@ -86,6 +86,16 @@ class Element:
         return self.attributes[name]
 
 
+#: what to do with data that aren't native
+OTHERS = "files of other programs become native by elvis convert"
+
+
+def check_root(root: Element, file: str) -> None:
+    """FormatError for a document of another format."""
+    if root.tag != "NEKTAR":
+        raise FormatError(f"expected a root <NEKTAR>, found <{root.tag}>; {OTHERS}", file=file)
+
+
 def parse(data: Buffer, file: str) -> list[Element]:
     """The elements at the top of a document; several are legal in old files.
 
@@ -215,7 +225,9 @@ def _decode(raw: bytes | bytearray) -> str:
 
 
 def _description(data: Buffer) -> str:
-    return f"{len(data)} bytes that begin {bytes(data[:8])!r}" if data.strip() else "an empty file"
+    if not data.strip():
+        return "an empty file"
+    return f"{len(data)} bytes that begin {bytes(data[:8])!r}; {OTHERS}"
 
 
 @contextmanager

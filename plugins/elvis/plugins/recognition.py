@@ -1,0 +1,78 @@
+"""What files are that nobody opens, and what to do: for messages.
+
+Converters know the relatives of their own formats (`Converter.hint`); here is what no converter claims.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from elvis.plugins.conversion import Converter
+
+_HEAD = 4096
+
+#: how files begin -> what they are, and what to do where there is something
+_BEGINNINGS: Sequence[tuple[bytes, str]] = (
+    (rb"\x1f\x8b|BZh|\xfd7zXZ|PK\x03\x04(?!.{26}[^\0]*\.npy)|\x28\xb5\x2f\xfd", "a compressed file: unpack it"),
+    (rb"PK\x03\x04", "an archive of NumPy arrays of unknown names"),
+    (rb"\x93NUMPY", "a NumPy array"),
+    (rb"\x80[\x02-\x05]", "a Python pickle, which would run what it holds: export from the program that wrote it"),
+    (rb"\x89PNG|\xff\xd8\xff|GIF8|RIFF|%PDF", "a picture"),
+    (rb"solid |ply\r?\n|glTF", "a surface of triangles, without a volume: it may be the target of distances"),
+    (rb"#!TDV|(?i:\s*(title|variables)\s*=)", "a Tecplot file, whose values lie at points: export from the solver"),
+    (rb"FoamFile|/\*-+\*- C\+\+ -\*-+\*\\", "an OpenFOAM file: write VTK with foamToVTK, and convert that"),
+    (rb"(?s).{0,2000}?^\s*NDIME\s*=", "an SU2 mesh: write its solution as VTK or CGNS, and convert that"),
+    (
+        rb"(?s)(# EnSight|FORMAT\s+type:\s*ensight|C Binary)",
+        "EnSight data: save an unstructured grid (.vtu) in ParaView",
+    ),
+    (rb"CDF[\x01\x02\x05]", "a netCDF file without elements of Exodus"),
+    (rb"(?s)(<\?xml.*?)?<Xdmf", "an XDMF file, which names others: save an unstructured grid (.vtu) in ParaView"),
+    (rb"(?s)(<\?xml.*?)?<(\w+)", "an XML file with another root"),
+)
+
+
+def found_instead(path: Path, converters: Sequence[type[Converter]] = ()) -> str:
+    """What a file is, in words that follow ``found``."""
+    if path.is_dir():
+        return "a folder without pieces of a parallel run"
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError as error:
+        return f"a file that can't be read ({error.strerror})"
+    if not head:
+        return "an empty file"
+    for converter in converters:
+        hint = converter.hint(path)
+        if hint:
+            return hint
+    return next(_described(path, head))
+
+
+def _described(path: Path, head: bytes) -> Iterator[str]:
+    if head.startswith(b"\x89HDF"):
+        yield _hdf5(path)
+    for beginning, words in _BEGINNINGS:
+        if re.match(beginning, head, re.M):
+            yield words
+    if b"\0" in head:
+        yield f"a binary file that begins {head[:8]!r}"
+    line = head.decode("utf-8", "replace").strip().split("\n")[0].strip()
+    yield f"a text that begins {line[:40]!r}"
+
+
+def _hdf5(path: Path) -> str:
+    """An HDF5 file by what is in it."""
+    import h5py  # type: ignore[import-untyped]
+
+    try:
+        with h5py.File(path) as file:
+            names = sorted(file)
+    except (OSError, RuntimeError, ValueError):
+        return "a damaged HDF5 file"
+    if "VTKHDF" in names:
+        return "a VTKHDF file: save an unstructured grid (.vtu) in ParaView"
+    return f"an HDF5 file with {', '.join(names[:5]) or 'nothing'}{', ...' if len(names) > 5 else ''}"
