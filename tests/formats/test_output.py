@@ -65,6 +65,19 @@ def test_devices_are_written_directly():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "text"
 
 
+def test_what_is_open_is_not_cut_off(tmp_path):
+    """Standard output may be a log that others write to."""
+    log = tmp_path / "log"
+    log.write_text("before\n")
+    code = (
+        "from elvis.formats.output import write_text; print('one'); write_text('/dev/stdout', 'two\\n'); print('three')"
+    )
+    with log.open("a") as stream:
+        subprocess.run([sys.executable, "-c", code], stdout=stream, check=True)
+    assert log.read_text() == "before\none\ntwo\nthree\n"
+    assert os.listdir(tmp_path) == ["log"]
+
+
 @pytest.fixture
 def columns():
     random = np.random.default_rng(1)

@@ -69,6 +69,14 @@ def test_all_take_their_places_at_the_end(tmp_path, swapping):
     assert sorted(os.listdir(tmp_path)) == ["a", "b", "report"]
 
 
+def test_a_link_goes_without_what_it_leads_to(tmp_path):
+    (tmp_path / "data").write_text("data")
+    (tmp_path / "stale").symlink_to("data")
+    with Outputs() as outputs:
+        outputs.remove(tmp_path / "stale")
+    assert os.listdir(tmp_path) == ["data"]
+
+
 def test_nothing_changes_before(tmp_path):
     prepare(tmp_path)
     with Outputs() as outputs, outputs.file(tmp_path / "a") as beside:

@@ -12,22 +12,29 @@ Nothing under the final names changes before the outer block ends well.
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import stat
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 
 from elvis.formats.errors import ElvisError
 from elvis.formats.replacement import Replacement
 from elvis.formats.scratch import scratch
 
+_STREAMS = ("stdin", "stdout", "stderr")
+_OPEN = re.compile(r"/dev/(stdin|stdout|stderr)|(?:/dev|/proc/self)/fd/([0-9]+)")
+
 
 class Outputs:
     """Files and folders that take their places when the block ends well; otherwise all stays as it was.
 
-    A link keeps pointing where it did, and a file that is replaced hands on its mode.  Pipes and devices such as
-    ``/dev/stdout`` are written directly, for want of a rename.
+    A link keeps pointing where it did, and a file that is replaced hands on its mode.  Pipes and devices are written
+    directly, for want of a rename; to what is open already, such as ``/dev/stdout``, is added, whatever it is.
     """
 
     def __init__(self) -> None:
@@ -50,10 +57,11 @@ class Outputs:
         Raises ElvisError, which names ``path``, where it can't be written whole.
         """
         if _is_special(Path(path)):
-            with _naming(path, Path(path)):
-                yield Path(path)
+            with _naming(path, Path(path)), _poured(path) as beside:
+                yield beside
             return
-        item = self._replacement(path)
+        check_place(path)
+        item = self._replacement(path, Path(os.path.realpath(path)))
         with _naming(path, item.new):
             os.close(os.open(item.new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
             yield item.new
@@ -63,7 +71,8 @@ class Outputs:
     @contextmanager
     def folder(self, path: str | Path) -> Iterator[Path]:
         """A new empty folder to be filled in place of ``path``, which may be a folder."""
-        item = self._replacement(path, is_folder=True)
+        check_folder_place(path)
+        item = self._replacement(path, Path(os.path.realpath(path)))
         with _naming(path, item.new):
             item.new.mkdir()
             yield item.new
@@ -73,13 +82,12 @@ class Outputs:
             _hand_on_mode(item)
 
     def remove(self, path: str | Path) -> None:
-        """Let the file of that name go when the others take their places."""
-        self._replacement(path)
+        """Let the file of that name go when the others take their places; of a link, the link."""
+        folder, name = os.path.split(path)
+        self._replacement(path, Path(os.path.realpath(folder), name))
 
-    def _replacement(self, path: str | Path, is_folder: bool = False) -> Replacement:
-        """What will stand in place of ``path``."""
-        (check_folder_place if is_folder else check_place)(path)
-        target = Path(os.path.realpath(path))
+    def _replacement(self, path: str | Path, target: Path) -> Replacement:
+        """What will stand in place of ``path``, which is at ``target``."""
         if target in self._replacements:
             raise _twice(path, self._replacements[target].named)
         try:
@@ -184,6 +192,8 @@ def check_inputs(paths: Iterable[str | Path], inputs: Iterable[str | Path]) -> N
 
 def _check_writable(path: str | Path) -> None:
     """ElvisError where the folder of ``path`` is missing, or may not be written to, or what stands there may not."""
+    if _descriptor(path) is not None:
+        return
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise ElvisError(f"{path}: cannot be written: there is no folder {target.parent}")
@@ -201,7 +211,34 @@ def _twice(path: str | Path, other: str | Path) -> ElvisError:
 
 
 def _is_special(path: Path) -> bool:
-    return path.exists() and not path.is_file() and not path.is_dir()
+    return _descriptor(path) is not None or (path.exists() and not path.is_file() and not path.is_dir())
+
+
+def _descriptor(path: str | Path) -> int | None:
+    """The number of the open file that a name stands for, None for other names."""
+    found = _OPEN.fullmatch(str(path))
+    if found is None:
+        return None
+    return int(found[2]) if found[2] else _STREAMS.index(found[1])
+
+
+@contextmanager
+def _poured(path: str | Path) -> Iterator[Path]:
+    """The special file itself, or a temporary one whose content goes on into the open one that ``path`` stands for.
+
+    To open that by its name would cut off what others have written into it.
+    """
+    number = _descriptor(path)
+    if number is None:
+        yield Path(path)
+        return
+    with TemporaryDirectory() as folder:
+        beside = Path(folder, "content")
+        yield beside
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        with beside.open("rb") as source, os.fdopen(os.dup(number), "wb") as target:
+            shutil.copyfileobj(source, target)
 
 
 @contextmanager

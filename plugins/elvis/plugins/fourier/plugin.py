@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.output import replacing
 from elvis.formats.shapes import Shape
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, Shown, boxes_between
@@ -118,7 +119,8 @@ def write_box(
 ) -> None:
     """Write a file that FourierBox opens; see the head of this module."""
     named: dict[str, Any] = {_PREFIX + name: amplitudes for name, amplitudes in fields.items()}
-    np.savez(path, low=low, high=high, bases=np.array(bases), time=time, **named)
+    with replacing(path) as beside, beside.open("wb") as file:
+        np.savez(file, low=low, high=high, bases=np.array(bases), time=time, **named)
 
 
 def series(bases: Sequence[str], amplitudes: Floats, points: Floats) -> Floats:
