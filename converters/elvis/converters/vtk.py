@@ -136,8 +136,9 @@ class Vtk(Converter):
                 for part in parts:
                     inside, mirrored = third_face(part.cell)
                     part.nodes[:, inside] = part.nodes[:, mirrored]
-            if wedges == "auto":
-                self.notes = [*self.notes, "wedges are numbered as by VTK 8, and were taken so (--wedges)"]
+            note = "wedges are numbered as by VTK 8, and were taken so (--wedges)"
+            if wedges == "auto" and note not in self.notes:
+                self.notes = [*self.notes, note]
 
     def _place_nodes(self, nodes: str) -> None:
         """Move the nodes of Lagrange cells to Gauss-Lobatto places where asked, or where edges show them."""
