@@ -338,3 +338,20 @@ def test_write_protection_is_noticed_before(tmp_path, monkeypatch):
     protected.add(tmp_path)
     with pytest.raises(ElvisError, match=r"new: cannot be written: the folder .* is write-protected"):
         check_places([tmp_path / "new"])
+
+
+def test_what_cannot_be_put_back_stays(tmp_path, monkeypatch):
+    """A killed run had set a file aside, which the next one may not move."""
+    leftover = tmp_path / ".elvis-0123456789ab.tmp"
+    (leftover / "old").mkdir(parents=True)
+    (leftover / "old" / "a").write_text("old a")
+
+    def refuse(*arguments):
+        raise PermissionError(1, "Operation not permitted")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "rename", refuse)
+        scratch.remove_leftovers(tmp_path)
+    assert (leftover / "old" / "a").read_text() == "old a"
+    scratch.remove_leftovers(tmp_path)
+    assert state(tmp_path) == {"a": "old a"}

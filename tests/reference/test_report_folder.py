@@ -92,7 +92,7 @@ def test_what_others_put_into_a_report_stops_it(study, drawn, tmp_path, name):
     else:
         (folder / name).write_text("mine")
     before = contents(folder)
-    with pytest.raises(ElvisError, match=f"report: cannot be written: {name} in it are not of the report"):
+    with pytest.raises(ElvisError, match=f"report: cannot be written: the report in it did not write {name};"):
         write_report(study, folder)
     assert contents(folder) == before
     assert os.path.lexists(folder / name)
@@ -108,7 +108,7 @@ def test_what_comes_while_a_report_is_made_stops_it(study, drawn, tmp_path, monk
         put(path, content)
 
     monkeypatch.setattr(writing, "_put", slowly)
-    with pytest.raises(ElvisError, match=r"notes\.txt in it"):
+    with pytest.raises(ElvisError, match=r"did not write notes\.txt"):
         write_report(study, folder)
     assert (folder / "notes.txt").read_text() == "mine"
 

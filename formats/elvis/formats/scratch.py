@@ -38,9 +38,7 @@ def scratch(folder: Path) -> Iterator[Path]:
         (own / "old").mkdir()
         yield own
     finally:
-        _discard(own)
-        if lock is not None:
-            os.close(lock)
+        _discard(own, lock)
 
 
 def remove_leftovers(folder: Path) -> None:
@@ -51,9 +49,10 @@ def remove_leftovers(folder: Path) -> None:
             continue
         try:
             _put_back(leftover, folder)
-            _discard(leftover)
-        finally:
-            os.close(lock)
+        except OSError:
+            os.close(lock)  # it stays, for a run that may do so
+            continue
+        _discard(leftover, lock)
 
 
 def _leftovers(folder: Path) -> list[Path]:
@@ -108,7 +107,13 @@ def _put_back(leftover: Path, folder: Path) -> None:
             os.rename(item, folder / item.name)
 
 
-def _discard(own: Path) -> None:
-    """Remove a scratch folder; the old goes first, so that nobody puts it back from a half removed one."""
+def _discard(own: Path, lock: int | None) -> None:
+    """Remove a scratch folder and free its lock; the old goes first, so that nobody puts it back.
+
+    The lock goes last: network file systems keep files that are open, and so the folder.
+    """
     shutil.rmtree(own / "old", ignore_errors=True)
+    shutil.rmtree(own / "new", ignore_errors=True)
+    if lock is not None:
+        os.close(lock)
     shutil.rmtree(own, ignore_errors=True)

@@ -69,13 +69,15 @@ def check_folder(folder: Path, inputs: Iterable[Path] = (), overwrite: bool = Fa
         return
     own = _own_files(folder)
     if own is None:
-        raise ElvisError(f"{folder}: cannot be written: it is a folder of other things; name a new one")
+        raise ElvisError(
+            f"{folder}: cannot be written: it is a folder of other things, without a report's {MARK}; name a new one"
+        )
     foreign = sorted(present - own)
     if foreign:
-        others = f" and {len(foreign) - 1} others" if len(foreign) > 1 else ""
+        several = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
         raise ElvisError(
-            f"{folder}: cannot be written: {foreign[0]}{others} in it are not of the report; move them, or name a "
-            "new folder"
+            f"{folder}: cannot be written: the report in it did not write {foreign[0]}{several}; name a new folder, or "
+            "move that"
         )
 
 
