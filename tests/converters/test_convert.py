@@ -1,5 +1,6 @@
 """``elvis convert``: options, reports, refusals."""
 
+import gzip
 import json
 import re
 from pathlib import Path
@@ -231,14 +232,16 @@ def test_inputs_are_written_over_on_request(elvis, native):
     assert [field.name for field in read(native / "m.xml", native / "m.fld").fields] == ["u"]
 
 
-def test_the_hdf5_file_of_a_mesh_is_an_input_too(elvis, native, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["m.xml", "m.xml.gz"])
+def test_the_hdf5_file_of_a_mesh_is_an_input_too(elvis, native, tmp_path, monkeypatch, name):
     """It may lie in the working folder, where a new file of that name would go."""
+    (native / "m.xml.gz").write_bytes(gzip.compress((native / "m.xml").read_bytes()))
     (native / "m.nekg").rename(tmp_path / "m.nekg")
     (tmp_path / "m.xml").write_text("of something else")
     monkeypatch.chdir(tmp_path)
     before = (tmp_path / "m.nekg").read_bytes()
     with pytest.raises(ElvisError, match=r"m\.nekg: not written: it is an input"):
-        elvis("convert", native / "m.xml", "-o", "m.xml", "--format", "hdf5")
+        elvis("convert", native / name, "-o", "m.xml", "--format", "hdf5")
     assert (tmp_path / "m.nekg").read_bytes() == before
 
 

@@ -16,7 +16,7 @@ from elvis.formats.nektar.metadata import time_of
 from elvis.formats.nektar.partition import unite
 from elvis.formats.nektar.raw import RawGeometry
 from elvis.formats.nektar.sections import Section
-from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, load
+from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, head, load
 from elvis.formats.nektar.xml import Element
 
 _MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
@@ -53,8 +53,7 @@ def named_files(paths: Iterable[str | Path]) -> list[Path]:
     """The HDF5 files of meshes that XML files among ``paths`` name; of names that several folders hold, each."""
     found = []
     for path in filter(Path.is_file, map(Path, paths)):
-        with path.open("rb") as file:
-            names = _HDF5_NAME.findall(file.read(_HEAD))
+        names = _HDF5_NAME.findall(head(path, _HEAD))
         folders = (path.parent, Path())
         found += [folder / os.fsdecode(name) for name in names for folder in folders]
     return [path for path in found if path.is_file()]

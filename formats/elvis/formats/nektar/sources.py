@@ -28,6 +28,18 @@ def first_bytes(path: Path) -> bytes:
         raise FormatError(f"cannot be read: {error.strerror}", file=path) from error
 
 
+def head(path: Path, size: int) -> bytes:
+    """The first bytes of a file, unpacked where it is gzipped and not damaged; OSError where it can't be read."""
+    with path.open("rb") as file:
+        raw = file.read(size)
+    if not raw.startswith(GZIP_SIGNATURE):
+        return raw
+    try:
+        return zlib.decompressobj(wbits=31).decompress(raw, size)
+    except zlib.error:
+        return b""
+
+
 def load(path: Path) -> Buffer:
     """All bytes of a file, unpacked where it is gzipped."""
     try:
