@@ -123,7 +123,7 @@ def check(layer, truth, clear):
 def test_an_ellipsoid_on_straight_elements(iso, shape, camera, monkeypatch):
     monkeypatch.setitem(globals(), "straightened", lambda points: points)
     view = View.through(VIEWS[camera], SIZE)
-    layer, _ = iso(cube(shape, quadric, 4, curved_mesh=False), view, LEVEL)
+    layer, _ = iso(cube(shape, quadric, 5, curved_mesh=False), view, LEVEL)
     check(layer, *nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL)))
 
 
