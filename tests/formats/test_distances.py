@@ -231,7 +231,7 @@ def test_distances_differ_by_no_more_than_the_way_between_points():
     ("text", "sentence"),
     [
         ("distance(wng)", "there is no boundary 'wng'; there are all, boundary, 1; files of triangles end in .stl"),
-        ("distance('none.stl')", "none.stl: expected a file of triangles, found none"),
+        ("distance('none.stl')", "none.stl: there is no such file"),
         ("distance(none.stl)", "there is no boundary 'none'"),
         ("distance('a.vtk')", "there is no boundary 'a.vtk'"),
         ("distance()", "expected a boundary, or a file in quotes, found ')'"),

@@ -73,7 +73,7 @@ def test_files_that_are_nothing_or_something_else(content, message, tmp_path, re
 def test_places_that_cannot_be_read(tmp_path, refused):
     refused(tmp_path / "none.xml", match=r"none\.xml: there is no such file")
     refused(tmp_path, match="expected P0000000.xml, or Info.xml and P0000000.fld, found neither")
-    refused("/dev/null", match="/dev/null: is no file")
+    refused("/dev/null", match="/dev/null: expected a file, found a device")
     refused(tmp_path / ("x" * 300), match="x: ")
     refused("a\0b", match="there is no such file")
 

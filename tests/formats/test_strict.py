@@ -2,6 +2,7 @@
 
 import json
 import re
+import struct
 from dataclasses import replace
 
 import h5py
@@ -228,6 +229,18 @@ def test_damaged_hdf5_is_found(name, volume, tmp_path):
     with h5py.File(tmp_path / path, "r+") as file:
         edit(file)
     assert_found(name, sentence, tmp_path / "a.xml", tmp_path / "a.fld")
+
+
+def test_hdf5_whose_objects_cannot_be_opened_is_found(volume, tmp_path):
+    written = write(volume, tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")
+    field = next(path for path in written if path.suffix == ".fld")
+    with h5py.File(field) as file:
+        data = file["NEKTAR/DATA"].id
+        layout = struct.pack("<QQ", data.get_offset(), data.get_storage_size())
+    raw = field.read_bytes()
+    assert raw.count(layout) == 1
+    field.write_bytes(raw.replace(layout, bytes([7]) * 16))
+    assert "the HDF5 data are damaged" in findings(*written)[0].sentence
 
 
 def test_a_missing_file_is_found(volume, tmp_path):

@@ -99,9 +99,7 @@ def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys)
     (tmp_path / "cut.npz").write_bytes(exact.read_bytes()[:3000])
     assert "cut.npz: expected a record that elvis render writes" in failed(capsys, exact, tmp_path / "cut.npz")
     (tmp_path / "cut.npz").unlink()
-    assert "none.npz: expected a record that elvis render writes as .npz, found no file" in failed(
-        capsys, exact, tmp_path / "none.npz"
-    )
+    assert "none.npz: there is no such file" in failed(capsys, exact, tmp_path / "none.npz")
     assert "there is no folder" in failed(capsys, exact, other, "-o", tmp_path / "no" / "report")
     assert "nothing was judged" in failed(
         capsys, *block_files, *PLANE, "--refinements", "0", "--require", "pixel-exact"

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from elvis.formats.errors import FormatError
 from elvis.renderer import Scene, SceneError
 from elvis.renderer.palette import FIRST, STEPS, Palette, points_in
 from elvis.renderer.scene.files import read_scene, write_scene
@@ -86,7 +87,7 @@ def test_what_is_no_colour_map_is_said(tmp_path, text, sentence):
 
 
 def test_a_missing_file_is_said(tmp_path):
-    with pytest.raises(SceneError, match=r"nowhere\.xml: cannot be read: No such file"):
+    with pytest.raises(FormatError, match=r"nowhere\.xml: there is no such file"):
         Palette.named(str(tmp_path / "nowhere.xml"), 0.0, 1.0)
     (tmp_path / "binary.xml").write_bytes(b"\xff\xfe<\x00")
     with pytest.raises(SceneError, match="expected a ColorMap of RGB points"):

@@ -1,6 +1,7 @@
 """Scene files: equal to the Python object, in three languages; what is wrong is named by its key."""
 
 from dataclasses import fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elvis.formats.errors import FormatError
 from elvis.renderer import (
     Camera,
     Clip,
@@ -221,8 +223,17 @@ def test_files_that_hold_no_scene(tmp_path, name, content):
         read_scene(tmp_path / name)
 
 
+def test_aliases_of_yaml_are_refused_at_once(tmp_path):
+    lines = ['a: &a ["lol"]', *(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghijklmn"))]
+    (tmp_path / "laugh.yaml").write_text("\n".join([*lines, "background: *n"]))
+    with pytest.raises(
+        SceneError, match=r"laugh\.yaml: cannot be read as YAML: expected no aliases, found \*a in line 2"
+    ):
+        read_scene(tmp_path / "laugh.yaml")
+
+
 def test_a_file_that_is_not_there_and_one_in_no_language(tmp_path):
-    with pytest.raises(SceneError, match=r"none\.toml: cannot be read: No such file"):
+    with pytest.raises(FormatError, match=r"none\.toml: there is no such file"):
         read_scene(tmp_path / "none.toml")
     with pytest.raises(SceneError, match=r"expected a scene's name that ends in \.toml"):
         write_scene(Scene("u"), tmp_path / "s.ini")

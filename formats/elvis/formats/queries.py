@@ -11,6 +11,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats
 from elvis.formats.errors import FormatError
+from elvis.formats.files import content
 
 AXES = ("x", "y", "z")
 
@@ -66,7 +67,7 @@ def points_in_table(path: str | Path) -> Floats:
 
 def _rows(path: str | Path) -> Iterator[tuple[str, list[str]]]:
     """The line number, in words, and the cells of each line that holds some."""
-    text = sys.stdin.read() if str(path) == "-" else Path(path).read_text(encoding="utf-8-sig", errors="replace")
+    text = sys.stdin.read() if str(path) == "-" else content(path).decode("utf-8-sig", "replace")
     for number, line in enumerate(text.splitlines(), 1):
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):

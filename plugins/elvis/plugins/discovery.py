@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from elvis.formats.errors import ElvisError
+from elvis.formats.files import check_plain_or_folder
 from elvis.plugins.conversion import Converter, Option
 from elvis.plugins.recognition import found_instead
 from elvis.plugins.registry import PluginError, plugins
@@ -74,8 +75,7 @@ def defined_in(path: Path) -> list[type]:
 def chosen(candidates: Sequence[Candidate], paths: Sequence[Path], name: str | None = None) -> Candidate:
     """The candidate of that name, or the one that opens the files; ElvisError where there isn't just one that can."""
     for path in paths:
-        if not path.exists():
-            raise ElvisError(f"{path}: there is no such file")
+        check_plain_or_folder(path)
     known = {candidate.name: candidate for candidate in candidates}
     if name is not None and name not in known:
         raise ElvisError(f"there is no converter {name!r}; there are: {', '.join(known) or 'none'}")

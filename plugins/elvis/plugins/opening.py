@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from elvis.formats.errors import ElvisError
+from elvis.formats.files import check_plain_or_folder
 from elvis.plugins.discovery import defined_in
 from elvis.plugins.registry import PluginError, plugins
 from elvis.plugins.source import VolumeSource
@@ -49,7 +50,10 @@ def open_files(
 
     plugin  the name of an installed plugin, or a Python file that defines one, to be used and no other
     report  is told, in a sentence, of plugins that fail when they are asked
+    FormatError for what is neither a plain file nor a folder
     """
+    for path in paths:
+        check_plain_or_folder(path)
     candidates = named(plugin) if plugin is not None else installed()
     if plugin is None:
         candidates = {name: source for name, source in candidates.items() if _opens(name, source, paths, report)}

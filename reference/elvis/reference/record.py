@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
+from elvis.formats.archives import Archive
 from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.output import replacing
@@ -54,15 +53,8 @@ class Record:
     @staticmethod
     def load(path: Path) -> Record:
         """A record from an .npz file; FormatError where it is none, or lacks a channel."""
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                names = [name for name in (*CHANNELS, "uncertainty") if name in archive.files]
-                found = {name: archive[name] for name in names}
-        except FileNotFoundError as error:
-            raise FormatError("expected a record that elvis render writes as .npz, found no file", file=path) from error
-        except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
-            what = str(error) if isinstance(error, OSError | BadZipFile) else "other bytes"
-            raise FormatError(f"expected a record that elvis render writes as .npz, found {what}", file=path) from error
+        with Archive(path, "a record that elvis render writes as .npz") as archive:
+            found = {name: archive[name] for name in (*CHANNELS, "uncertainty") if name in archive.names}
         missing = [name for name in CHANNELS if name not in found]
         if missing:
             raise FormatError(f"expected the channels {', '.join(CHANNELS)}, found no {', '.join(missing)}", file=path)

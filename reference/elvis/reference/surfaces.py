@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from elvis.formats.arrays import Floats
+from elvis.formats.files import check_plain
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import MissingExtraError, needed
 from elvis.renderer.errors import SceneError
@@ -49,7 +50,8 @@ def _away(surface: TriangleMesh, points: Floats) -> Floats:
 
 @lru_cache(maxsize=4)
 def triangles(file: str) -> LinearMesh:
-    """The triangles of an STL, PLY, OBJ or GLB file; SceneError where there are none."""
+    """The triangles of an STL, PLY, OBJ or GLB file; ElvisError where there are none."""
+    check_plain(file)
     try:
         mesh = needed("trimesh").load_mesh(file, process=False)
         points, corners = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
@@ -58,7 +60,7 @@ def triangles(file: str) -> LinearMesh:
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise SceneError(f"{file}: cannot be read as STL, PLY, OBJ or GLB: {reason}") from error
-    if not len(corners) or not np.isfinite(points).all():
+    if not len(corners) or points.shape[1:] != (3,) or not np.isfinite(points).all():
         raise SceneError(
             f"{file}: expected triangles with finite corners, found {'others' if len(corners) else 'none'}"
         )

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
-from elvis.renderer.errors import SceneError
+from elvis.formats.distances.files import corners_of
 from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
 from elvis.renderer.scene.surfaces import Solid
 from elvis.renderer.view import View
@@ -77,18 +77,8 @@ def outside(surface: Solid, points: Floats) -> Floats:
 
 @cache
 def triangles(file: str) -> Floats:
-    """(m, 3, 3) corners of the triangles of an STL, PLY, OBJ or GLB file; SceneError where there are none."""
-    import trimesh
-
-    try:
-        corners = np.asarray(trimesh.load_mesh(file, process=False).triangles, dtype=np.float64)
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise SceneError(f"{file}: cannot be read as STL, PLY, OBJ or GLB: {reason}") from error
-    if not len(corners) or not np.isfinite(corners).all():
-        raise SceneError(
-            f"{file}: expected triangles with finite corners, found {'others' if len(corners) else 'none'}"
-        )
+    """(m, 3, 3) corners of the triangles of an STL, PLY, OBJ or GLB file; FormatError where there are none."""
+    corners = corners_of(file)
     corners.setflags(write=False)
     return corners
 

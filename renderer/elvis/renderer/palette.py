@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Floats
+from elvis.formats.files import check_plain
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Transfer
 
@@ -90,6 +91,7 @@ def points_in(file: str) -> list[tuple[float, ...]]:
     """
     from xml.etree import ElementTree
 
+    check_plain(file)
     try:
         with open(file, encoding="utf-8") as stream:
             text = stream.read(LARGEST + 1)

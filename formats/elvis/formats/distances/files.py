@@ -10,6 +10,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import check_plain
 
 #: suffixes of files that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb")
@@ -28,17 +29,22 @@ def named_files(expression: str) -> list[Path]:
     return [Path(found[2]) for found in _NAMED.finditer(expression)]
 
 
-def check_file(name: str) -> None:
-    """FormatError where there is no such file."""
-    if not Path(name).is_file():
-        raise FormatError("expected a file of triangles, found none", file=name)
-
-
 def triangles_of(name: str) -> tuple[Floats, Ints]:
     """Vertices (n, 3), those at one place one, and triangles (m, 3) of them; FormatError where the file holds none."""
+    corners = corners_of(name)
+    points, triangles = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    if not distinct.any():
+        raise FormatError("expected triangles, found only some without an area", file=name)
+    return points, triangles[distinct]
+
+
+def corners_of(name: str) -> Floats:
+    """(m, 3, 3) the corners of the triangles of a file; FormatError where it holds none."""
     import trimesh
 
-    check_file(name)
+    check_plain(name)
     try:
         corners = np.asarray(trimesh.load_mesh(name, process=False).triangles, dtype=np.float64)
     except Exception as error:
@@ -47,14 +53,11 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
         ) from error
     if not len(corners):
         raise FormatError("expected triangles, found none", file=name)
+    if corners.shape[1:] != (3, 3):
+        raise FormatError(f"expected three coordinates, found {corners.shape[-1]}", file=name)
     if not np.isfinite(corners).all():
         raise FormatError("expected finite coordinates, found others", file=name)
-    points, triangles = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
-    triangles = triangles.reshape(-1, 3)
-    distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
-    if not distinct.any():
-        raise FormatError("expected triangles, found only some without an area", file=name)
-    return points, triangles[distinct]
+    return corners
 
 
 def _words(error: Exception) -> str:

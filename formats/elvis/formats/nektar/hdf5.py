@@ -1,12 +1,11 @@
 """HDF5 with suspicion: only what is stored in the file itself is read, sizes are checked before memory is taken.
 
-h5py raises many kinds of errors on damaged files; every call of it is made here, under `_guarded`, which turns them
+h5py raises many kinds of errors on damaged files; every call of it is made here, under `guarded`, which turns them
 into FormatError.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,14 +17,11 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.nektar.heaps import check_heaps
-from elvis.formats.nektar.strings_hdf5 import attribute_data, check_lengths
+from elvis.formats.nektar.stored_hdf5 import check_attribute, check_stored, check_strings, is_plain
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
-#: no deflate stream holds more than this many bytes for each of its own
-_DEFLATE_RATIO = 1032
-_GREATEST_ATTRIBUTE = 1 << 20
 _MOST_STRINGS = 1 << 24
 
 
@@ -36,7 +32,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
     check_heaps(path)
     try:
-        with _guarded():
+        with guarded():
             file = h5py.File(path, "r")
         with file:
             yield file
@@ -82,20 +78,20 @@ def strings(parent: h5py.Group, name: str) -> list[str] | None:
     found = _dataset(parent, name)
     if found is None:
         return None
-    with _guarded(_place(parent, name)):
-        is_text = found.dtype.kind in "OS" and _is_plain(found.dtype)
+    with guarded(_place(parent, name)):
+        is_text = found.dtype.kind in "OS" and is_plain(found.dtype)
         if found.ndim != 1 or not is_text or found.size > _MOST_STRINGS:
             raise FormatError(f"expected a list of strings, found {_kind(found)}", place=_place(parent, name))
-        _check_strings(found)
+        check_strings(found)
         items = found[()]
     return [text(item) for item in items]
 
 
 def attribute(owner: h5py.Group | h5py.Dataset, name: str, is_required: bool = True) -> NDArray[Any]:
     """The values of an attribute, as a flat array; FormatError where it must be there and isn't."""
-    with _guarded(_place(owner)):
+    with guarded(_place(owner)):
         if name in owner.attrs:
-            _check_attribute(owner, name)
+            check_attribute(owner, name)
             return np.asarray(owner.attrs[name]).reshape(-1)
     if is_required:
         raise FormatError(f"expected an attribute {name}, found none", place=_place(owner))
@@ -110,7 +106,7 @@ def dataset_attribute(parent: h5py.Group, name: str, attribute_name: str) -> NDA
 
 def attribute_names(owner: h5py.Group) -> list[str]:
     """The names of all attributes."""
-    with _guarded(_place(owner)):
+    with guarded(_place(owner)):
         return list(owner.attrs)
 
 
@@ -140,7 +136,7 @@ def version(owner: h5py.Group, greatest: int) -> int:
 
 
 @contextmanager
-def _guarded(place: str | None = None) -> Iterator[None]:
+def guarded(place: str | None = None) -> Iterator[None]:
     """What h5py raises in the block becomes FormatError."""
     try:
         yield
@@ -150,14 +146,14 @@ def _guarded(place: str | None = None) -> Iterator[None]:
 
 
 def _place(owner: h5py.Group | h5py.Dataset, name: str = "") -> str:
-    with _guarded():
+    with guarded():
         return f"{owner.name}/{name}".rstrip("/") or "/"
 
 
 def _member(parent: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     import h5py
 
-    with _guarded(_place(parent, name)):
+    with guarded(_place(parent, name)):
         link = parent.get(name, getlink=True)
         if link is None:
             return None
@@ -176,12 +172,12 @@ def _dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
     place = _place(parent, name)
     if not isinstance(found, h5py.Dataset):
         raise FormatError("expected a dataset, found a group", place=place)
-    with _guarded(place):
+    with guarded(place):
         if found.is_virtual or found.external:
             raise FormatError("expected data in the file itself, found references to others", place=place)
         if found.shape is None:
             raise FormatError("expected numbers or strings, found nothing", place=place)
-        _check_stored(found, place)
+        check_stored(found, place)
     return found
 
 
@@ -189,7 +185,7 @@ def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype
     found = _dataset(parent, name)
     if found is None:
         return None
-    with _guarded(_place(parent, name)):
+    with guarded(_place(parent, name)):
         shape = (*found.shape[:1], columns) if columns else found.shape[:1]
         if found.dtype.kind not in kinds or found.dtype.itemsize > 8 or found.shape != shape or not shape:
             expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"
@@ -198,56 +194,6 @@ def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype
         if out.size:
             found.read_direct(out)
         return out
-
-
-def _check_stored(found: h5py.Dataset, place: str) -> None:
-    """FormatError where a dataset claims more than the file can hold for it."""
-    claimed = math.prod(found.shape) * found.dtype.itemsize
-    stored = found.id.get_storage_size()
-    is_packed = found.id.get_create_plist().get_nfilters() > 0
-    if claimed > stored * (_DEFLATE_RATIO if is_packed else 1):
-        raise FormatError(f"expected {claimed} bytes as declared, found {stored} stored", place=place)
-    if is_packed and stored > 2 * claimed + (1 << 20):
-        raise FormatError(f"expected at most {claimed} bytes packed, found {stored} stored", place=place)
-
-
-def _check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
-    """FormatError for an attribute of an unknown kind or greater than any; the library would crash or never end."""
-    found = owner.attrs.get_id(name)
-    if not _is_plain(found.dtype):
-        raise FormatError(f"expected numbers or strings in {name}, found {found.dtype}", place=_place(owner))
-    if found.dtype.kind == "O":
-        _check_attribute_strings(owner, name)
-    claimed = found.get_space().get_simple_extent_npoints() * found.get_type().get_size()
-    if claimed > _GREATEST_ATTRIBUTE:
-        raise FormatError(f"expected a short attribute {name}, found {claimed} bytes", place=_place(owner))
-
-
-def _check_strings(found: h5py.Dataset) -> None:
-    """FormatError where strings of variable length claim more than the file holds."""
-    offset = found.id.get_offset()
-    if offset is not None and found.dtype.kind == "O":
-        path = Path(found.file.filename)
-        with path.open("rb") as file:
-            file.seek(offset)
-            check_lengths(file.read(found.id.get_storage_size()), path.stat().st_size)
-
-
-def _check_attribute_strings(owner: h5py.Group | h5py.Dataset, name: str) -> None:
-    """As `_check_strings`."""
-    import h5py
-
-    path = Path(owner.file.filename)
-    with path.open("rb") as file:
-        data = attribute_data(file, h5py.h5o.get_info(owner.id).addr, name.encode("utf-8", "surrogateescape"))
-    check_lengths(data, path.stat().st_size)
-
-
-def _is_plain(dtype: np.dtype[Any]) -> bool:
-    """Whether a type is one of numbers or strings."""
-    import h5py
-
-    return dtype.kind in "iufS" or h5py.check_string_dtype(dtype) is not None
 
 
 def _kind(found: h5py.Dataset) -> str:

@@ -6,6 +6,7 @@ import zlib
 from pathlib import Path
 
 from elvis.formats.errors import FormatError
+from elvis.formats.files import check_plain, content
 from elvis.formats.nektar.xml import Buffer, begins_like_xml
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -19,9 +20,8 @@ _STEP = 1 << 18
 
 def first_bytes(path: Path) -> bytes:
     """The first eight bytes of a file; FormatError where it can't be read or isn't a plain file."""
+    check_plain(path)
     try:
-        if not path.is_file():
-            raise FormatError("is no file" if path.exists() else "there is no such file", file=path)
         with path.open("rb") as file:
             return file.read(8)
     except OSError as error:
@@ -42,10 +42,7 @@ def head(path: Path, size: int) -> bytes:
 
 def load(path: Path) -> Buffer:
     """All bytes of a file, unpacked where it is gzipped."""
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise FormatError(f"cannot be read: {error.strerror}", file=path) from error
+    raw = content(path)
     return _unpacked(raw, path) if raw.startswith(GZIP_SIGNATURE) else raw
 
 

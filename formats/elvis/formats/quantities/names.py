@@ -10,8 +10,9 @@ from functools import cached_property
 
 from elvis.formats.dataset import Dataset
 from elvis.formats.distances.boundaries import ALL, boundaries
-from elvis.formats.distances.files import SUFFIXES, check_file
+from elvis.formats.distances.files import SUFFIXES
 from elvis.formats.errors import ElvisError
+from elvis.formats.files import check_plain
 from elvis.formats.quantities import ready
 from elvis.formats.quantities.tree import AXES, Node, attribute, coordinate, field, number
 
@@ -75,7 +76,7 @@ class Names:
                 raise ElvisError(
                     f"there is no boundary {target!r}{known}; files of triangles end in {', '.join(SUFFIXES)}"
                 )
-            check_file(target)
+            check_plain(target)
         return attribute(f"distance({target})")
 
     def unknown(self, name: str) -> str:

@@ -8,7 +8,6 @@ polynomials of 2 (x - low) / (high - low) - 1.
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.formats.archives import Archive, names_in
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.output import replacing
@@ -38,10 +38,7 @@ class FourierBox(VolumeSource):
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """One archive with corners and bases."""
-        if len(paths) != 1 or not zipfile.is_zipfile(paths[0]):
-            return False
-        with zipfile.ZipFile(paths[0]) as file:
-            return {f"{name}.npy" for name in _NEEDED} <= set(file.namelist())
+        return len(paths) == 1 and names_in(Path(paths[0])) >= set(_NEEDED)
 
     def __init__(self, paths: Sequence[Path]) -> None:
         """Open the file."""
@@ -106,12 +103,10 @@ def _bounds(amplitudes: Floats) -> tuple[Floats, Floats]:
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """All arrays of an archive; FormatError where one can't be read."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return dict(file)
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise FormatError(f"expected arrays of numbers and names, found others ({error})", file=path) from error
+    """The arrays of an archive that are known; FormatError where one can't be read."""
+    with Archive(path) as file:
+        known = (*_NEEDED, "time", *sorted(name for name in file.names if name.startswith(_PREFIX)))
+        return {name: file[name] for name in known if name in file.names or name in _NEEDED}
 
 
 def write_box(

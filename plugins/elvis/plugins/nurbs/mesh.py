@@ -10,6 +10,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import content, leading
 from elvis.formats.shapes import Shape
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector
 from elvis.plugins.nurbs.numbering import EDGES, numbered
@@ -94,11 +95,7 @@ def _cells(grid: Ints) -> Ints:
 
 def first_line(path: Path) -> str:
     """The first line that holds something; nothing for what isn't text."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(4096)
-    except OSError:
-        return ""
+    start = leading(path, 4096)
     lines = (line.strip() for line in start.decode("ascii", errors="replace").splitlines())
     return next((line for line in lines if line and not line.startswith("#")), "")
 
@@ -226,7 +223,7 @@ class Sections:
         self._path = path
         self.words: dict[str, str] = {}
         self._lines: dict[str, list[str]] = {}
-        lines = (line.strip() for line in path.read_text(encoding="ascii", errors="replace").splitlines())
+        lines = (line.strip() for line in content(path).decode("ascii", "replace").splitlines())
         current: list[str] = []
         for line in lines:
             if line and line[0].isalpha():

@@ -23,6 +23,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import content, leading
 from elvis.plugins.faces import vertices_at
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector
 from elvis.plugins.nurbs.mesh import side_elements
@@ -68,18 +69,14 @@ class OwnMesh:
 
 def is_own(path: Path) -> bool:
     """Whether a file begins as this form does."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(4096)
-    except OSError:
-        return False
+    start = leading(path, 4096)
     return start.lstrip().startswith(b"{") and f'"{FORMAT}"'.encode() in start
 
 
 def read_own(path: Path) -> OwnMesh:
     """The patches of a file; FormatError where it breaks a rule of the form."""
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
+        table = json.loads(content(path))
     except ValueError as error:
         raise FormatError(f"expected JSON, found something else ({error})", file=path) from error
     try:

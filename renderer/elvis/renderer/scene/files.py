@@ -14,6 +14,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from elvis.formats.files import check_plain
 from elvis.formats.output import Outputs, write_text
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.permissions import check_permitted, check_texts, forbidden
@@ -33,8 +34,10 @@ def read_scene(path: str | Path, given: Iterable[str] = ()) -> Scene:
     """The scene in a file; SceneError that names the file, the key, what was expected and what was found.
 
     given  keys that the caller sets otherwise: what the file says of them is left out, whatever it is
+    FormatError where it is no plain file
     """
     path = Path(path)
+    check_plain(path)
     try:
         with path.open("rb") as stream:
             content = stream.read(LARGEST + 1)
@@ -128,9 +131,21 @@ def _yaml(text: str) -> Any:
     import yaml
 
     try:
-        return yaml.load(text, _with_exponents(yaml.SafeLoader))
+        return yaml.load(text, _without_aliases(_with_exponents(yaml.SafeLoader)))
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from error
+
+
+def _without_aliases(base: Any) -> Any:
+    """A loader of YAML that refuses aliases, by which a short text can say more than any memory holds."""
+
+    def compose_node(loader: Any, parent: Any, index: Any) -> Any:
+        event = loader.peek_event()
+        if type(event).__name__ == "AliasEvent":
+            raise ValueError(f"expected no aliases, found *{event.anchor} in line {event.start_mark.line + 1}")
+        return base.compose_node(loader, parent, index)
+
+    return type("Plain", (base,), {"compose_node": compose_node})
 
 
 def _with_exponents(base: Any) -> Any:

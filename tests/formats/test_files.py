@@ -1,0 +1,104 @@
+"""Whatever is no plain file is refused at once, everywhere that a file is read."""
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from elvis.formats import ElvisError, read
+from elvis.formats.archives import names_in
+from elvis.formats.distances.files import triangles_of
+from elvis.formats.files import leading
+from elvis.formats.judging.strict import findings
+from elvis.formats.queries import points_in_table
+from elvis.plugins.discovery import chosen, installed
+from elvis.plugins.opening import open_files
+from elvis.reference.record import Record
+from elvis.renderer.hits import triangles
+from elvis.renderer.palette import points_in
+from elvis.renderer.scene.files import read_scene
+
+#: how a file is read, and the suffix by which some are told
+DOORS = {
+    "data": (read, ".xml"),
+    "data for a converter": (lambda path: chosen(installed(), [path]), ".vtu"),
+    "data for a plugin": (lambda path: open_files([path]), ".npz"),
+    "scene": (read_scene, ".yaml"),
+    "palette": (lambda path: points_in(str(path)), ".xml"),
+    "triangles": (lambda path: triangles_of(str(path)), ".stl"),
+    "triangles of a scene": (lambda path: triangles(str(path)), ".stl"),
+    "points": (points_in_table, ".csv"),
+    "record": (Record.load, ".npz"),
+}
+
+
+@pytest.fixture
+def others(tmp_path):
+    """Something of each kind that is no plain file, under names that end as asked."""
+
+    def made(suffix):
+        pipe, folder, device = (tmp_path / f"{name}{suffix}" for name in ("pipe", "folder", "device"))
+        os.mkfifo(pipe)
+        folder.mkdir()
+        device.symlink_to("/dev/zero")
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind(os.path.relpath(tmp_path / f"socket{suffix}"))
+        listener.close()
+        return {"a pipe": pipe, "a folder": folder, "a device": device, "a socket": tmp_path / f"socket{suffix}"}
+
+    return made
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_what_is_no_plain_file_is_refused_unopened(door, others):
+    action, suffix = DOORS[door]
+    for kind, path in others(suffix).items():
+        if kind == "a folder" and door.startswith("data"):
+            continue
+        with pytest.raises(ElvisError, match=f"{path.name}: expected a file, found {kind}"):
+            action(path)
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_a_file_that_is_not_there(door, tmp_path):
+    action, suffix = DOORS[door]
+    for name in (f"none{suffix}", f"none/none{suffix}"):
+        with pytest.raises(ElvisError, match=f"none{suffix}: there is no such file"):
+            action(tmp_path / name)
+
+
+def test_a_converter_or_plugin_that_looks_into_a_file_opens_none_but_plain_ones(others, monkeypatch):
+    for path in others(".msh").values():
+        for candidate in installed():
+            if not (path.is_dir() and candidate.name == "native"):
+                assert not candidate.converter.opens([path])
+        assert leading(path, 10) == b""
+        assert names_in(path) == frozenset()
+
+
+def test_strict_checks_refuse_them_too(others):
+    for kind, path in others(".xml").items():
+        if kind != "a folder":
+            assert f"found {kind}" in findings(path)[0].sentence
+
+
+def test_files_that_a_file_names_are_plain_too(tmp_path):
+    os.mkfifo(tmp_path / "part.vtu")
+    (tmp_path / "whole.pvtu").write_text(
+        '<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid><Piece Source="part.vtu"/></PUnstructuredGrid></VTKFile>'
+    )
+    (tmp_path / "series.pvd").write_text(
+        '<VTKFile type="Collection"><Collection><DataSet timestep="0" file="part.vtu"/></Collection></VTKFile>'
+    )
+    converter = chosen(installed(), [tmp_path / "whole.pvtu"]).converter
+    with pytest.raises(ElvisError, match=r"part\.vtu: expected a file, found a pipe"):
+        converter([tmp_path / "whole.pvtu"])
+    with pytest.raises(ElvisError, match=r"expected a VTK file part\.vtu beside it, found none"):
+        converter([tmp_path / "series.pvd"])
+
+
+def test_links_to_plain_files_are_followed(tmp_path):
+    (tmp_path / "points.csv").write_text("1 2 3\n")
+    (tmp_path / "link.csv").symlink_to(Path("points.csv"))
+    assert points_in_table(tmp_path / "link.csv").tolist() == [[1.0, 2.0, 3.0]]
