@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import mmap
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,20 +13,9 @@ from elvis.converters.gmsh_data import Contents
 from elvis.converters.gmsh_mesh import read_mesh
 from elvis.converters.hdf5 import holds, opened
 from elvis.formats.errors import FormatError
+from elvis.formats.files import leading
+from elvis.formats.nektar.stored_hdf5 import check_stored
 from elvis.plugins.conversion import Boundary
-
-#: what a process of its own tries: of a damaged file the library leaves things behind that it complains of at the end
-_TRIAL = """
-import os, sys
-import gmsh
-from elvis.converters.gmsh_mesh import complaints
-gmsh.initialize(["elvis"], readConfigFiles=False, interruptible=False)
-gmsh.option.setNumber("General.Terminal", 0)
-gmsh.option.setNumber("General.AbortOnError", 0)
-found = complaints(gmsh, sys.argv[1])
-print(*found[:1], end="", flush=True)
-os._exit(1 if found else 0)
-"""
 
 #: how files of the older container begin; the library sets the highest bit of the first four bytes
 _ADF, _MASK = b"@(#)ADF Database", bytes([0x7F] * 4 + [0xFF] * 12)
@@ -57,11 +44,11 @@ class Cgns(Gmsh):
         with TemporaryDirectory() as folder:
             named = Path(folder) / f"{path.stem}.cgns"  # the library tells formats by suffixes
             named.symlink_to(path.resolve())
-            _try(path, named)
+            _check_sizes(path)
             try:
                 self._mesh = read_mesh(Contents(named, True, True, (), ()), with_entities=True, suffix=".cgns")
             except FormatError as error:
-                raise FormatError(error.message, file=path) from error
+                raise FormatError(error.message.replace(str(named), path.name), file=path) from error
         self._groups = self._mesh.groups
         self.blocks = [block_of(i, group, self._mesh) for i, group in enumerate(self._groups)]
         self.boundaries = [Boundary(name, vertices=sides) for name, sides in self._mesh.sides.items()]
@@ -69,21 +56,17 @@ class Cgns(Gmsh):
         self.fields = []
 
 
-def _try(path: Path, named: Path) -> None:
-    """FormatError with the library's first complaint about a file, here called ``named``."""
-    done = subprocess.run([sys.executable, "-c", _TRIAL, str(named)], capture_output=True, check=False)
-    if done.returncode:
-        said = " ".join(done.stdout.decode("utf-8", "replace").replace(str(named), path.name).split())
-        raise FormatError(f"expected a whole mesh, found: {said or 'one on which the library fails'}", file=path)
+def _check_sizes(path: Path) -> None:
+    """FormatError where an array is declared larger than the file can hold, which the library would take memory for."""
+    if _is_adf(path):
+        return
+    with opened(path) as file:
+        file.visititems(lambda name, node: check_stored(node, name) if hasattr(node, "shape") and node.shape else None)
 
 
 def _is_adf(path: Path) -> bool:
     """Whether a file is in the older container."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(len(_ADF))
-    except OSError:
-        return False
+    start = leading(path, len(_ADF))
     return bytes(byte & mask for byte, mask in zip(start, _MASK, strict=False)) == _ADF
 
 

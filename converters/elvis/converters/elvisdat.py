@@ -15,6 +15,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import content, leading
 from elvis.formats.polynomials.collapse import collapse
 from elvis.formats.polynomials.jacobi import jacobi
 from elvis.formats.shapes import Shape
@@ -46,11 +47,7 @@ class ElVisDat(Converter):
         """Whether it is one file with a text, a 1, a number of elements, and a first element that makes sense."""
         if len(paths) != 1:
             return False
-        try:
-            with paths[0].open("rb") as file:
-                start = file.read(_START + _record(_LEAST).itemsize)
-        except OSError:
-            return False
+        start = leading(paths[0], _START + _record(_LEAST).itemsize)
         is_text = all(byte in (0, 9, 10, 13) or 32 <= byte < 127 for byte in start[:_HEADER])
         if len(start) < _START + 4 or not is_text:
             return False
@@ -59,7 +56,7 @@ class ElVisDat(Converter):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         path = paths[0]
-        runs = _read(path, path.read_bytes())
+        runs = _read(path, content(path))
         self.blocks, orders = [], []
         for kind in sorted(runs):
             ids, data = (np.concatenate(parts) for parts in zip(*runs[kind], strict=True))

@@ -76,10 +76,10 @@ class Exodus(Converter):
 
     def _coordinates(self) -> Floats:
         if "coord" in self._file:
-            columns = list(self._file["coord"])
+            columns = list(self._file.floats("coord", dimension=2))
         else:
-            columns = [self._file[f"coord{axis}"] for axis in "xyz" if f"coord{axis}" in self._file]
-        if not columns or len({len(column) for column in columns}) > 1:
+            columns = [self._file.floats(f"coord{axis}") for axis in "xyz" if f"coord{axis}" in self._file]
+        if not 1 <= len(columns) <= 3 or len({len(column) for column in columns}) > 1:
             raise FormatError("expected coordinates of the nodes, found none", file=self._file.path)
         self.precision = SINGLE if columns[0].dtype.itemsize == 4 else DOUBLE
         return np.stack(columns, axis=1).astype(np.float64)
@@ -88,7 +88,7 @@ class Exodus(Converter):
         names, found, first, number = self._file.texts("eb_names"), [], 0, 1
         ids = self._file.ints("eb_prop1").tolist() if "eb_prop1" in self._file else []
         while f"connect{number}" in self._file:
-            nodes = self._file.ints(f"connect{number}") - 1
+            nodes = self._file.ints(f"connect{number}", 2) - 1
             kind = self._file.element_type(f"connect{number}")
             if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self._places):
                 expected = f"nodes from 1 to {len(self._places)}"
@@ -117,6 +117,9 @@ class Exodus(Converter):
         ids = self._file.ints("ss_prop1").tolist() if "ss_prop1" in self._file else []
         while f"elem_ss{number}" in self._file:
             elements, sides = self._file.ints(f"elem_ss{number}") - 1, self._file.ints(f"side_ss{number}") - 1
+            if len(elements) != len(sides):
+                expected = f"{len(elements)} sides"
+                raise FormatError(f"expected {expected}, found {len(sides)}", file=self._file.path, place=f"ss{number}")
             vertices = []
             for part in self._parts:
                 rows = elements - part.first
@@ -132,7 +135,7 @@ class Exodus(Converter):
         return found
 
     def _read_variables(self, step: str | None) -> None:
-        times = self._file["time_whole"] if "time_whole" in self._file else np.empty(0)
+        times = self._file.floats("time_whole") if "time_whole" in self._file else np.empty(0)
         if not len(times):
             return
         number = -1 if step is None else int(step)
@@ -153,13 +156,21 @@ class Exodus(Converter):
             orders = [0 if each in self._file else None for each in parts]
             for part, each in zip(self._parts, parts, strict=True):
                 if each in self._file:
-                    self._values[label, part.number] = np.asarray(self._file[each][number], np.float64)
+                    self._values[label, part.number] = self._own(each, number, len(part.nodes))
             self.fields.append(SourceField(label, orders, key=label))
 
     def _nodal(self, index: int, step: int) -> Floats:
         name = f"vals_nod_var{index + 1}"
-        values = self._file[name][step] if name in self._file else self._file["vals_nod_var"][step, index]
-        return np.asarray(values, np.float64)
+        where = (name, step) if name in self._file else ("vals_nod_var", step, index)
+        return np.asarray(self._file.floats(*where), np.float64)
+
+    def _own(self, name: str, step: int, count: int) -> Floats:
+        """(count,) values on the elements of a block."""
+        found = np.asarray(self._file.floats(name, step), np.float64)
+        if len(found) != count:
+            expected = f"values on {count} elements"
+            raise FormatError(f"expected {expected}, found {len(found)}", file=self._file.path, place=name)
+        return found
 
 
 class _Functions:

@@ -6,15 +6,17 @@ Layout and numbering: Schoof and Yarberry, EXODUS II: A Finite Element Data Mode
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elvis.converters.hdf5 import holds, opened
+from elvis.converters.hdf5 import attribute, holds, opened, rows, text
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import leading
 from elvis.formats.shapes import Shape
 
 _CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
@@ -102,63 +104,127 @@ def nodes_of(shape: Shape, count: int) -> Floats:
 
 def is_exodus(path: Path) -> bool:
     """Whether a file is one of netCDF that holds a mesh of this kind."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(1 << 14)
-    except OSError:
-        return False
+    head = leading(path, 1 << 14)
     if head.startswith(_CLASSIC):
         return b"num_el_blk" in head
     return holds(path, "num_el_blk", "connect1")
 
 
 class Variables:
-    """The variables of a file, by name: arrays as they are stored, in the order of this machine."""
+    """The variables of a file, by name: read when they are asked for, in the order of bytes of this machine."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with path.open("rb") as file:
-            is_classic = file.read(4) in _CLASSIC
-        self._arrays, self._types = self._classic() if is_classic else self._hdf5()
+        is_classic = leading(path, 4) in _CLASSIC
+        self._container: _Classic | _Hdf5 = _Classic(path) if is_classic else _Hdf5(path)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._arrays
+        return name in self._container.types
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._arrays:
+        return self.at(name)
+
+    def at(self, name: str, *index: int) -> Any:
+        """A variable, or a part of it at first indices; FormatError where there is none or it can't be read."""
+        if name not in self:
             raise FormatError(f"expected a variable {name}, found none", file=self.path)
-        return self._arrays[name]
+        found = np.asarray(self._container.array(name, index))
+        return found.astype(found.dtype.newbyteorder("="))
 
     def element_type(self, name: str) -> str:
         """The attribute elem_type of a table of elements."""
-        return self._types.get(name, "")
+        return self._container.types[name]
 
     def texts(self, name: str) -> list[str]:
         """An array of characters, as texts; none where there is no such variable."""
         if name not in self:
             return []
         rows = np.atleast_2d(self[name])
+        if rows.dtype.kind != "S" or rows.ndim != 2:
+            raise FormatError(f"expected texts, found {rows.dtype} of shape {rows.shape}", file=self.path, place=name)
         return [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in rows]
 
-    def ints(self, name: str) -> Ints:
-        """Whole numbers."""
-        return np.asarray(self[name], np.int64)
+    def ints(self, name: str, dimension: int = 1) -> Ints:
+        """Whole numbers in an array of so many dimensions."""
+        found = self[name]
+        if found.dtype.kind not in "iu" or found.ndim != dimension:
+            what = f"{found.dtype} of shape {found.shape}"
+            raise FormatError(f"expected whole numbers, found {what}", file=self.path, place=name)
+        return np.asarray(found, np.int64)
 
-    def _classic(self) -> tuple[dict[str, Any], dict[str, str]]:
+    def floats(self, name: str, *index: int, dimension: int = 1) -> Floats:
+        """Numbers in an array of so many dimensions, of their own precision."""
+        found = self.at(name, *index)
+        if found.dtype.kind not in "iuf" or found.ndim != dimension:
+            what = f"{found.dtype} of shape {found.shape}"
+            raise FormatError(f"expected numbers, found {what}", file=self.path, place=name)
+        return np.asarray(found)
+
+
+class _Classic:
+    """The classic container.
+
+    types  by name of a variable: its attribute elem_type, empty where it has none
+    """
+
+    def __init__(self, path: Path) -> None:
         from scipy.io import netcdf_file
 
+        self._path = path
+        with self._guarded():
+            self._file = netcdf_file(_Bounded(path), "r", mmap=True)
+            found = {name: getattr(own, "elem_type", b"") for name, own in self._file.variables.items()}
+        self.types = {
+            name: own.decode("ascii", "replace") if isinstance(own, bytes) else "" for name, own in found.items()
+        }
+
+    def array(self, name: str, index: tuple[int, ...]) -> Any:
+        """A part of a variable, copied out of the file."""
+        with self._guarded():
+            return np.array(self._file.variables[name][index or ...])
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
         try:
-            with netcdf_file(str(self.path), "r", mmap=False) as file:
-                arrays = {name: np.array(own[...]) for name, own in file.variables.items()}
-                types = {name: getattr(own, "elem_type", b"").decode() for name, own in file.variables.items()}
-        except (ValueError, TypeError, KeyError, IndexError, OSError, OverflowError) as error:
-            raise FormatError(f"expected a whole netCDF file, found: {error}", file=self.path) from error
-        return {name: own.astype(own.dtype.newbyteorder("=")) for name, own in arrays.items()}, types
+            yield
+        except (ValueError, TypeError, LookupError, OSError, ArithmeticError, AttributeError, AssertionError) as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise FormatError(f"expected a whole netCDF file, found: {reason}", file=self._path) from error
 
-    def _hdf5(self) -> tuple[dict[str, Any], dict[str, str]]:
-        from elvis.converters.hdf5 import text
 
-        with opened(self.path) as file:
-            arrays = {name: np.asarray(own) for name, own in file.items()}
-            types = {name: text(own.attrs["elem_type"]) for name, own in file.items() if "elem_type" in own.attrs}
-        return arrays, types
+class _Bounded:
+    """A file, of which no more is asked than it holds, whatever its header says."""
+
+    def __init__(self, path: Path) -> None:
+        self._file, self._size = path.open("rb"), path.stat().st_size
+
+    def read(self, count: int = -1) -> bytes:
+        left = max(0, self._size - self._file.tell())
+        return self._file.read(left if count < 0 else min(count, left))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def __del__(self) -> None:
+        self._file.close()
+
+
+class _Hdf5:
+    """HDF5; ``types`` as in the classic container."""
+
+    def __init__(self, path: Path) -> None:
+        import h5py  # type: ignore[import-untyped]
+
+        self._path = path
+        self.types: dict[str, str] = {}
+        with opened(path) as file:
+            for name in file:
+                own = file.get(name, getlink=True)
+                if isinstance(own, h5py.HardLink) and isinstance(file[name], h5py.Dataset):
+                    attributes = file[name].attrs
+                    self.types[name] = text(attribute(file[name], "elem_type")) if "elem_type" in attributes else ""
+
+    def array(self, name: str, index: tuple[int, ...]) -> Any:
+        """A part of a variable."""
+        with opened(self._path) as file:
+            return rows(file, name, index)

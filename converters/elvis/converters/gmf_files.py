@@ -15,6 +15,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import content, leading
 
 #: kinds of elements: vertices, dimension, letter before the order, numbers of an entry of an ordering table
 ELEMENTS: dict[str, tuple[int, int, str, int]] = {
@@ -125,11 +126,7 @@ _END = 54
 
 def is_gmf(path: Path) -> bool:
     """Whether a file begins as text or binary files of this family do."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(4096)
-    except OSError:
-        return False
+    start = leading(path, 4096)
     if re.match(rb"(\s*#[^\n]*\n)*\s*MeshVersionFormatted\s+[1-4]\b", start):
         return True
     return any(len(start) > 12 and _is_header(start, order) for order in "<>")
@@ -145,10 +142,7 @@ class GmfFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            raw = path.read_bytes()
-        except OSError as error:
-            raise FormatError(f"expected a file that can be read, found: {error.strerror}", file=path) from None
+        raw = content(path)
         self.sections: dict[str, Section] = {}
         if raw[:4] in (struct.pack("<i", 1), struct.pack(">i", 1)):
             _Binary(self, raw)

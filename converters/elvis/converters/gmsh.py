@@ -18,6 +18,7 @@ from elvis.converters.gmsh_mesh import Functions, Group, Mesh, read_mesh
 from elvis.converters.names import components
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.files import leading
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.recognition import found_instead
@@ -55,8 +56,7 @@ class Gmsh(Converter):
     @classmethod
     def hint(cls, path: Path) -> str:
         """Its scripts and lists of values, which hold no mesh."""
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
+        head = leading(path, _HEAD)
         if re.search(rb"(?m)^\s*(View|T2|T3)\s*\"", head) or b"$PostFormat" in head:
             return "a list of values of Gmsh (.pos) without a mesh: save the view in a .msh file"
         if re.search(rb"(?m)^\s*(SetFactory|Point|Line|Circle|Include|Merge)\s*(\(|\")", head):
@@ -186,11 +186,7 @@ class Gmsh(Converter):
 
 def _starts(path: Path) -> bool:
     """Whether a file is Gmsh's, whatever its name."""
-    try:
-        with path.open("rb") as file:
-            return beginning(file.read(_HEAD)) >= 0
-    except OSError:
-        return False
+    return beginning(leading(path, _HEAD)) >= 0
 
 
 def _with_mesh(contents: Sequence[Contents]) -> Contents:

@@ -35,7 +35,7 @@ def check(path: Path, raw: bytes | mmap, width: Callable[[int], int]) -> None:
             walk = _NEW[name] if found[1] == b"4.1" else _OLD[name]
             try:
                 end = walk(raw, start + len(name) + 2, order, width, stop)
-            except struct.error:
+            except (struct.error, OverflowError):
                 end = -1
             if not stop - 2 <= end <= stop:
                 expected = "as many bytes as its numbers ask for"

@@ -14,6 +14,7 @@ import numpy as np
 
 from elvis.converters.gmsh_binary import check
 from elvis.converters.gmsh_data import MAGIC, Contents
+from elvis.converters.trial import attempt
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
 from elvis.formats.polynomials.collapse import uncollapse
@@ -40,6 +41,23 @@ _ROUNDING, _HIGHEST = 1e-8, 15
 
 #: how the library says that it couldn't read, and that it left something out
 _ERROR, _WARNING = "Error: ", "Warning: "
+
+#: of a damaged file the library leaves things behind that it complains of at the end, so that the trial just stops
+_TRIAL = """
+from pathlib import Path
+import gmsh
+from elvis.converters.gmsh_mesh import complaints, mesh_of
+gmsh.initialize(["elvis"], readConfigFiles=False, interruptible=False)
+gmsh.option.setNumber("General.Terminal", 0)
+gmsh.option.setNumber("General.AbortOnError", 0)
+bound()
+found = complaints(gmsh, sys.argv[1])
+if not found:
+    with suppress(Exception):
+        mesh_of(gmsh, Path(sys.argv[1]), True)
+say("".join(found[:1]))
+os._exit(1 if found else 0)
+"""
 
 
 @dataclass(eq=False)
@@ -150,8 +168,9 @@ def read_mesh(contents: Contents, with_entities: bool = False, suffix: str = ".m
                     whole.seek(start)
                     part.write(whole.read(end - start))
         _check(gmsh, path, contents.path)
+        _try(path, contents.path)
         warnings = _load(gmsh, path, contents.path)
-        mesh = _mesh(gmsh, contents.path, with_entities)
+        mesh = mesh_of(gmsh, contents.path, with_entities)
         mesh.notes += dict.fromkeys(warnings)
         return mesh
 
@@ -196,6 +215,14 @@ def _check(gmsh: Any, path: Path, named: Path) -> None:
                 check(named, raw, width)
 
 
+def _try(path: Path, named: Path) -> None:
+    """FormatError where the library dies of a file, or takes too long."""
+    outcome = attempt(_TRIAL, [path])
+    if outcome.status:
+        reason = outcome.reason.replace(str(path), named.name)
+        raise FormatError(f"expected a whole mesh, found: {reason}", file=named)
+
+
 def _load(gmsh: Any, path: Path, named: Path) -> list[str]:
     """What the library warns of when it opens a file; FormatError with its first complaint."""
     lines = _log(gmsh, str(path))
@@ -225,7 +252,7 @@ def _log(gmsh: Any, path: str) -> list[str]:
     return lines
 
 
-def _mesh(gmsh: Any, path: Path, with_entities: bool) -> Mesh:
+def mesh_of(gmsh: Any, path: Path, with_entities: bool) -> Mesh:
     """Nodes, and elements by type and physical group."""
     tags, places, _ = gmsh.model.mesh.getNodes()
     order = np.argsort(tags)
@@ -240,8 +267,8 @@ def _mesh(gmsh: Any, path: Path, with_entities: bool) -> Mesh:
     for d, entity in entities:
         types, numbers, nodes = gmsh.model.mesh.getElements(d, entity)
         names = _groups(gmsh, d, entity)
-        if with_entities and not names and gmsh.model.getEntityName(d, entity):
-            names = [gmsh.model.getEntityName(d, entity)]
+        if with_entities and not names:
+            names = [name for name in [_name(gmsh.model.getEntityName, d, entity)] if name]
         for kind, own, flat in zip(types, numbers, nodes, strict=True):
             own, table = np.asarray(own, np.int64), np.asarray(flat, np.int64).reshape(len(own), -1)
             if d == dimension:
@@ -265,8 +292,16 @@ def _mesh(gmsh: Any, path: Path, with_entities: bool) -> Mesh:
 def _groups(gmsh: Any, dimension: int, entity: int) -> list[str]:
     """Names of the physical groups of an entity."""
     numbers = gmsh.model.getPhysicalGroupsForEntity(dimension, entity)
-    named = ((gmsh.model.getPhysicalName(dimension, abs(n)), abs(n)) for n in numbers)
+    named = ((_name(gmsh.model.getPhysicalName, dimension, abs(n)), abs(n)) for n in numbers)
     return [name or f"physical{number}" for name, number in named]
+
+
+def _name(ask: Callable[[int, int], str], dimension: int, number: int) -> str:
+    """A name that the library keeps; none where it is no UTF-8, which the library doesn't tell."""
+    try:
+        return ask(dimension, number)
+    except UnicodeDecodeError:
+        return ""
 
 
 def _rows(mesh: Mesh, nodes: Ints, path: Path) -> Ints:

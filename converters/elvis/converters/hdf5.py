@@ -1,7 +1,11 @@
-"""What converters of HDF5 files share: opening, sniffing, and errors that name what is missing."""
+"""What converters of HDF5 files share: opening, sniffing, and reading with errors that name what is missing.
+
+Nothing is read that the file does not hold itself, and no memory taken that it cannot fill.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,14 +13,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.arrays import Floats, Ints
+from elvis.formats.errors import FormatError
+from elvis.formats.files import check_plain
+from elvis.formats.nektar.heaps import check_heaps
+from elvis.formats.nektar.stored_hdf5 import check_attribute, check_stored, check_strings
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
 
 #: what the library raises for damaged files
-_DAMAGES = (OSError, RuntimeError, KeyError, ValueError, TypeError)
+_DAMAGES = (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, AttributeError)
+_MOST_TEXTS = 1 << 20
 
 
 @contextmanager
@@ -24,14 +33,16 @@ def opened(path: Path) -> Iterator[h5py.File]:
     """The file, open for reading; FormatError where it is damaged, inside the block too."""
     import h5py
 
+    check_plain(path)
+    check_heaps(path)
     try:
         with h5py.File(path) as file:
             yield file
+    except FormatError as error:
+        raise error.within(path) from error
     except _DAMAGES as error:
-        if isinstance(error, ElvisError):
-            raise
-        reason = " ".join(str(error).split())
-        raise FormatError(f"expected a whole HDF5 file, found: {reason}", file=path) from error
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FormatError(f"expected a whole HDF5 file, found: {reason[:200]}", file=path) from error
 
 
 def holds(path: Path, *names: str) -> bool:
@@ -48,26 +59,84 @@ def holds(path: Path, *names: str) -> bool:
 
 
 def require(file: h5py.File, name: str) -> Any:
-    """A dataset of the file; FormatError where there is none."""
-    import h5py
-
-    found = file.get(name)
-    if not isinstance(found, h5py.Dataset):
-        raise FormatError(f"expected a dataset {name}, found none", file=file.filename)
+    """A dataset of the file itself that is as large as it claims; FormatError where there is none."""
+    found = _member(file, name)
+    check_stored(found, name)
     return found
+
+
+def rows(file: h5py.File, name: str, index: tuple[int, ...]) -> Any:
+    """A part of a dataset, at first indices; FormatError where there is none, or it is larger than the file holds."""
+    found = _member(file, name)
+    check_stored(found, name, math.prod(found.shape[len(index) :]) if index else None)
+    return found[index or ...]
+
+
+def ints(file: h5py.File, name: str, *shape: int | None) -> Ints:
+    """Whole numbers of a dataset, an array of this shape, None for any length; FormatError where it holds others."""
+    return np.asarray(_numbers(file, name, "iu", shape), np.int64)
+
+
+def floats(file: h5py.File, name: str, *shape: int | None) -> Floats:
+    """Numbers of a dataset, likewise."""
+    return np.asarray(_numbers(file, name, "iuf", shape), np.float64)
+
+
+def texts(file: h5py.File, name: str) -> list[str]:
+    """The strings of a dataset."""
+    found = require(file, name)
+    if found.dtype.kind not in "OS" or found.ndim > 1 or found.size > _MOST_TEXTS:
+        raise FormatError(f"expected a list of strings, found {found.dtype} of shape {found.shape}", place=name)
+    check_strings(found)
+    return [text(item) for item in np.ravel(found[()])]
 
 
 def attribute(file: h5py.File, name: str) -> Any:
     """The only value of an attribute, a scalar or an array of one; FormatError where there is none."""
-    if name not in file.attrs:
-        raise FormatError(f"expected an attribute {name}, found none", file=file.filename)
-    values = np.ravel(file.attrs[name])
+    values = attributes(file, name)
     if len(values) != 1:
-        raise FormatError(f"expected one value of the attribute {name}, found {len(values)}", file=file.filename)
+        raise FormatError(f"expected one value of the attribute {name}, found {len(values)}", file=file.file.filename)
     return values[0]
+
+
+def attributes(owner: h5py.HLObject, name: str) -> Any:
+    """The values of an attribute, one after another; FormatError where there is none."""
+    if name not in owner.attrs:
+        raise FormatError(f"expected an attribute {name}, found none", file=owner.file.filename)
+    check_attribute(owner, name)
+    return np.ravel(owner.attrs[name])
+
+
+def number(file: h5py.File, name: str) -> float:
+    """The only value of an attribute, a finite number; FormatError where it is none."""
+    value = attribute(file, name)
+    if not isinstance(value, np.number) or not np.isfinite(value):
+        raise FormatError(f"expected a number in the attribute {name}, found {value!r:.40}", file=file.file.filename)
+    return float(value)
 
 
 def text(value: Any) -> str:
     """A string of a file, with its padding gone."""
     decoded = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
     return decoded.strip("\0 ")
+
+
+def _member(file: h5py.File, name: str) -> Any:
+    """A dataset that is stored in the file itself."""
+    import h5py
+
+    found = file.get(name)
+    if not isinstance(found, h5py.Dataset) or found.shape is None:
+        raise FormatError(f"expected a dataset {name}, found none", file=file.file.filename)
+    if found.is_virtual or found.external or found.file.filename != file.file.filename:
+        raise FormatError("expected data in the file itself, found references to others", place=name)
+    return found
+
+
+def _numbers(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> Any:
+    found = require(file, name)
+    fits = found.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
+    if found.dtype.kind not in kinds or not fits:
+        expected = f"{'whole ' if kinds == 'iu' else ''}numbers of shape ({', '.join(str(n or 'n') for n in shape)})"
+        raise FormatError(f"expected {expected}, found {found.dtype} of shape {found.shape}", place=name)
+    return found

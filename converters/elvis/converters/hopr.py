@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.converters.hdf5 import attribute, holds, opened, require, text
+from elvis.converters.hdf5 import attribute, attributes, floats, holds, ints, number, opened, require, text, texts
 from elvis.converters.subcells import SubCells
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
@@ -31,6 +31,9 @@ _SHAPES = {4: Shape.TETRAHEDRON, 5: Shape.PYRAMID, 6: Shape.PRISM, 8: Shape.HEXA
 #: the file's corner at each local vertex, and the file's side at each local side; prisms are given as two triangles
 _CORNERS = {6: (0, 2, 5, 3, 1, 4)}
 _SIDES = {6: (4, 2, 0, 1, 3)}
+
+#: of orders; of columns of ElemInfo
+_HIGHEST, _COLUMNS = 30, 6
 
 _NODES = {"GAUSS": gauss, "GAUSS-LOBATTO": lobatto}
 
@@ -77,9 +80,13 @@ class Hopr(Converter):
         return np.asarray(values[rows] @ self._basis.at(points).T)
 
     def _read_mesh(self, file: h5py.File) -> None:
-        order = int(attribute(file, "Ngeo"))
-        info = np.asarray(require(file, "ElemInfo"), np.int64)
-        coordinates, ids = require(file, "NodeCoords"), np.asarray(require(file, "GlobalNodeIDs"), np.int64)
+        order = int(number(file, "Ngeo"))
+        if not 1 <= order <= _HIGHEST:
+            raise FormatError(f"expected an order from 1 to {_HIGHEST}, found {order}", place="Ngeo")
+        info, ids = ints(file, "ElemInfo", None, None), ints(file, "GlobalNodeIDs", None)
+        coordinates = floats(file, "NodeCoords", len(ids), 3)
+        if info.shape[1] < _COLUMNS:
+            raise FormatError(f"expected {_COLUMNS} numbers an element, found {info.shape[1]}", place="ElemInfo")
         self._info, self._geometry, self._nodes = info, {}, {}
         self.blocks = []
         for corners in np.unique(info[:, 0] % 10).tolist():
@@ -88,27 +95,31 @@ class Hopr(Converter):
             rows = np.flatnonzero(info[:, 0] % 10 == corners)
             lattice, vertices = _lattice(corners, order)
             nodes = info[rows, 4:5] + np.arange(len(lattice))
-            if (info[rows, 5] - info[rows, 4] != len(lattice)).any() or nodes.max(initial=-1) >= len(ids):
+            if (info[rows, 5] - info[rows, 4] != len(lattice)).any():
                 expected = f"{len(lattice)} nodes for each element of {corners} corners"
                 raise FormatError(f"expected {expected}, found another number", file=file.filename, place="ElemInfo")
+            _check_rows(nodes, len(ids), "nodes", "ElemInfo")
             shape, space = _SHAPES[corners], PyramidSpace.RATIONAL
             self._geometry[shape] = NodalBasis(shape, order, _own(corners, lattice, order), space)
-            self._nodes[shape] = np.asarray(coordinates, np.float64)[nodes]
+            self._nodes[shape] = coordinates[nodes]
             own = ids[nodes[:, vertices]]
             self.blocks.append(Elements(shape, len(rows), order, own, ids=rows, pyramid=space))
         self.boundaries = self._boundaries(file)
 
     def _boundaries(self, file: h5py.File) -> list[Boundary]:
         """Sides by the number of their boundary condition; 0 is inside."""
-        sides, names = np.asarray(require(file, "SideInfo"), np.int64), [text(n) for n in require(file, "BCNames")]
+        sides, names = ints(file, "SideInfo", None, None), texts(file, "BCNames")
+        if sides.shape[1] < _COLUMNS - 1:
+            raise FormatError(f"expected {_COLUMNS - 1} numbers a side, found {sides.shape[1]}", place="SideInfo")
         result = []
-        for number, name in enumerate(names, 1):
+        for condition, name in enumerate(names, 1):
             found = []
             for index, block in enumerate(self.blocks):
                 corners = len(block.shape.vertices)
                 first, count = self._info[block.ids, 2], len(block.shape.faces)
-                own = sides[first[:, None] + np.arange(count), 4] == number
-                rows, local = np.nonzero(own)
+                numbers = first[:, None] + np.arange(count)
+                _check_rows(numbers, len(sides), "sides", "ElemInfo")
+                rows, local = np.nonzero(sides[numbers, 4] == condition)
                 order = np.array(_SIDES.get(corners, range(count)))
                 found.append((index, rows, order[local]))
             result.append(Boundary(name, sides=found))
@@ -118,16 +129,19 @@ class Hopr(Converter):
         values = require(file, "DG_Solution")
         if any(block.shape is not Shape.HEXAHEDRON for block in self.blocks):
             raise FormatError("expected a mesh of hexahedra for a state, found other elements", file=file.filename)
-        if values.ndim != 5 or len(values) != len(self._info):
+        if values.ndim != 5 or len(values) != len(self._info) or values.dtype.kind != "f":
             found = f"an array of shape {values.shape}"
             expected = f"values on the {len(self._info)} elements of the mesh"
             raise FormatError(f"expected {expected}, found {found}", file=file.filename, place="DG_Solution")
-        names = [text(name) for name in np.ravel(file.attrs["VarNames"])]
+        names = [text(name) for name in attributes(file, "VarNames")]
         kind = text(attribute(file, "NodeType")).upper()
         if kind not in _NODES or len(names) != values.shape[4]:
             expected = f"GAUSS or GAUSS-LOBATTO nodes and {values.shape[4]} names"
             raise FormatError(f"expected {expected}, found {kind} nodes and {len(names)}", file=file.filename)
         count = values.shape[3]
+        if values.shape[1] not in (1, count) or values.shape[2] != count or not 1 <= count <= _HIGHEST + 1:
+            expected = f"as many nodes each way, up to {_HIGHEST + 1}"
+            raise FormatError(f"expected {expected}, found an array of shape {values.shape}", place="DG_Solution")
         line = _NODES[kind](count)[0]
         self._basis = NodalBasis(Shape.HEXAHEDRON, count - 1, _tensor(line))
         filled = np.asarray(values, np.float64)
@@ -138,12 +152,12 @@ class Hopr(Converter):
         self._part_subcells(file, count)
         orders = [0 if isinstance(block.key, SubCells) else count - 1 for block in self.blocks]
         self.fields = [SourceField(name, orders, key=name) for name in names]
-        self.time = float(attribute(file, "Time"))
+        self.time = number(file, "Time")
         self.metadata = {key: text(attribute(file, key)) for key in ("Program", "Project_Name") if key in file.attrs}
 
     def _part_subcells(self, file: h5py.File, count: int) -> None:
         """Elements that hold ``count`` sub-cells each way make a block of these."""
-        names = [text(name) for name in np.ravel(file.attrs.get("VarNamesAdd", ()))]
+        names = [text(name) for name in attributes(file, "VarNamesAdd")] if "VarNamesAdd" in file.attrs else []
         if "FV_Elems" not in names or "ElemData" not in file:
             return
         data, column = require(file, "ElemData"), names.index("FV_Elems")
@@ -171,7 +185,7 @@ def _widths(file: h5py.File, count: int) -> Floats:
     """(count,) widths of sub-cells in the reference element: those of the file, else all the same."""
     if "FV_w" not in file.attrs:
         return np.full(count, 2 / count)
-    widths = np.ravel(np.asarray(file.attrs["FV_w"], np.float64))
+    widths = np.asarray(attributes(file, "FV_w"), np.float64)
     widths = np.repeat(widths, count) if len(widths) == 1 else widths
     if len(widths) != count or not (widths > 0).all() or not np.isclose(widths.sum(), 2):
         raise FormatError(f"expected {count} widths with sum 2, found {widths}", file=file.filename, place="FV_w")
@@ -209,6 +223,12 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     if not mesh.is_file():
         raise FormatError(f"expected its mesh {name} beside it, found none; give the mesh file too", file=states[0])
     return mesh, states[0]
+
+
+def _check_rows(rows: Ints, count: int, what: str, place: str) -> None:
+    """FormatError unless all rows are those of a table of ``count``."""
+    if rows.size and not 0 <= rows.min() <= rows.max() < count:
+        raise FormatError(f"expected {what} 0 to {count - 1}, found {rows.min()} to {rows.max()}", place=place)
 
 
 def _lattice(corners: int, order: int) -> tuple[Ints, Ints]:

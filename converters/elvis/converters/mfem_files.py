@@ -7,23 +7,24 @@ and the ranges are checked before it reads.  Layout: MFEM documentation, mesh fo
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from elvis.converters.trial import attempt
 from elvis.formats.arrays import Floats
 from elvis.formats.errors import FormatError
+from elvis.formats.files import content, leading
 from elvis.plugins.conversion import DOUBLE, EIGHT_DIGITS
 
 #: number of vertices by the number of a geometry
 _CORNERS = (1, 2, 3, 4, 4, 8, 6, 5)
 
-#: what a process of its own tries, for the library does not survive all faults in kinds of files unchecked here
+#: for the library does not survive all faults in kinds of files unchecked here
 _TRIAL = """
-import sys, mfem.ser as mfem
+import mfem.ser as mfem
+bound()
 mesh = mfem.Mesh(sys.argv[1], 1, 0, False)
 collection = mfem.LinearFECollection()
 space = mfem.FiniteElementSpace(mesh, collection)
@@ -38,11 +39,7 @@ _FEW_DIGITS, _LOOKED_AT = 9, 500
 
 def first_line(path: Path) -> str:
     """The first line of a file, shortened; empty where it can't be read."""
-    try:
-        with path.open("rb") as file:
-            return file.read(80).split(b"\n")[0].decode("ascii", "replace").strip()
-    except OSError:
-        return ""
+    return leading(path, 80).split(b"\n")[0].decode("ascii", "replace").strip()
 
 
 def is_mesh(path: Path) -> bool:
@@ -58,8 +55,8 @@ def is_field(path: Path) -> bool:
 def load(path: Path) -> str:
     """The text of a file without comments; FormatError where it is none."""
     try:
-        text = path.read_text("ascii")
-    except (OSError, UnicodeDecodeError) as error:
+        text = content(path).decode("ascii")
+    except UnicodeDecodeError as error:
         reason = " ".join(str(error).split())
         raise FormatError(f"expected a text, found: {reason}", file=path) from None
     return re.sub(r"(?m)^\s*#.*$", "", text)
@@ -117,8 +114,7 @@ def rounding(text: str) -> float:
 
 def _try(path: Path, file: Path) -> None:
     """FormatError, naming ``path``, where the library dies of a file; what it says of others comes with reading."""
-    done = subprocess.run([sys.executable, "-c", _TRIAL, str(file)], capture_output=True, check=False)
-    if done.returncode < 0:
+    if attempt(_TRIAL, [file]).status < 0:
         raise FormatError("expected data that MFEM reads, found some on which it crashes", file=path)
 
 

@@ -15,6 +15,7 @@ from elvis.formats import read
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.dataset import Expansion
 from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.files import leading
 from elvis.formats.geometry import map_names
 from elvis.formats.mapping.orientation import local_vertices
 from elvis.formats.mesh import Composite, Mesh
@@ -131,8 +132,7 @@ def _is_native(path: Path) -> bool:
     try:
         if path.is_dir():
             return any(_PIECE.fullmatch(entry.name) for entry in path.iterdir())
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
+        head = leading(path, _HEAD)
         if head.startswith(GZIP_SIGNATURE):
             head = zlib.decompressobj(wbits=31).decompress(head, _HEAD)
         return holds(path, "NEKTAR") if head.startswith(HDF5_SIGNATURE) else bool(_ROOT.search(head))

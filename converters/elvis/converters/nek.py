@@ -14,6 +14,7 @@ import numpy as np
 from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, other_file, read_boundaries, read_header
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.files import content, leading
 from elvis.formats.polynomials.quadrature import lobatto
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, SourceField
@@ -145,11 +146,7 @@ class Step:
 
 def _kind(path: Path) -> str:
     """``field``, ``mesh`` or ``index``, told by the first bytes; empty for any other file."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(512)
-    except OSError:
-        return ""
+    start = leading(path, 512)
     if start.startswith(MAGIC):
         return "field"
     if start.startswith(MESH_MAGIC):
@@ -159,7 +156,7 @@ def _kind(path: Path) -> str:
 
 def _member(index: Path, step: str | None) -> Path:
     """The first file of a step of a series, of the last where none is given."""
-    words = dict(re.findall(r"(\w+):\s*(\S+)", index.read_text("utf-8", "replace")))
+    words = dict(re.findall(r"(\w+):\s*(\S+)", content(index).decode("utf-8", "replace")))
     try:
         first, count = int(words["firsttimestep"]), int(words["numtimesteps"])
         number = count - 1 if step is None else int(step)

@@ -14,6 +14,7 @@ import numpy as np
 
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import leading
 
 MAGIC, MESH_MAGIC, _HEADER, _MESH_HEADER = b"#std", b"#v00", 132, 80
 
@@ -32,11 +33,7 @@ _MOST_POINTS = 64
 
 def other_file(path: Path) -> str:
     """What a file of a run is that holds no field, and what to do; empty for fields, and for files of others."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(512)
-    except OSError:
-        return ""
+    start = leading(path, 512)
     advice = "give a field file (.f00001) too, which has the curved points"
     if start.startswith(MESH_MAGIC):
         what = "partition (.ma2)" if path.suffix == ".ma2" else "mesh (.re2)"
@@ -112,8 +109,7 @@ def _width(head: Header) -> int:
 
 def read_header(path: Path) -> Header:
     """The header of a field file; FormatError where it isn't one."""
-    with path.open("rb") as file:
-        words = file.read(_HEADER).decode("ascii", "replace").split()
+    words = leading(path, _HEADER).decode("ascii", "replace").split()
     try:
         numbers = [int(word) for word in words[1:7]]
         time, step, piece, pieces = float(words[7]), int(words[8]), int(words[9]), int(words[10])
@@ -170,8 +166,7 @@ class Sides:
 
 def read_boundaries(path: Path) -> tuple[int, Sides]:
     """The number of elements of a .re2 file and its first set of boundary conditions, those inside left out."""
-    with path.open("rb") as file:
-        words = file.read(_MESH_HEADER).decode("ascii", "replace").split()
+    words = leading(path, _MESH_HEADER).decode("ascii", "replace").split()
     try:
         count, dimension = int(words[1]), int(words[2])
     except (ValueError, IndexError):

@@ -8,8 +8,7 @@ order_NAME, continuous, time, boundary_S_verts, boundary_S_region and notes (sen
 
 from __future__ import annotations
 
-import zipfile
-import zlib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,20 @@ from elvis.converters.names import components
 from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, export
 from elvis.converters.ngsolve_files import is_mesh, sampled
 from elvis.converters.unit import UNIT
+from elvis.formats.archives import Archive, names_in
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.files import leading
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
 
 _HIGHEST, _HEAD = 30, 4096
+
+#: names of the arrays that are read
+_SHAPE = "|".join(SHAPES)
+_KNOWN = re.compile(
+    rf"({_SHAPE})_(elem|verts|ref|xyz|region|f_.+)|boundary_({_SHAPE})_(verts|region)|order(_.+)?|continuous|time"
+)
 
 
 class NGSolve(Converter):
@@ -43,28 +50,21 @@ class NGSolve(Converter):
         """Whether it is a mesh with files of functions, or one archive with the elements and places of a shape."""
         if sum(map(is_mesh, paths)) == 1:
             return all(is_mesh(path) or path.suffix == ".gfu" for path in paths)
-        if len(paths) != 1 or not zipfile.is_zipfile(paths[0]):
-            return False
-        try:
-            with zipfile.ZipFile(paths[0]) as archive:
-                names = set(archive.namelist())
-        except (OSError, zipfile.BadZipFile):
-            return False
-        return any({f"{shape}_ref.npy", f"{shape}_xyz.npy", f"{shape}_verts.npy"} <= names for shape in SHAPES)
+        names = names_in(paths[0]) if len(paths) == 1 else frozenset()
+        return any({f"{shape}_ref", f"{shape}_xyz", f"{shape}_verts"} <= names for shape in SHAPES)
 
     @classmethod
     def hint(cls, path: Path) -> str:
         """Functions without their mesh, pickled sessions."""
         if path.suffix == ".gfu":
             return "numbers of an NGSolve function (.gfu) without a mesh: give the .vol file too, and --spaces"
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
+        head = leading(path, _HEAD)
         if head.startswith(b"\x80") and b"ngsolve" in head:
             return f"a pickled NGSolve session, which would run what it holds: use {export.__module__}.export in Python"
         return ""
 
     def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:
-        is_archive = len(paths) == 1 and zipfile.is_zipfile(paths[0])
+        is_archive = len(paths) == 1 and bool(names_in(paths[0]))
         self._path, self._data = paths[0], _load(paths[0]) if is_archive else sampled(paths, spaces)
         self._bases: dict[str, NodalBasis] = {}
         self.blocks = []
@@ -83,7 +83,7 @@ class NGSolve(Converter):
             self.notes += [
                 "NGSolve's own functions on pyramids, with an apex a little off, are met to 1e-7, not to rounding"
             ]
-        self.time = float(self._data["time"]) if "time" in self._data else None
+        self.time = self._time()
 
     def positions(self, block: Elements, points: Floats) -> Floats:
         """Interpolation through the points of the samples."""
@@ -97,15 +97,41 @@ class NGSolve(Converter):
         return np.asarray(values @ self._bases[shape].at(points).T)
 
     def _orders_of(self, name: str) -> Ints:
-        orders = np.asarray(self._array(name), np.int64).reshape(-1)
+        orders = np.asarray(self._array(name)).reshape(-1)
+        orders = orders.astype(np.int64) if orders.dtype.kind in "iu" else np.empty(0, np.int64)
         if not len(orders) or not 0 <= orders.min() <= orders.max() <= _HIGHEST:
-            raise FormatError(f"expected orders from 0 to {_HIGHEST}, found {orders}", file=self._path, place=name)
+            found = ", ".join(map(str, orders[:9].tolist())) or "none"
+            raise FormatError(f"expected orders from 0 to {_HIGHEST}, found {found}", file=self._path, place=name)
         return orders
+
+    def _time(self) -> float | None:
+        if "time" not in self._data:
+            return None
+        found = np.ravel(self._data["time"])
+        if len(found) != 1 or found.dtype.kind not in "iuf":
+            raise FormatError(f"expected one number, found {found!r:.60}", file=self._path, place="time")
+        return float(found[0])
 
     def _array(self, name: str) -> Any:
         if name not in self._data:
             raise FormatError(f"expected an array {name}, found none", file=self._path)
         return self._data[name]
+
+    def _numbers(self, name: str, dimension: int) -> Any:
+        """An array of numbers of so many dimensions."""
+        found = np.asarray(self._array(name))
+        if found.ndim != dimension or found.dtype.kind not in "iuf":
+            expected = f"numbers of {dimension} dimensions"
+            what = f"{found.dtype} of shape {found.shape}"
+            raise FormatError(f"expected {expected}, found {what}", file=self._path, place=name)
+        return found
+
+    def _regions(self, name: str, count: int) -> Any:
+        """(count,) names, empty where the file has none."""
+        found = np.asarray(self._data.get(name, np.full(count, "")))
+        if found.shape != (count,):
+            raise FormatError(f"expected {count} names, found {found.shape}", file=self._path, place=name)
+        return found
 
     def _fields(self) -> dict[str, int]:
         """Numbers of components by name."""
@@ -118,9 +144,11 @@ class NGSolve(Converter):
 
     def _read(self, shape: str, geometry: int, names: dict[str, int]) -> None:
         """One block for every region that elements of a shape have."""
-        own, vertices, reference = SHAPES[shape], self._array(f"{shape}_verts"), self._array(f"{shape}_ref")
+        own, vertices, reference = SHAPES[shape], self._numbers(f"{shape}_verts", 2), self._numbers(f"{shape}_ref", 2)
         count, width = len(vertices), len(reference)
-        xyz = self._array(f"{shape}_xyz")
+        xyz = self._numbers(f"{shape}_xyz", 3)
+        if not 1 <= xyz.shape[2] <= 3:
+            raise FormatError(f"expected 1 to 3 coordinates, found {xyz.shape[2]}", file=self._path, place=shape)
         wanted: dict[str, tuple[int, ...]] = {
             f"{shape}_verts": (count, len(own.vertices)),
             f"{shape}_ref": (width, own.dimension),
@@ -128,7 +156,7 @@ class NGSolve(Converter):
         wanted |= {f"{shape}_elem": (count,), f"{shape}_xyz": (count, width, xyz.shape[-1])}
         wanted |= {f"{shape}_f_{name}": (count, width, parts) for name, parts in names.items()}
         for key, expected in wanted.items():
-            if self._array(key).shape != expected:
+            if self._numbers(key, len(expected)).shape != expected:
                 raise FormatError(
                     f"expected {expected} numbers, found {self._array(key).shape}", file=self._path, place=key
                 )
@@ -137,7 +165,7 @@ class NGSolve(Converter):
             found = f"those of order {order}"
             raise FormatError(f"expected samples of order {geometry}, found {found}", file=self._path, place=shape)
         self._make_basis(shape, order, reference)
-        regions = np.asarray(self._data.get(f"{shape}_region", np.full(count, "")))
+        regions = self._regions(f"{shape}_region", count)
         corners = np.array(UNIT_VERTICES[shape])[UNIT[own].corners]
         for region in np.unique(regions).tolist():
             rows = np.flatnonzero(regions == region)
@@ -173,7 +201,7 @@ class NGSolve(Converter):
         """Fields by component; where the file doesn't say which are continuous, all are tried."""
         stated, fields = self._data.get("continuous"), []
         for name, count in names.items():
-            is_continuous = stated is None or name in stated.tolist()
+            is_continuous = stated is None or name in np.ravel(stated).tolist()
             own = int(self._orders_of(f"order_{name}")[0]) if f"order_{name}" in self._data else _HIGHEST
             orders = [min(own, order) for order in self._orders]
             for i, component in enumerate(components(name, count)):
@@ -183,18 +211,15 @@ class NGSolve(Converter):
     def _borders(self) -> list[Boundary]:
         found: dict[str, list[Ints]] = {}
         for shape in SHAPES:
-            vertices, regions = (self._data.get(f"boundary_{shape}_{what}") for what in ("verts", "region"))
-            if vertices is not None and regions is not None:
+            if {f"boundary_{shape}_verts", f"boundary_{shape}_region"} <= set(self._data):
+                vertices = self._numbers(f"boundary_{shape}_verts", 2)
+                regions = self._regions(f"boundary_{shape}_region", len(vertices))
                 for name in np.unique(regions).tolist():
                     found.setdefault(str(name) or "boundary", []).append(np.asarray(vertices)[regions == name])
         return [Boundary(name, vertices=faces) for name, faces in sorted(found.items())]
 
 
 def _load(path: Path) -> dict[str, Any]:
-    """The arrays of an archive; nothing in it is executed."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-        reason = " ".join(str(error).split())
-        raise FormatError(f"expected an archive of arrays, found: {reason}", file=path) from None
+    """The arrays of an archive that are known."""
+    with Archive(path) as archive:
+        return {name: archive[name] for name in sorted(archive.names) if _KNOWN.fullmatch(name)}

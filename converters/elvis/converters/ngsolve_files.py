@@ -7,12 +7,12 @@ looked for before it reads.
 from __future__ import annotations
 
 import gzip
+import json
 import re
-import subprocess
-import sys
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,8 +20,11 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.ngsolve_export import samples
+from elvis.converters.trial import attempt
+from elvis.formats.archives import Archive
 from elvis.formats.arrays import Ints
 from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.files import content, leading
 from elvis.plugins.discovery import EXTRA
 
 #: spaces that can be named
@@ -47,29 +50,36 @@ _LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsg
 #: how compressed files begin, and how many times their size they may hold: ten times what meshes do
 _GZIP, _EXPANSION = b"\x1f\x8b", 100
 
-#: what a process of its own tries, with bytes of memory at most
-_TRIAL = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+#: reads and samples in a process of its own, where the library may crash, and keeps the samples in a file
+_PROGRAM = """
+import json
+from pathlib import Path
 import ngsolve
-mesh = ngsolve.Mesh(sys.argv[1])
-space = ngsolve.H1(mesh, order=1)
+from elvis.converters.ngsolve_files import in_library
+from elvis.formats.errors import ElvisError
+bound()
+try:
+    in_library(json.loads(Path(sys.argv[1]).read_text()))
+except ElvisError as error:
+    say(str(error))
+    os._exit(1)
+os._exit(0)
 """
-_LIMIT, _PER_BYTE = 4 << 30, 200
 
 
 def is_mesh(path: Path) -> bool:
     """Whether a file begins as Netgen's meshes do, compressed or not."""
+    start = leading(path, _HEAD)
     try:
-        with gzip.open(path) if _is_compressed(path) else path.open("rb") as file:
-            return _BEGIN.search(file.read(_HEAD)) is not None
-    except (OSError, EOFError, zlib.error):
+        if start.startswith(_GZIP):
+            start = zlib.decompressobj(wbits=31).decompress(start, _HEAD)
+    except zlib.error:
         return False
+    return _BEGIN.search(start) is not None
 
 
 def _is_compressed(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(_GZIP)) == _GZIP
+    return leading(path, len(_GZIP)) == _GZIP
 
 
 def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
@@ -82,21 +92,49 @@ def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
     if len(meshes) != 1:
         raise FormatError(f"expected one mesh (.vol), found {len(meshes)}", file=paths[0])
     named = _spaces(spaces, functions)
-    try:
-        import ngsolve
-    except ImportError:
+    if find_spec("ngsolve") is None:
         raise ElvisError(
             f"the converter ngsolve needs ngsolve for {meshes[0].name}, which is not installed; "
             f"pip install 'elvis-viz[{EXTRA}]' brings it"
-        ) from None
+        )
+    text = _text(meshes[0])
+    notes = _check(meshes[0], text)
+    fields = {_name(meshes[0], path): (str(path), *own) for path, own in named}
+    size = len(text) + sum(path.stat().st_size for path in functions)
     with _linked(meshes[0]) as link:
-        notes = _check(meshes[0], link)
-        mesh = ngsolve.Mesh(str(link))
-    fields = {_name(meshes[0], path): _function(ngsolve, mesh, path, *own) for path, own in named}
+        data = _apart(meshes[0], link, fields, size)
+    return {**data, "notes": np.array(notes, dtype="U")}
+
+
+def _apart(path: Path, link: Path, fields: Mapping[str, tuple[str, str, int]], size: int) -> dict[str, Any]:
+    """The samples, made by another process; FormatError with what that says."""
+    out, request = link.with_name("samples.npz"), link.with_name("request.json")
+    request.write_text(json.dumps({"mesh": str(link), "named": str(path), "fields": fields, "out": str(out)}))
+    outcome = attempt(_PROGRAM, [request], size)
+    if outcome.said:
+        raise FormatError(outcome.said)
+    if outcome.status:
+        raise FormatError(f"expected a mesh that NGSolve reads, found {outcome.reason}", file=path)
+    with Archive(out) as archive:
+        return {name: archive[name] for name in sorted(archive.names)}
+
+
+def in_library(request: dict[str, Any]) -> None:
+    """Read ``mesh`` and functions ``fields`` (file, space, order by name) by the library, and write samples to ``out``.
+
+    ``named`` is what messages call the mesh.
+    ElvisError where a function has another number of values than its space, or the samples can't be made.
+    """
+    import ngsolve
+
+    mesh = ngsolve.Mesh(request["mesh"])
+    fields = {name: _function(ngsolve, mesh, Path(file), *own) for name, (file, *own) in request["fields"].items()}
     try:
-        return {**samples(mesh, fields), "notes": np.array(notes, dtype="U")}
+        data = samples(mesh, fields)
     except ElvisError as error:
-        raise FormatError(str(error), file=meshes[0]) from error
+        raise FormatError(str(error), file=request["named"]) from error
+    with open(request["out"], "wb") as file:
+        np.savez(file, **data)
 
 
 @contextmanager
@@ -140,13 +178,8 @@ def _name(mesh: Path, path: Path) -> str:
     return path.stem.removeprefix(mesh.name.removesuffix(".gz").removesuffix(".vol")).strip("._-") or path.stem
 
 
-def _check(path: Path, link: Path) -> list[str]:
-    """FormatError where the mesh is cut off, has elements on points that aren't there, or the library fails on it.
-
-    link  a name of the file by which the library knows what it is
-    What is returned are sentences for the report.
-    """
-    text = _text(path)
+def _check(path: Path, text: str) -> list[str]:
+    """Sentences for the report; FormatError where the mesh is cut off, or has elements on points that aren't there."""
     lines = text.splitlines()
     starts = {line.strip(): at for at, line in enumerate(lines) if line and line[0].isalpha()}
     count = _count(path, lines, starts, "points")
@@ -155,18 +188,13 @@ def _check(path: Path, link: Path) -> list[str]:
             at = starts[section] + 2
             _check_elements(path, section, lines[at : at + _count(path, lines, starts, section)], column, count)
     has_end = any(line.strip() == "endmesh" for line in lines)
-    notes = [] if has_end else [_unended(path, text, starts)]
-    limit = _LIMIT + _PER_BYTE * len(text)
-    done = subprocess.run([sys.executable, "-c", _TRIAL, str(link), str(limit)], capture_output=True, check=False)
-    if done.returncode:
-        raise FormatError("expected a mesh that NGSolve reads, found one on which it fails", file=path)
-    return notes
+    return [] if has_end else [_unended(path, text, starts)]
 
 
 def _text(path: Path) -> str:
     """All of a file; FormatError where it is compressed and damaged, or holds far more than its size suggests."""
     if not _is_compressed(path):
-        return path.read_text("ascii", "replace")
+        return content(path).decode("ascii", "replace")
     limit = _EXPANSION * path.stat().st_size
     try:
         with gzip.open(path) as file:

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elvis.converters import pyfr_old
-from elvis.converters.hdf5 import holds, opened, require, text
+from elvis.converters.hdf5 import floats, holds, ints, opened, require, texts
 from elvis.converters.pyfr_old import Values
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import ElvisError, FormatError
+from elvis.formats.nektar.stored_hdf5 import check_attribute
 from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
@@ -95,17 +96,19 @@ class PyFR(Converter):
     def _read_mesh(self, file: h5py.File) -> None:
         nodes = require(file, "nodes")
         self._places = np.asarray(nodes["location"], np.float64)
+        if self._places.ndim != 2 or self._places.shape[1] not in (2, 3):
+            raise FormatError(f"expected places, found numbers of shape {self._places.shape}", place="nodes")
         self.precision = SINGLE if nodes.dtype["location"].base == np.float32 else DOUBLE
         links: dict[str, Ints] = {}
         for kind in sorted(file["eles"]):
-            data = file["eles"][kind]
+            data = require(file, f"eles/{kind}")
             numbers = np.asarray(data["nodes"], np.int64)
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < len(self._places):
                 found = f"{numbers.min()} to {numbers.max()}"
                 raise FormatError(f"expected nodes 0 to {len(self._places) - 1}, found {found}", file=file.filename)
             self._add(file, kind, partial(_points, data), numbers, is_shared=True)
             links[kind] = np.asarray(data["faces"]["cidx"], np.int64)
-        self.boundaries = self._boundaries([text(name) for name in require(file, "codec")], links)
+        self.boundaries = self._boundaries(texts(file, "codec"), links)
 
     def _read_old_mesh(self, file: h5py.File) -> None:
         first, places = 0, []
@@ -131,6 +134,8 @@ class PyFR(Converter):
         shape, frame, _ = _KINDS[kind]
         points = native_points(shape, np.array(frame, float), points_of())
         order = _order(shape, len(points), file.filename)
+        if numbers.ndim != 2 or numbers.shape[1] != len(points):
+            raise FormatError(f"expected {len(points)} nodes an element, found {numbers.shape[1:]}", place=kind)
         corners = [int(np.abs(points - v).max(axis=1).argmin()) for v in shape.vertices]
         self._bases[kind, "nodes"], self._nodes[kind] = NodalBasis(shape, order, points), numbers
         vertices = numbers[:, corners] if is_shared else None
@@ -178,7 +183,7 @@ class PyFR(Converter):
             self.fields += _primitive(self._names, orders, file.filename)
         time = stats.get("solver-time-integrator", "tcurr", fallback=None)
         self.time = None if time is None else float(time)
-        self.metadata = {"Program": text(file["creator"][()]) if "creator" in file else "PyFR"}
+        self.metadata = {"Program": _text(file, "creator") if "creator" in file else "PyFR"}
         self.notes = [f"{missing} elements without a solution were left out"] if missing else []
 
     def _take(self, file: h5py.File, found: Values, index: int) -> int:
@@ -210,7 +215,12 @@ class PyFR(Converter):
 
 
 def _points(data: h5py.Dataset) -> Floats:
-    return np.asarray(data.attrs["pts"], np.float64)
+    """(n, d) the points that an attribute of a dataset holds."""
+    check_attribute(data, "pts")
+    points = np.asarray(data.attrs["pts"], np.float64)
+    if points.ndim != 2 or not len(points) or not np.isfinite(points).all():
+        raise FormatError(f"expected points, found numbers of shape {points.shape}", place=data.name)
+    return points
 
 
 def _values(file: h5py.File, prefix: str) -> dict[str, Values]:
@@ -219,9 +229,9 @@ def _values(file: h5py.File, prefix: str) -> dict[str, Values]:
     for name in file.get(prefix, ()):
         if name.count("-") == 1:
             place = f"{prefix}/{name}"
-            data, rows = require(file, place), file.get(f"{place}-idxs")
-            own = None if rows is None else np.asarray(rows, np.int64)
-            found[name.split("-")[1]] = Values(place, np.asarray(data.attrs["pts"]), np.asarray(data, np.float64), own)
+            own = ints(file, f"{place}-idxs", None) if f"{place}-idxs" in file else None
+            values = floats(file, place, None, None, None)
+            found[name.split("-")[1]] = Values(place, _points(file[place]), values, own)
     return found
 
 
@@ -232,6 +242,14 @@ def _restricted(boundary: Boundary, index: int, place: Ints) -> Boundary:
         new = place[rows] if i == index else rows
         sides.append((i, new[new >= 0], faces[new >= 0]))
     return Boundary(boundary.name, sides=sides)
+
+
+def _text(file: h5py.File, name: str) -> str:
+    """A dataset that is one string."""
+    found = texts(file, name)
+    if len(found) != 1:
+        raise FormatError(f"expected one string, found {len(found)}", place=name)
+    return found[0]
 
 
 def _is_mesh(path: Path) -> bool:
@@ -264,12 +282,12 @@ def _uuid(path: Path) -> str:
     for name in ("mesh-uuid", "mesh_uuid"):
         if holds(path, name):
             with opened(path) as file:
-                return text(require(file, name)[()])
+                return _text(file, name)
     return ""
 
 
 def _check_uuid(file: h5py.File, uuid: str, mesh: Path) -> None:
-    own = text(require(file, "mesh_uuid" if "mesh_uuid" in file else "mesh-uuid")[()])
+    own = _text(file, "mesh_uuid" if "mesh_uuid" in file else "mesh-uuid")
     if own != uuid:
         raise FormatError(
             f"expected a solution on the mesh {mesh.name} ({uuid}), found one on {own}", file=file.filename
@@ -281,7 +299,7 @@ def _ini(file: h5py.File, name: str) -> configparser.ConfigParser:
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     parser.optionxform = str  # type: ignore[assignment, method-assign]
     try:
-        parser.read_string(text(require(file, name)[()]))
+        parser.read_string(_text(file, name))
     except configparser.Error as error:
         reason = " ".join(str(error).split())
         raise FormatError(

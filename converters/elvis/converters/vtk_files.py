@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,8 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from elvis.converters.trial import attempt
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
+from elvis.formats.files import check_plain, content, leading
+from elvis.formats.nektar.stored_hdf5 import RATIO
 from elvis.plugins.recognition import found_instead
 
 #: how much of a file tells what it is
@@ -38,6 +42,21 @@ _OTHERS = {
     b"TABLE": "a table of values without cells: give the grid",
     b"FIELD": "arrays without cells: give the grid",
 }
+
+#: what XML declares a number of
+_COUNT = re.compile(rb"""\b(NumberOf\w+)\s*=\s*["']\s*(\d{1,400})""")
+
+_TRIAL = """
+from pathlib import Path
+from vtkmodules import vtkIOLegacy, vtkIOXML
+from elvis.converters.vtk_files import kind_of, read_one
+from elvis.formats.errors import FormatError
+bound()
+for name in sys.argv[1:]:
+    with suppress(FormatError):
+        read_one(Path(name))
+os._exit(0)
+"""
 
 #: arrays of the library's own, and those with a meaning of their own
 _DEGREES, _WEIGHTS, _GHOSTS = "HigherOrderDegrees", "RationalWeights", "vtkGhostType"
@@ -75,11 +94,7 @@ class Grid:
 
 def kind_of(path: Path) -> str:
     """``legacy``, ``grid``, ``parts``, ``blocks`` or ``series``, told by the first bytes; empty for other files."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(_START)
-    except OSError:
-        return ""
+    start = leading(path, _START)
     if start.startswith(b"# vtk DataFile"):
         return "legacy" if re.search(rb"(?i)DATASET\s+UNSTRUCTURED_GRID", start) else ""
     found = re.search(rb"<VTKFile[^>]*?\btype\s*=\s*[\"'](\w+)[\"']", start)
@@ -88,11 +103,7 @@ def kind_of(path: Path) -> str:
 
 def other_kind(path: Path) -> str:
     """What a file of VTK's holds that is no unstructured grid, and what to do; empty for files of others."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(_START)
-    except OSError:
-        return ""
+    start = leading(path, _START)
     found = re.search(rb"<VTKFile[^>]*?\btype\s*=\s*[\"'](\w+)[\"']", start)
     if found is None and start.startswith(b"# vtk DataFile"):
         found = re.search(rb"(?im)^\s*(?:DATASET\s+)?(\w+)", start.split(b"\n", 3)[-1])
@@ -105,20 +116,66 @@ def other_kind(path: Path) -> str:
 
 def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
     """The grids of all files; of a series those of one step."""
-    grids: list[Grid] = []
+    files: list[tuple[Path, float | None]] = []
     for path in paths:
         if not kind_of(path):
             found = other_kind(path) or found_instead(path)
             raise FormatError(f"expected an unstructured grid of VTK, found {found}", file=path)
         if kind_of(path) == "series":
             time, members = _members(path, step)
-            own = [grid for member in members for grid in _read(member)]
-            for grid in own:
-                grid.time = time
-            grids += own
+            files += [(member, time) for member in members]
         else:
-            grids += _read(path)
+            files.append((path, None))
+    _try([path for path, _ in files])
+    grids: list[Grid] = []
+    for path, when in files:
+        found = read_one(path)
+        for grid in found:
+            grid.time = grid.time if when is None else when
+        grids += found
     return grids
+
+
+def _try(paths: Sequence[Path]) -> None:
+    """FormatError where the library dies of files, or takes too long; what it says of others comes with reading."""
+    every, left = dict.fromkeys(paths), list(paths)
+    while left:
+        found = [piece for piece in _pieces(left.pop()) if piece not in every]
+        every.update(dict.fromkeys(found))
+        left += found
+    size = sum(path.stat().st_size for path in every)
+    for path in every:
+        _check_counts(path, size)
+    outcome = attempt(_TRIAL, paths, size)
+    if outcome.status:
+        names = ", ".join(path.name for path in paths[1:])
+        among = f" (or among {names})" if names else ""
+        raise FormatError(f"expected a whole VTK file, found {outcome.reason}{among}", file=paths[0])
+
+
+def _check_counts(path: Path, size: int) -> None:
+    """FormatError where XML declares more of something than ``size`` bytes of all files hold, even packed."""
+    if kind_of(path) == "legacy":
+        return
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+        end = raw.find(b"<AppendedData")
+        for found in _COUNT.finditer(raw, 0, end if end >= 0 else len(raw)):
+            if int(found[2]) > size * RATIO:
+                expected = f"at most {size * RATIO}, as {size} bytes hold"
+                place = found[1].decode("ascii")
+                raise FormatError(f"expected {expected}, found {int(found[2])}", file=path, place=place)
+
+
+def _pieces(path: Path) -> list[Path]:
+    """The files that one of parts or blocks names; FormatError where one of these is no plain file."""
+    if kind_of(path) not in ("parts", "blocks"):
+        return []
+    names = re.findall(rb"""\b(?:Source|file)\s*=\s*["']([^"'\0]*)["']""", content(path))
+    found = [path.parent / name.decode("utf-8", "replace") for name in names]
+    for each in found:
+        if each.exists():
+            check_plain(each)
+    return [each for each in found if each.is_file()]
 
 
 def _members(path: Path, step: int) -> tuple[float, list[Path]]:
@@ -141,7 +198,8 @@ def _members(path: Path, step: int) -> tuple[float, list[Path]]:
     return time, members
 
 
-def _read(path: Path) -> list[Grid]:
+def read_one(path: Path) -> list[Grid]:
+    """The grids of a file, or of the files that it names; FormatError with the first complaint of the library."""
     from vtkmodules import vtkIOLegacy, vtkIOXML
 
     reader: Any = {

@@ -1,0 +1,157 @@
+"""Sizes that files declare are compared with what they hold, before memory is taken."""
+
+import resource
+import shutil
+import struct
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+
+from elvis.converters.cgns import Cgns
+from elvis.converters.exodus_files import Variables
+from elvis.converters.hdf5 import opened, require
+from elvis.converters.hopr import Hopr
+from elvis.converters.ngsolve import NGSolve
+from elvis.converters.pyfr import PyFR
+from elvis.converters.vtk import Vtk
+from elvis.formats.archives import Archive
+from elvis.formats.errors import FormatError
+
+MANY = 10**10
+MEBIBYTE = 1 << 20
+
+
+def declared(path, name, **options):
+    """A dataset replaced by one of many rows that hold nothing."""
+    with h5py.File(path, "r+") as file:
+        found = file[name]
+        shape, dtype, attributes = found.shape, found.dtype, dict(found.attrs)
+        del file[name]
+        new = file.create_dataset(name, (MANY, *shape[1:]), dtype, **options)
+        new.attrs.update(attributes)
+
+
+@pytest.mark.parametrize(
+    ("converter", "folder", "files", "name"),
+    [
+        (Hopr, "hopr_flexi", ["cavity4x4x4_mesh.h5"], "ElemInfo"),
+        (Hopr, "hopr_flexi", ["cavity4x4x4_mesh.h5"], "NodeCoords"),
+        (Hopr, "hopr_flexi", ["cavity4x4x4_mesh.h5"], "BCNames"),
+        (PyFR, "pyfr", ["mixed3d_p3.pyfrm"], "nodes"),
+        (PyFR, "pyfr", ["mixed3d_p3.pyfrm"], "eles/hex"),
+        (PyFR, "pyfr", ["mixed3d_p3-01.pyfrs", "mixed3d_p3.pyfrm"], "soln/p3-hex"),
+        (PyFR, "pyfr", ["mixed3d_p3-01.pyfrs", "mixed3d_p3.pyfrm"], "stats"),
+        (Cgns, "cgns", ["gmsh_mixed_o2.cgns"], "gmsh_mixed_o2.cgns/mixed_Part0/GridCoordinates/CoordinateX/ data"),
+    ],
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_hdf5_that_declares_more_than_it_holds(solvers, tmp_path, converter, folder, files, name, packed):
+    for file in files:
+        shutil.copyfile(solvers / folder / file, tmp_path / file)
+    options = {"chunks": True, "compression": "gzip"} if packed else {}
+    declared(tmp_path / files[0], name, **options)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(FormatError, match=r"expected \d+ bytes as declared, found 0 stored"):
+        converter([tmp_path / file for file in files])
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
+
+
+def test_chunks_that_were_never_written_hold_nothing(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        values = file.create_dataset("u", (1000, 100), "f8", chunks=(10, 100), compression="gzip")
+        values[:10] = np.random.default_rng(1).random((10, 100))
+        whole = file.create_dataset("v", (1000, 100), "f8", chunks=(300, 30), compression="gzip")
+        whole[...] = 0.0
+    with opened(tmp_path / "a.h5") as file:
+        assert require(file, "v").shape == (1000, 100)
+    message = r"a\.h5: u: expected 800000 bytes as declared, found 8000 in chunks"
+    with pytest.raises(FormatError, match=message), opened(tmp_path / "a.h5") as file:
+        require(file, "u")
+
+
+@pytest.mark.parametrize("place", ["link", "storage", "virtual"])
+def test_data_of_other_files_are_not_read(tmp_path, place):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["u"] = np.arange(10.0)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        if place == "link":
+            file["u"] = h5py.ExternalLink("other.h5", "u")
+        elif place == "storage":
+            file.create_dataset("u", (10,), "f8", external=[(str(tmp_path / "other.h5"), 0, 80)])
+        else:
+            layout = h5py.VirtualLayout((10,), "f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "u", (10,))
+            file.create_virtual_dataset("u", layout)
+    message = r"a\.h5: u: expected data in the file itself, found references to others"
+    with pytest.raises(FormatError, match=message), opened(tmp_path / "a.h5") as file:
+        require(file, "u")
+
+
+def classic(path, counts, size):
+    """A classic netCDF file of one variable x over dimensions of these sizes, with ``size`` bytes of data."""
+    text = lambda name: struct.pack(">i", len(name)) + name.encode().ljust(-(-len(name) // 4) * 4, b"\0")  # noqa: E731
+    dimensions = b"".join(text(f"d{i}") + struct.pack(">i", count) for i, count in enumerate(counts))
+    head = (
+        b"CDF\x01" + struct.pack(">i", 7) + struct.pack(">ii", 10, len(counts)) + dimensions + struct.pack(">ii", 0, 0)
+    )
+    variable = text("x") + struct.pack(">i", len(counts)) + struct.pack(f">{len(counts)}i", *range(len(counts)))
+    variable += struct.pack(">ii", 0, 0) + struct.pack(">ii", 6, size)
+    head += struct.pack(">ii", 11, 1) + variable
+    path.write_bytes(head + struct.pack(">i", len(head) + 4) + bytes(size))
+
+
+@pytest.mark.parametrize("counts", [(2**31 - 1,), (2**30, 2**30), (0, 2**28), (11,)])
+def test_netcdf_that_declares_more_than_it_holds(tmp_path, counts):
+    classic(tmp_path / "good.e", (10,), 80)
+    assert Variables(tmp_path / "good.e")["x"].tolist() == [0.0] * 10
+    classic(tmp_path / "bad.e", counts, 80)
+    with pytest.raises(FormatError, match=r"bad\.e: expected a whole netCDF file, found"):
+        Variables(tmp_path / "bad.e")["x"]
+
+
+def test_variables_that_are_not_asked_for_are_not_read(tmp_path):
+    with h5py.File(tmp_path / "a.e", "w") as file:
+        file["x"] = np.arange(10.0)
+        file["vals"] = np.arange(20.0).reshape(2, 10)
+        file.create_dataset("other", (200 * MEBIBYTE,), "i1", chunks=(MEBIBYTE,), compression="gzip")[...] = 0
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    found = Variables(tmp_path / "a.e")
+    assert "other" in found
+    assert found["x"].tolist() == list(range(10))
+    assert found.at("vals", 1, 3) == 13.0
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
+
+
+def test_archives_are_read_member_by_member_and_only_what_is_known(solvers, tmp_path, monkeypatch):
+    known = solvers / "ngsolve" / "hexprism_p3_hex.elems.npz"
+    asked = []
+    read = Archive.__getitem__
+    monkeypatch.setattr(Archive, "__getitem__", lambda self, name: asked.append(name) or read(self, name))
+    with np.load(known) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "a.npz", extra=np.zeros(10), order2=np.zeros(10), **arrays)
+    NGSolve([tmp_path / "a.npz"])
+    assert sorted(asked) == sorted(set(asked))
+    assert set(asked) == set(arrays)
+
+
+def test_a_member_that_says_too_much_is_refused(solvers, tmp_path):
+    source = zipfile.ZipFile(solvers / "ngsolve" / "hexprism_p3_hex.elems.npz")
+    with source as old, zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name == "hex_xyz.npy":
+                content = content.replace(b"'shape': (", b"'shape': (9", 1).replace(b" \n", b"\n", 1)
+            new.writestr(name, content)
+    with pytest.raises(FormatError, match=r"hex_xyz: expected \d+ bytes as declared, found"):
+        NGSolve([tmp_path / "a.npz"])
+
+
+@pytest.mark.parametrize("name", ["NumberOfComponents", "NumberOfPoints", "NumberOfTuples"])
+def test_xml_that_declares_more_than_it_holds(tmp_path, name):
+    inside = f'<PUnstructuredGrid {name}="99999999999999999999"></PUnstructuredGrid>'
+    (tmp_path / "a.pvtu").write_text(f'<VTKFile type="PUnstructuredGrid">{inside}</VTKFile>')
+    with pytest.raises(FormatError, match=rf"a\.pvtu: {name}: expected at most \d+, as \d+ bytes hold, found 9{{20}}"):
+        Vtk([tmp_path / "a.pvtu"])
