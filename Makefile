@@ -4,7 +4,7 @@ RUN   := .venv/bin/python
 AREAS := formats plugins converters renderer reference
 READY := .venv/.ready
 
-.PHONY: help demo test lint bench exactness setup clean
+.PHONY: help demo test lint bench exactness fuzz setup clean
 
 help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
@@ -12,6 +12,7 @@ help:
 	@echo "make lint    ruff and mypy alone"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness  certain pixels against closed forms, ten million of them: hours"
+	@echo "make fuzz    a hundred thousand damaged files through every reader: an hour"
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"
 
@@ -34,6 +35,9 @@ bench: $(READY)
 
 exactness: $(READY)
 	@$(RUN) benchmarks/exactness.py
+
+fuzz: $(READY)
+	@$(RUN) tests/fuzz/run.py
 
 setup:
 	@rm -f $(READY)

@@ -1,0 +1,344 @@
+"""Sound files to be damaged: tiny ones that are made here, and the solvers' own that lie beside the repository."""
+
+import json
+import math
+import struct
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Files that are read together, and how: names of functions of `reading`, one of which is taken for each case."""
+
+    reader: str
+    files: tuple[Path, ...]
+    actions: tuple[str, ...]
+
+    @property
+    def size(self):
+        return sum(path.stat().st_size for path in self.files)
+
+    @property
+    def name(self):
+        return f"{self.files[0].parent.name}/{self.files[0].name}"
+
+
+DATA = ("evaluated", "described", "judged", "converted")
+NATIVE = (".xml", ".fld", ".nekg", ".rst", ".chk")
+SOLVERS = {
+    "cgns": (("gmsh_mixed_o2.cgns",), ("gmsh_ball_tet_o3.cgns",)),
+    "exodus": (
+        ("simple-cube-tet10.e",),
+        ("simple-cube-hex27.e",),
+        ("simple-cube-multi-element-order2.e",),
+        ("cylinder-hex-q2.gen",),
+    ),
+    "gmf": (
+        ("ball_tetP3_sol4.meshb", "ball_tetP3_sol4.solb"),
+        ("ball_tetP3_sol4_ascii.mesh", "ball_tetP3_sol4_ascii.sol"),
+    ),
+    "gmsh": (("mixed_o2_v22.msh",), ("mixed_o3.msh",), ("ball_tet_o2_p5.msh",)),
+    "hopr_flexi": (
+        ("cavity4x4x4_mesh.h5",),
+        ("cavity4x4x4_mesh.h5", "reggie_cavity_Re100_State_0000001.000000000.h5"),
+        ("pyhope_1-11-cartbox_mixed_mesh.h5",),
+        ("convcurved_N4_State.h5", "convcurved_N4_mesh.h5"),
+        ("NACA0012_652_Ng2_mesh.h5", "NACA0012_Re5000_AoA8_3D_Referenz_0000010.000000000.h5"),
+    ),
+    "mfem": (
+        ("tinyzoo.mesh", "tinyzoo.u.gf", "tinyzoo.v.gf"),
+        ("pipe_nurbs.mesh", "pipe_nurbs.u.gf"),
+        ("fichera_q3.mesh", "fichera_q3.u.gf"),
+        ("escher_p3.mesh", "escher_p3.w.gf"),
+        ("stream_laghos.mesh", "stream_laghos.f.gf"),
+        ("fichera_mixed_p2.mesh", "fichera_mixed_p2.u.gf"),
+    ),
+    "nek5000": (
+        ("nek_io_test_m12io_test0.f00001",),
+        ("ethier.nek5000", "ethier0.f00001", "ethier.re2"),
+    ),
+    "ngsolve": (
+        ("hexprism_p3_hex.elems.npz",),
+        ("hexprism_p3_prism.elems.npz",),
+        ("ballbox_p4.elems.npz",),
+        ("ballbox_p4.vol",),
+    ),
+    "pyfr": (
+        ("mixed3d_p3.pyfrm",),
+        ("mixed3d_p3.pyfrm", "mixed3d_p3-00.pyfrs"),
+        ("mixed3d_p3.pyfrm", "mixed3d_p3-01.pyfrs"),
+    ),
+    "vtk": (
+        ("dealii_shell_p4.vtu",),
+        ("mfem_escher_p3.vtu",),
+        ("mfem_fichera_q3.vtu",),
+        ("mfem_fichera_mixed_p2.vtu",),
+        ("pyfr_mixed3d_p3.vtu",),
+        ("dolfinx_tet_o3_u.pvd", "dolfinx_tet_o3_u000000.pvtu", "dolfinx_tet_o3_u_p0_000000.vtu"),
+    ),
+}
+NAMES = {"hopr_flexi": "hopr", "nek5000": "nek"}
+
+
+def subjects(folder):
+    """All subjects; what is made here is put into a folder."""
+    made = [*native(folder), *volumes(folder), *converted(folder), *others(folder)]
+    return made + (shared() if SHARED.is_dir() else [])
+
+
+def shared():
+    """The files of solvers."""
+    found = []
+    for case in sorted(path for path in (SHARED / "nektar").iterdir() if path.is_dir()):
+        files = tuple(sorted(path for path in case.iterdir() if path.suffix in NATIVE and path.is_file()))
+        files = tuple(path for path in files if "zVariation" not in path.name)
+        is_hdf5 = any(path.suffix == ".nekg" or path.read_bytes()[:4] == b"\x89HDF" for path in files)
+        if files:
+            found.append(Subject("native HDF5" if is_hdf5 else "native XML", files, DATA))
+    for folder, cases in SOLVERS.items():
+        for names in cases:
+            files = tuple(SHARED / "solvers" / folder / name for name in names)
+            found.append(Subject(NAMES.get(folder, folder), files, ("converted",)))
+    pipe = SOLVERS["mfem"][1]
+    found.append(Subject("nurbs", tuple(SHARED / "solvers" / "mfem" / name for name in pipe), ("opened",)))
+    return found
+
+
+def dataset(mesh, bend=0.05):
+    """A small curved mesh with two fields."""
+    from elvis.formats.dataset import Dataset
+    from elvis.formats.testing import approximated, curved, ripple
+
+    whole = Dataset(curved(mesh, ripple(bend), 3))
+    functions = {"u": lambda x: x[:, 0] ** 2 + x[:, 1], "v": lambda x: x[:, 0] - x[:, -1]}
+    fields = tuple(approximated(whole, name, function, 3) for name, function in functions.items())
+    return replace(whole, fields=fields, time=0.5, metadata={"Provenance": "made"})
+
+
+def meshes():
+    from elvis.formats.shapes import Shape
+    from elvis.formats.testing import grid, mixed_plane, mixed_volume
+
+    return {"volume": mixed_volume(3), "plane": mixed_plane(1), "cube": grid(Shape.HEXAHEDRON, 1)}
+
+
+def native(folder):
+    """Meshes of all shapes, in each form of the format."""
+    from elvis.formats import write
+
+    for name, mesh in meshes().items():
+        whole = dataset(mesh)
+        for form in ("compressed", "text", "hdf5"):
+            files = write(
+                whole, folder / f"{name}_{form}.xml", mesh_format=form, field_format="hdf5" if form == "hdf5" else "xml"
+            )
+            yield Subject("native HDF5" if form == "hdf5" else "native XML", tuple(map(Path, files)), DATA)
+
+
+def volumes(folder):
+    """What runtime plugins open: a Fourier box, NURBS."""
+    from elvis.plugins.fourier.plugin import write_box
+
+    amplitudes = np.arange(12.0).reshape(3, 2, 2)
+    write_box(folder / "box.npz", np.zeros(3), np.ones(3), ("fourier", "fourier", "legendre"), {"u": amplitudes}, 0.5)
+    yield Subject("fourier", (folder / "box.npz",), ("opened",))
+    flat = [0, 0, 1, 1]
+    points = [[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 0.5, 1)]
+    patch = {"degrees": [2, 1, 1], "knots": [[0, 0, 0, 1, 1, 1], flat, flat], "points": points}
+    patch |= {"weights": [1, 0.7, 1] * 4, "fields": {"p": list(range(12))}}
+    table = {
+        "format": "elvis-nurbs",
+        "version": 1,
+        "time": 0.5,
+        "patches": [patch],
+        "boundaries": {"wall": [[0, "z-"]]},
+    }
+    (folder / "arc.json").write_text(json.dumps(table))
+    yield Subject("nurbs", (folder / "arc.json",), ("opened",))
+
+
+def converted(folder):
+    """Small files of other programs."""
+    for name in ("volume", "plane"):
+        whole = dataset(meshes()[name])
+        yield Subject("vtk", (exported_vtu(whole, folder / f"{name}.vtu"),), ("converted",))
+        yield Subject("gmsh", (exported_msh(whole, folder / f"{name}.msh"),), ("converted",))
+    (folder / "tiny0.f00001").write_bytes(nek())
+    yield Subject("nek", (folder / "tiny0.f00001",), ("converted",))
+    (folder / "tiny.dat").write_bytes(elvisdat())
+    yield Subject("elvisdat", (folder / "tiny.dat",), ("converted",))
+    (folder / "tiny.mesh").write_text(GMF)
+    yield Subject("gmf", (folder / "tiny.mesh",), ("converted",))
+    (folder / "tiny.vtk").write_text(LEGACY)
+    yield Subject("vtk", (folder / "tiny.vtk",), ("converted",))
+    (folder / "tet.mesh").write_text(MFEM)
+    yield Subject("mfem", (folder / "tet.mesh",), ("converted",))
+
+
+def exported_vtu(whole, path):
+    from elvis.converters.exporting import exported
+    from elvis.converters.vtk_export import VtkTarget, write_vtu
+
+    write_vtu(path, exported(whole, None, None, VtkTarget()), whole.time)
+    return path
+
+
+def exported_msh(whole, path):
+    from elvis.converters.exporting import exported
+    from elvis.converters.gmsh_export import GmshTarget, write_msh
+
+    with GmshTarget() as target:
+        write_msh(path, exported(whole, None, None, target), whole.mesh, target, whole.time)
+    return path
+
+
+CUBE = [[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)]
+GMF = """MeshVersionFormatted 2
+Dimension 3
+Vertices
+5
+0 0 0 1
+1 0 0 1
+0 1 0 1
+0 0 1 1
+1 1 1 1
+Tetrahedra
+2
+1 2 3 4 1
+2 3 4 5 2
+Triangles
+1
+1 2 3 7
+End
+"""
+LEGACY = """# vtk DataFile Version 3.0
+a tetrahedron
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 4 double
+0 0 0 1 0 0 0 1 0 0 0 1
+CELLS 1 5
+4 0 1 2 3
+CELL_TYPES 1
+10
+POINT_DATA 4
+SCALARS u double 1
+LOOKUP_TABLE default
+0 1 2 3
+CELL_DATA 1
+SCALARS rank int 1
+LOOKUP_TABLE default
+1
+"""
+MFEM = """MFEM mesh v1.0
+dimension
+3
+elements
+1
+1 4 0 1 2 3
+boundary
+1
+3 2 0 1 2
+vertices
+4
+3
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+"""
+
+
+def nek():
+    """A field of two elements of order 2 with velocity and pressure."""
+    line = np.linspace(-1, 1, 3)
+    z, y, x = np.meshgrid(line, line, line, indexing="ij")
+    places = np.stack([x, y, z]).reshape(3, -1)
+    head = "#std 8  3  3  3          2          2  0.5000000000000E+00         1      0      1 XUP"
+    records = [
+        np.stack([places, places + np.array([[2.0], [0.0], [0.0]])]),
+        np.stack([places**2] * 2),
+        np.stack([places[:1]] * 2),
+    ]
+    numbers = np.concatenate([record.reshape(-1) for record in records])
+    tag = struct.pack("<f", 6.54321)
+    return head.ljust(132).encode() + tag + np.array([1, 2], "<i4").tobytes() + numbers.astype("<f8").tobytes()
+
+
+def elvisdat():
+    """A hexahedron of the first ElVis."""
+    count = 8
+    parts = [np.array([1, 1], ">i4"), np.array([-1.0, 1.0], ">f8"), np.array(CUBE, ">f8")]
+    parts += [np.array([1, 1, 1], ">i4"), np.arange(count).astype(">f8")]
+    return b"a volume of elements    " + np.array([1, 1], ">i4").tobytes() + b"".join(p.tobytes() for p in parts)
+
+
+def others(folder):
+    """Scenes in three languages, colour maps, triangles in four formats, points, records."""
+    import trimesh
+
+    from elvis.reference.record import CHANNELS
+    from elvis.renderer.scene.files import read_scene, write_scene
+
+    (folder / "scene.toml").write_text(SCENE)
+    scene = read_scene(folder / "scene.toml")
+    for suffix in ("yaml", "json"):
+        write_scene(scene, folder / f"scene.{suffix}")
+    for suffix in ("toml", "yaml", "json"):
+        yield Subject(f"scene {suffix}", (folder / f"scene.{suffix}",), ("staged",))
+    (folder / "rainbow.xml").write_text(PALETTE)
+    yield Subject("palette", (folder / "rainbow.xml",), ("coloured",))
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    for suffix in ("stl", "ply", "obj", "glb"):
+        ball.export(folder / f"ball.{suffix}")
+        yield Subject("triangles", (folder / f"ball.{suffix}",), ("triangulated",))
+    ball.export(folder / "text.stl", file_type="stl_ascii")
+    ball.export(folder / "text.ply", encoding="ascii")
+    yield Subject("triangles", (folder / "text.stl",), ("triangulated",))
+    yield Subject("triangles", (folder / "text.ply",), ("triangulated",))
+    (folder / "points.csv").write_text("x,y,z\n" + "".join(f"{i / 7},{i},{math.sin(i)}\n" for i in range(20)))
+    (folder / "points.txt").write_text("".join(f"{i / 7} {i} {math.sin(i)}\n" for i in range(20)))
+    yield Subject("points", (folder / "points.csv",), ("placed",))
+    yield Subject("points", (folder / "points.txt",), ("placed",))
+    pixels = {name: np.ones((4, 5, depth) if depth else (4, 5)) for name, depth in CHANNELS.items()}
+    for name, save in (("record.npz", np.savez_compressed), ("stored.npz", np.savez)):
+        save(folder / name, **pixels)
+        yield Subject("record", (folder / name,), ("recalled",))
+
+
+SCENE = """field = "u"
+size = [200, 100]
+range = [-1.0, 2.5]
+palette = "plasma"
+samples = 2
+ambient = 0.45
+title = "a scene"
+camera = { eye = [-1.9, 2.6, 1.7], at = [0.95, 0.14, 0.13], up = [0, 0, 1], fov = 19 }
+
+[[objects]]
+kind = "faces"
+select = ["wing"]
+style = { color = [0.75, 0.77, 0.8] }
+
+[[objects]]
+kind = "isosurface"
+values = [-0.8]
+style = { quantity = "u^2 + v", palette = "plasma", range = [0.9, 1.25] }
+
+[[objects]]
+kind = "cut"
+surface = { kind = "plane", point = [0, 0, 0], normal = [1, 0, 0] }
+"""
+PALETTE = """<ColorMap name="Rainbow" space="RGB">
+  <Point x="0" o="0.5" r="0" g="0" b="1"/>
+  <Point x=".25" o="0.5" r="0" g="1" b="1"/>
+  <Point x=".5" o="0.5" r="0" g="1" b="0"/>
+  <Point x="1" o="0.5" r="1" g="0" b="0"/>
+  <NaN r="0.498039" g="0.498039" b="0.498039"/>
+</ColorMap>
+"""

@@ -1,0 +1,66 @@
+"""A sample of damaged files, with a fixed seed: all is read or refused in a sentence; ``make fuzz`` does many more."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+HERE = Path(__file__).parent
+
+
+def run(*arguments):
+    command = [sys.executable, str(HERE / "run.py"), *arguments]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+
+def test_damaged_files_are_read_or_refused(tmp_path):
+    done = run("--small", "--cases", "1500", "--seed", "14", "--keep", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("body", "kind"),
+    [
+        ("raise IndexError('7 is out of bounds')", "traceback"),
+        ("raise ElvisError('a\\nb')", "no sentence"),
+        ("bytearray(300 << 20)", "large"),
+        ("os.kill(os.getpid(), 11)", "crash"),
+        ("while True: pass", "hang"),
+    ],
+)
+def test_each_kind_of_failure_is_noticed(tmp_path, body, kind):
+    (tmp_path / "run_bad.py").write_text(
+        f"import os, sys\nsys.path.insert(0, {str(HERE)!r})\n"
+        "import reading, run, work\nfrom elvis.formats import ElvisError\n"
+        "work.PATIENCE = 1.0\nsound = reading.coloured\n"
+        f"def bad(paths):\n    sound(paths)\n    if paths[0].read_bytes() != before:\n        {body}\n"
+        "import corpus\nbefore = corpus.PALETTE.encode()\nreading.coloured = bad\n"
+        f"sys.argv[1:] = ['--only', 'palette', '--small', '--cases', '30', '--keep', {str(tmp_path / 'kept')!r}]\n"
+        "sys.exit(run.main())\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, str(tmp_path / "run_bad.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert f" x {kind} " in done.stdout
+    kept = list((tmp_path / "kept").glob(f"palette-{kind.replace(' ', '_')}-*/rainbow.xml"))
+    assert kept
+    assert b"ColorMap" in kept[0].read_bytes()
+
+
+def test_a_case_is_damaged_alike_each_time(tmp_path):
+    spec = importlib.util.spec_from_file_location("mutations", HERE / "mutations.py")
+    mutations = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(mutations)
+    sound = "".join(f"<V ID='{i}'>{i / 7} 0 1</V>\n" for i in range(50)).encode()
+    found = []
+    for _ in range(2):
+        (tmp_path / "a.xml").write_bytes(sound)
+        mutations.damage(tmp_path / "a.xml", np.random.default_rng(3))
+        found.append((tmp_path / "a.xml").read_bytes())
+    assert found[0] == found[1] != sound

@@ -1,0 +1,187 @@
+"""A worker: a forked process that damages files and reads them, case by case, and tells what came of each.
+
+Cases are deterministic: the generator of random numbers of a case is made of the seed, the reader and its number.
+"""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+import mutations
+import numpy as np
+import reading
+
+#: seconds of the processor that a case may take (or twice those of the sound files), and those that end the process
+SECONDS, PATIENCE = 5.0, 20.0
+
+#: kilobytes that an interpreter with the project's libraries takes, whatever is read
+INTERPRETER = 40 << 10
+
+#: bytes of address space that cases may take beyond what the process has
+ROOM = 6 << 30
+
+#: readers that use libraries of other languages
+LIBRARIES = ("cgns", "gmsh", "mfem", "ngsolve", "vtk")
+
+#: bytes about which a file is as likely to be chosen as an empty one
+LIGHT = 20_000
+
+
+class Worker:
+    """Runs cases of one reader; ``tell`` sends a dictionary to whoever watches."""
+
+    def __init__(self, subjects, seed, folder, tell, known, kept):
+        self.subjects, self.seed, self.folder, self.tell, self.kept = subjects, seed, folder, tell, kept
+        self.baselines = dict(known)
+        weights = np.array([(each.size + LIGHT) ** -1.5 for each in subjects])
+        self.shares = weights / weights.sum()
+
+    def run(self, numbers):
+        """Cases of these numbers."""
+        _bound()
+        with reading.forked_trials():
+            for number in numbers:
+                self.case(number)
+
+    def case(self, number):
+        """One case, from its damage to its outcome."""
+        reader = self.subjects[0].reader
+        random = np.random.default_rng([self.seed, number, *reader.encode()])
+        which = int(random.choice(len(self.subjects), p=self.shares))
+        subject = self.subjects[which]
+        action = subject.actions[int(random.integers(0, len(subject.actions)))]
+        memory, seconds = self._baseline(which, action)
+        paths = self._copies(subject)
+        target = paths[int(random.integers(0, len(paths)))]
+        self.tell({"case": number, "state": "damaging", "subject": subject.name, "file": target.name, "action": action})
+        damage = mutations.damage(target, random)
+        self.tell({"case": number, "state": "reading", "damage": damage})
+        outcome = self._isolated(action, paths) if subject.reader in LIBRARIES else self._measured(action, paths)
+        total = INTERPRETER + outcome["memory"]
+        outcome["ratio"] = round(total / (INTERPRETER + memory), 3)
+        if outcome["kind"] in ("read", "refused"):
+            is_slow, is_large = outcome["seconds"] > max(SECONDS, 2 * seconds), outcome["ratio"] > 2
+            outcome["kind"] = "slow" if is_slow else "large" if is_large else outcome["kind"]
+        if outcome["kind"] not in ("read", "refused"):
+            keep(self.kept, reader, outcome["kind"], number, self.folder)
+        self.tell({"case": number, "state": "done", **outcome})
+
+    def _baseline(self, which, action):
+        """Kilobytes and seconds that the sound files take, measured the second time that they are read."""
+        key = f"{which} {action}"
+        if key not in self.baselines:
+            paths = self._copies(self.subjects[which])
+            self._measured(action, paths)
+            found = self._measured(action, paths)
+            self.baselines[key] = found["memory"], found["seconds"]
+            self.tell({"state": "baseline", "key": key, "name": self.subjects[which].name, "action": action, **found})
+        return self.baselines[key]
+
+    def _isolated(self, action, paths):
+        """As `_measured`, in a process of its own: libraries keep what damaged files left behind."""
+        read_end, write_end = os.pipe()
+        child = os.fork()
+        if not child:
+            os.close(read_end)
+            os.write(write_end, json.dumps(self._measured(action, paths)).encode())
+            os._exit(0)
+        os.close(write_end)
+        with os.fdopen(read_end, "rb") as stream:
+            said = stream.read()
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if not status:
+            return json.loads(said)
+        kind = "hang" if status == -signal.SIGPROF else "crash"
+        return {"kind": kind, "message": f"status {status}", "seconds": 0.0, "memory": 0}
+
+    def _copies(self, subject):
+        for path in self.folder.iterdir():
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        return [Path(shutil.copyfile(path, self.folder / path.name)) for path in subject.files]
+
+    def _measured(self, action, paths):
+        """What came of an action, with processor time and memory."""
+        before = _resident()
+        _forget_peak()
+        start = _seconds()
+        kind, message = outcome_of(action, paths)
+        seconds = _seconds() - start
+        return {"kind": kind, "message": message, "seconds": round(seconds, 3), "memory": max(0, _peak() - before)}
+
+
+def keep(kept, reader, kind, number, folder):
+    """Copy the damaged files of a case."""
+    target = kept / f"{reader}-{kind}-{number}".replace(" ", "_")
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(folder, target)
+
+
+def outcome_of(action, paths):
+    """``read``, ``refused`` with the sentence, or ``traceback`` with its last lines."""
+    from elvis.formats import ElvisError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            getattr(reading, action)(paths)
+    except ElvisError as error:
+        sentence = str(error)
+        good = "\n" not in sentence and 10 < len(sentence) < 2000 and "Traceback" not in sentence
+        return ("refused", sentence[:300]) if good else ("no sentence", sentence[:2000])
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        own = [f"{Path(f.filename).name}:{f.lineno}" for f in traceback.extract_tb(error.__traceback__)]
+        return "traceback", f"{type(error).__name__}: {str(error)[:200]} at {' < '.join(own[:-7:-1])}"
+    return "read", ""
+
+
+def serve(subjects, seed, folder, numbers, stream, known, kept):
+    """The worker's life in a forked process: told things go to a pipe as lines of JSON."""
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(nothing, descriptor)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def tell(found):
+        os.write(stream, json.dumps(found).encode() + b"\n")
+
+    try:
+        Worker(subjects, seed, folder, tell, known, kept).run(numbers)
+    except BaseException as error:
+        tell({"state": "harness", "message": "".join(traceback.format_exception(error))})
+        os._exit(3)
+    os._exit(0)
+
+
+def _bound():
+    """Limit the address space of this process."""
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (taken + ROOM, taken + 2 * ROOM))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _seconds():
+    """Seconds of the processor of this process and of its children; the clock that ends hangs starts anew."""
+    signal.setitimer(signal.ITIMER_PROF, PATIENCE)
+    own = os.times()
+    return time.process_time() + own.children_user + own.children_system
+
+
+def _resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() // 1024
+
+
+def _forget_peak():
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak():
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1])
