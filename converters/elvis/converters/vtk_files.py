@@ -119,8 +119,8 @@ def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
     files: list[tuple[Path, float | None]] = []
     for path in paths:
         if not kind_of(path):
-            found = other_kind(path) or found_instead(path)
-            raise FormatError(f"expected an unstructured grid of VTK, found {found}", file=path)
+            other = other_kind(path) or found_instead(path)
+            raise FormatError(f"expected an unstructured grid of VTK, found {other}", file=path)
         if kind_of(path) == "series":
             time, members = _members(path, step)
             files += [(member, time) for member in members]
