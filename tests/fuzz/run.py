@@ -24,9 +24,9 @@ import work
 
 #: cases of each reader, of a thousand
 SHARES = {
-    "native XML": 210, "native HDF5": 100, "scene toml": 50, "scene yaml": 50, "scene json": 40, "palette": 40,
-    "triangles": 70, "points": 30, "record": 40, "fourier": 40, "nurbs": 40, "elvisdat": 20, "nek": 30, "gmf": 30,
-    "exodus": 30, "hopr": 30, "pyfr": 30, "ngsolve": 30, "gmsh": 30, "vtk": 30, "mfem": 20, "cgns": 10,
+    "native XML": 210, "native HDF5": 100, "scene toml": 60, "scene yaml": 60, "scene json": 60, "palette": 60,
+    "triangles": 80, "points": 40, "record": 60, "fourier": 60, "nurbs": 60, "elvisdat": 31, "nek": 15, "gmf": 15,
+    "exodus": 15, "hopr": 12, "pyfr": 12, "ngsolve": 8, "gmsh": 15, "vtk": 15, "mfem": 6, "cgns": 6,
 }  # fmt: skip
 
 #: seconds without a word after which a process is ended
