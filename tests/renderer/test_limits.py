@@ -30,6 +30,7 @@ from elvis.renderer import (
 )
 from elvis.renderer.errors import DeviceLostError
 from elvis.renderer.palette import NOT_A_NUMBER
+from elvis.renderer.view import seen
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
@@ -41,10 +42,20 @@ def cube(linear):
 
 
 def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
-    monkeypatch.setattr(canvas, "free_memory", lambda: 1e6)
-    with pytest.raises(SceneError, match=r"200 x 100 pixels takes 0\.0 GiB of memory, .* or for a \.png alone"):
-        draw(cube, objects=(Faces(),), camera=NEAR, size=(200, 100))
-    assert draw(cube, objects=(Faces(),), camera=NEAR, size=(70, 60)).seen.any()
+    monkeypatch.setattr(canvas, "free_memory", lambda: 1e7)
+    for scene in ({"objects": (Faces(),)}, {"plane": PLANE}):
+        with pytest.raises(SceneError, match=r"200 x 100 pixels takes 0\.0 GiB of memory, .* or for a \.png alone"):
+            draw(cube, camera=NEAR, size=(200, 100), **scene)
+        assert draw(cube, camera=NEAR, size=(70, 60), **scene).seen.any()
+
+
+def test_the_need_of_memory_is_that_of_the_record_and_of_what_is_drawn_at_once(monkeypatch):
+    """400 million pixels: some gigabytes without a record, 80 with one."""
+    view = seen(Scene("u", camera=NEAR, size=(20000, 20000)))
+    monkeypatch.setattr(canvas, "free_memory", lambda: 6e9)
+    canvas.check_memory(view, False, canvas.BAND)
+    with pytest.raises(SceneError, match=r"20000 x 20000 pixels takes 8\d\.\d GiB of memory, 5\.6 GiB are free"):
+        canvas.check_memory(view, True, canvas.BAND)
 
 
 def test_free_memory_is_some_but_not_all():

@@ -23,8 +23,8 @@ from elvis.renderer.view import View
 
 #: most pixels that are drawn at once, and hits that are kept while colours must wait for other bands
 BAND, KEPT = 1 << 21, 1 << 23
-#: bytes for each pixel of a picture with and without its record, while it is saved
-BYTES = {True: 176, False: 16}
+#: bytes for each pixel of a picture with and without its record until it is saved, and for each that is drawn at once
+BYTES, BYTES_AT_ONCE = {True: 216, False: 8}, 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,6 @@ class Canvas:
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_memory(self.view, self.records)
         self.done, self.total, self.undefined = 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
         self.sheets = self.stages.sheets(self.scene)
@@ -177,9 +176,9 @@ def _arrays(view: View, records: bool) -> dict[str, Any]:
     return {"color": color, "status": np.zeros(shape, np.uint8), **scalars, **vectors}
 
 
-def _check_memory(view: View, records: bool) -> None:
-    """SceneError where a picture is larger than what memory is free."""
-    need, free = view.count * BYTES[records], free_memory()
+def check_memory(view: View, records: bool, most: int) -> None:
+    """SceneError where a picture takes more memory than is free, if ``most`` pixels are drawn at once."""
+    need, free = view.count * BYTES[records] + min(view.count, most) * BYTES_AT_ONCE, free_memory()
     if need > free:
         alone = ", or for a .png alone" if records else ""
         raise SceneError(

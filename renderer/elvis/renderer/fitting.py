@@ -15,8 +15,8 @@ from elvis.renderer.view import fitted, named
 
 #: width and height of automatic pictures in pixels, and the least of either
 LARGEST, LEAST = (1000, 800), 160
-#: a glance has this many times fewer pixels each way
-GLANCE = 4
+#: a glance has this many times fewer pixels each way, more where it would have more pixels than these
+GLANCE, GLANCE_PIXELS = 4, 1 << 21
 #: most glances
 GLANCES = 4
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
@@ -46,7 +46,8 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     # a glance shows what there is within the boxes; where that is little, a second one shows it better
     for _ in range(GLANCES):
         size = scene.size or proportionate(extent)
-        width, height = (max(LEAST, -(-side // GLANCE)) for side in size)
+        fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
+        width, height = (max(LEAST, -(-side // fewer)) for side in size)
         small = replace(scene, size=(width, height), camera=fitted(camera, (width, height), extent, box))
         mask = glance(small)
         if not mask.any():

@@ -20,6 +20,9 @@ from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.scene import Scene, Vector
 from elvis.renderer.view import PlaneView, View
 
+#: pixels whose positions are worked out at once, as pictures may be large
+_AT_ONCE = 1 << 20
+
 
 class Status(IntEnum):
     """What is known of a pixel."""
@@ -89,12 +92,15 @@ class Frame:
     def position(self) -> Floats:
         """(h, w, 3) world position of what is seen, NaN elsewhere."""
         position = np.full((*self.element.shape, 3), np.nan)
-        rows, columns = np.nonzero(self.seen)
-        if self.drawing is None:
-            position[rows, columns] = self._plane.points_of(columns, rows)
-        else:
-            origins, directions = self.view.rays(columns, rows)
-            position[rows, columns] = origins + self.drawing.depth[rows, columns, None] * directions
+        step = max(1, _AT_ONCE // self.element.shape[1])
+        for first in range(0, len(self.element), step):
+            rows, columns = np.nonzero(self.element[first : first + step] >= 0)
+            rows += first
+            if self.drawing is None:
+                position[rows, columns] = self._plane.points_of(columns, rows)
+            else:
+                origins, directions = self.view.rays(columns, rows)
+                position[rows, columns] = origins + self.drawing.depth[rows, columns, None] * directions
         return position
 
     @cached_property
@@ -160,7 +166,8 @@ class Frame:
         """(h, w, 3) colours in [0, 1]."""
         if self.drawing is None:
             return self._colors.take(self._steps, axis=0)
-        return np.asarray(self.drawing.color / (255.0 if self.drawing.color.dtype == np.uint8 else 1.0))
+        color = self.drawing.color
+        return np.asarray(color / 255.0 if color.dtype == np.uint8 else color)
 
     @cached_property
     def rgb(self) -> NDArray[np.uint8]:
@@ -181,7 +188,9 @@ class Frame:
 
     def counts(self) -> dict[str, int]:
         """Pixels by status, and those that are seen but are not finite numbers."""
-        by_status = {status.name.lower(): int(np.count_nonzero(self.status == status.value)) for status in Status}
+        # row by row, as pictures may be large
+        numbers = sum((np.bincount(row, minlength=len(Status)) for row in self.status), np.zeros(len(Status), np.int64))
+        by_status = {status.name.lower(): int(numbers[status.value]) for status in Status}
         undefined = self.stats.get("not_a_number")
         if undefined is None:
             undefined = int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from elvis.renderer.frame import Frame, Legend
+from elvis.renderer.page import Page, Part
 from elvis.renderer.scene import VolumeRendering
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
@@ -16,8 +17,14 @@ INK = (30, 30, 30)
 
 def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
     """The frame as an RGB image of the scene's size; with all that explains it beside it unless ``plain``."""
-    image = Image.fromarray(frame.rgb, "RGB")
-    return image if plain else _framed(frame, image)
+    whole = page(frame, plain=plain)
+    return Image.fromarray(whole.rows(0, whole.height), "RGB")
+
+
+def page(frame: Frame, *, plain: bool = False) -> Page:
+    """The same, of which some rows can be had at a time."""
+    height, width = frame.rgb.shape[:2]
+    return Page(frame.rgb, (0, 0), (width, height)) if plain else _framed(frame)
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
@@ -50,32 +57,37 @@ def labels(values: list[float]) -> list[str]:
     return [f"{value:.{decimals}f}" for value in values]
 
 
-def _framed(frame: Frame, image: Image.Image) -> Image.Image:
+def _framed(frame: Frame) -> Page:
     """The image on white with its axes; the title above, to its right a bar for each colour map, contours below."""
-    unit = max(10, round(min(image.size) / 45))
+    high, wide = frame.rgb.shape[:2]
+    unit = max(10, round(min(wide, high) / 45))
     font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
     mapped = [legend for legend in frame.legends if legend.palette]
-    tall = max(image.height, 6 * unit if mapped else 0)  # what numbers beside a bar need
+    tall = max(high, 6 * unit if mapped else 0)  # what numbers beside a bar need
     bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, tall, small) for legend in mapped]
     title = frame.scene.title if frame.scene.title is not None else mapped[0].title if len(mapped) == 1 else ""
-    width = max(image.width + 2 * unit + sum(bar.width for bar in bars), round(font.getlength(title)) + 3 * unit)
+    width = max(wide + 2 * unit + sum(bar.width for bar in bars), round(font.getlength(title)) + 3 * unit)
     below = notes(frame, width - 2 * unit, small)
 
-    # title and image, then what stands beside and below them
+    # what stands above, to the right of, and below the image; the first and last may reach over the second
     top, foot = 3 * unit if title or any(bar.name for bar in bars) else unit, round(1.6 * unit)
-    sheet = Image.new("RGB", (width, tall + top + unit + foot * len(below)), "white")
-    sheet.paste(image, (unit, top))
-    draw = ImageDraw.Draw(sheet)
-    draw.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
-    x = image.width + 5 * unit // 2
+    height, right, bottom = tall + top + unit + foot * len(below), unit + wide, top + tall
+    made = Page(frame.rgb, (unit, top), (width, height))
+    above, beside = Part.blank((0, 0, right, top)), Part.blank((right, 0, width, height))
+    under = Part.blank((0, bottom, right, height))
+    for part in (above, beside):
+        part.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
+    x = wide + 5 * unit // 2
     for bar in bars:
-        bar.draw(sheet, (x, top))
+        bar.draw(beside, (x, top))
         x += bar.width
     for number, line in enumerate(below):
-        draw.text((unit, top + tall + unit + foot * number), line, fill=INK, font=small, anchor="lt")
-    if min(image.size) >= 16 * unit and not frame.view.faces_ground:
-        _axes(frame, sheet, (unit, top), unit, small)
-    return sheet
+        for part in (under, beside):
+            part.text((unit, bottom + unit + foot * number), line, fill=INK, font=small, anchor="lt")
+    made.parts += [above, beside, under]
+    if min(wide, high) >= 16 * unit and not frame.view.faces_ground:
+        _axes(frame, made, unit, small)
+    return made
 
 
 class _Bar:
@@ -90,26 +102,26 @@ class _Bar:
         room = max(font.getlength(text) for text in (*labels(values), "0.00"))
         self.width = round(5 * unit + max(room, font.getlength(name) - 3 * unit))
 
-    def draw(self, sheet: Image.Image, corner: tuple[int, int]) -> None:
+    def draw(self, part: Part, corner: tuple[int, int]) -> None:
         """The bar with a thin border, contours across it and numbers beside it."""
-        palette, unit, draw = self.palette, self.unit, ImageDraw.Draw(sheet)
+        palette, unit = self.palette, self.unit
         column = palette.colors(np.linspace(palette.high, palette.low, self.height))[:, None, :]
         (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)
-        sheet.paste(Image.fromarray(np.rint(column * 255).astype(np.uint8).repeat(width, axis=1), "RGB"), corner)
-        draw.text((x, y - 1.2 * unit), self.name, fill=INK, font=self.font, anchor="lm")
+        part.paste(Image.fromarray(np.rint(column * 255).astype(np.uint8).repeat(width, axis=1), "RGB"), corner)
+        part.text((x, y - 1.2 * unit), self.name, fill=INK, font=self.font, anchor="lm")
 
         def line(value: float, left: int, right: int, ink: tuple[int, ...]) -> float:
             level = y + (palette.high - value) / (palette.high - palette.low) * (self.height - 1)
-            draw.line([(x + left, level), (x + right, level)], fill=ink, width=thin)
+            part.line((x + left, level), (x + right, level), fill=ink, width=thin)
             return level
 
         for value, color in self.marks:
             if palette.low <= value <= palette.high:
-                line(value, 0, width - 1, tuple(round(255 * part) for part in color))
-        draw.rectangle([x, y, x + width - 1, y + self.height - 1], outline=INK)
+                line(value, 0, width - 1, tuple(round(255 * share) for share in color))
+        part.rectangle((x, y), (x + width - 1, y + self.height - 1), outline=INK)
         for value, text in self.scale:
             level = line(value, width, width + unit // 3, INK)
-            draw.text((x + width + unit // 2, level), text, fill=INK, font=self.font, anchor="lm")
+            part.text((x + width + unit // 2, level), text, fill=INK, font=self.font, anchor="lm")
 
 
 def shortest(value: float) -> str:
@@ -160,21 +172,22 @@ def _emptiest(frame: Frame, side: int) -> tuple[int, int, bool]:
 AXES = ((200, 40, 40), (30, 140, 30), (40, 70, 200))
 
 
-def _axes(frame: Frame, sheet: Image.Image, corner: tuple[int, int], unit: int, font: Font) -> None:
+def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
     """Arrows along x, y and z in a corner of the image, those that point away from the viewer first.
 
-    Where all corners show data, a pale disc keeps them legible.  ``corner`` is that of the image.
+    Where all corners show data, a pale disc keeps them legible.
     """
     right, up, forward = frame.view.camera.basis()
     side, finer = 7 * unit, 4
     shape = (side * finer, side * finer)
     arrows, middle = Image.new("L", shape), np.array([0.5, 0.5]) * shape
     column, row, free = _emptiest(frame, side)
-    place = (corner[0] + column, corner[1] + row)
+    place = (page.corner[0] + column, page.corner[1] + row)
+    part = page.part((place[0] - unit, place[1] - unit, place[0] + side + unit, place[1] + side + unit))
     if not free:
         disc = Image.new("L", shape)
         ImageDraw.Draw(disc).ellipse((0, 0, shape[0] - 1, shape[1] - 1), fill=110)
-        sheet.paste((255, 255, 255), place, disc.resize((side, side), Image.Resampling.LANCZOS))
+        part.paste((255, 255, 255), place, disc.resize((side, side), Image.Resampling.LANCZOS))
     for axis in np.argsort(-forward):
         tip = middle + 2.4 * unit * finer * np.array([right[axis], -up[axis]])
         along = tip - middle
@@ -186,7 +199,7 @@ def _axes(frame: Frame, sheet: Image.Image, corner: tuple[int, int], unit: int, 
             along = along / length * unit * finer * 0.55
             across = 0.4 * np.array([-along[1], along[0]])
             pen.polygon([*(tip + 0.4 * along), *(tip - along + across), *(tip - along - across)], fill=255)
-        sheet.paste(AXES[axis], place, arrows.resize((side, side), Image.Resampling.LANCZOS))
-        x, y = place + (middle + (tip - middle) * 1.32) / finer
+        part.paste(AXES[axis], place, arrows.resize((side, side), Image.Resampling.LANCZOS))
         if length > unit * finer // 3:
-            ImageDraw.Draw(sheet).text((x, y), "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")
+            x, y = place + (middle + (tip - middle) * 1.32) / finer
+            part.text((x, y), "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")

@@ -22,7 +22,7 @@ from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import dimension_of, names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
-from elvis.renderer.canvas import BAND, Canvas, check_time
+from elvis.renderer.canvas import BAND, Canvas, check_memory, check_time
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.errors import DeviceError, DeviceLostError, SceneError
@@ -238,6 +238,7 @@ class Renderer:
         """A frame of which so many pixels at most are drawn at once."""
         view = self._view(scene)
         check_time(scene, start)
+        check_memory(view, references, most)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references)
         return Canvas(scene, view, self.stages, references, most, self.progress, start).frame()

@@ -11,7 +11,11 @@ import numpy as np
 from elvis.formats.output import Outputs, replacing
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Frame, Status
+from elvis.renderer.png import write_png
 from elvis.renderer.scene.permissions import PICTURES
+
+#: pixels beyond which a picture is made and compressed some rows at a time, which takes longer but no memory
+LARGE = 1 << 24
 
 
 def check_suffix(path: Path) -> None:
@@ -31,14 +35,23 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
     with replacing(path, outputs) as beside:
         match path.suffix.lower():
             case ".png":
-                from elvis.renderer.picture import picture
-
-                picture(frame, plain=plain).save(beside, format="PNG")
+                _save_png(frame, beside, plain=plain)
             case ".exr":
                 _save_exr(frame, beside)
             case _:
                 with beside.open("wb") as stream:
                     np.savez_compressed(stream, **arrays(frame))
+
+
+def _save_png(frame: Frame, path: Path, *, plain: bool) -> None:
+    """The picture; a large one row by row."""
+    from elvis.renderer.picture import page, picture
+
+    if frame.view.count <= LARGE:
+        picture(frame, plain=plain).save(path, format="PNG")
+        return
+    whole = page(frame, plain=plain)
+    write_png(path, whole.width, whole.height, whole.strips())
 
 
 def arrays(frame: Frame) -> dict[str, Any]:

@@ -1,0 +1,101 @@
+"""Pages: an image with small drawings beside and over it, made some rows at a time, as whole ones may be large."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+Pixels: TypeAlias = NDArray[np.uint8]
+Place: TypeAlias = tuple[float, float]
+#: pixels of the rows that are made at once
+AT_ONCE = 1 << 20
+
+
+class Part:
+    """A small drawing on a page; places are those of the page, and what lies beyond it is cut off.
+
+    corner  column and row of the page where it begins
+    """
+
+    def __init__(self, corner: tuple[int, int], image: Image.Image) -> None:
+        self.corner, self.image = corner, image
+        self._draw = ImageDraw.Draw(image)
+
+    @staticmethod
+    def blank(box: tuple[int, int, int, int]) -> Part:
+        """A white one, from a box: first column and row, and those after the last."""
+        left, top, right, bottom = box
+        return Part((left, top), Image.new("RGB", (right - left, bottom - top), "white"))
+
+    def _own(self, place: Place) -> Place:
+        return place[0] - self.corner[0], place[1] - self.corner[1]
+
+    def text(self, place: Place, text: str, **how: Any) -> None:
+        """As ImageDraw.text."""
+        self._draw.text(self._own(place), text, **how)
+
+    def line(self, one: Place, other: Place, **how: Any) -> None:
+        """As ImageDraw.line, between two places."""
+        self._draw.line([self._own(one), self._own(other)], **how)
+
+    def rectangle(self, one: Place, other: Place, **how: Any) -> None:
+        """As ImageDraw.rectangle."""
+        self._draw.rectangle([self._own(one), self._own(other)], **how)
+
+    def paste(
+        self, what: Image.Image | tuple[int, ...], corner: tuple[int, int], mask: Image.Image | None = None
+    ) -> None:
+        """As Image.paste."""
+        place = corner[0] - self.corner[0], corner[1] - self.corner[1]
+        self.image.paste(what, place, mask)
+
+    def rows(self, first: int, last: int) -> Pixels:
+        """Its own rows from the first one up to the last."""
+        return np.asarray(self.image.crop((0, first, self.image.width, last)))
+
+
+class Page:
+    """An image, and parts that lie on top of it and of one another.
+
+    image   (h, w, 3) in [0, 255]
+    corner  column and row of the page where the image begins
+    size    width and height; what nothing covers is white
+    """
+
+    def __init__(self, image: Pixels, corner: tuple[int, int], size: tuple[int, int]) -> None:
+        self.image, self.corner, self.parts = image, corner, list[Part]()
+        self.width, self.height = size
+
+    def rows(self, first: int, last: int) -> Pixels:
+        """(last - first, width, 3) some of the page's rows."""
+        page = np.full((last - first, self.width, 3), 255, np.uint8)
+        own = slice(*np.clip((first - self.corner[1], last - self.corner[1]), 0, len(self.image)))
+        _put(page, self.image[own], (self.corner[0], self.corner[1] + own.start - first))
+        for part in self.parts:
+            ends = np.clip((first - part.corner[1], last - part.corner[1]), 0, part.image.height)
+            _put(page, part.rows(*ends), (part.corner[0], part.corner[1] + int(ends[0]) - first))
+        return page
+
+    def strips(self) -> Iterator[Pixels]:
+        """All rows, some at a time."""
+        step = max(1, AT_ONCE // self.width)
+        for first in range(0, self.height, step):
+            yield self.rows(first, min(first + step, self.height))
+
+    def part(self, box: tuple[int, int, int, int]) -> Part:
+        """What the page shows in a box, cut off at its border, to be drawn upon; it belongs to the page."""
+        left, right = np.clip((box[0], box[2]), 0, self.width)
+        top, bottom = np.clip((box[1], box[3]), 0, self.height)
+        shown = np.ascontiguousarray(self.rows(int(top), int(bottom))[:, left:right])
+        self.parts.append(Part((int(left), int(top)), Image.fromarray(shown, "RGB")))
+        return self.parts[-1]
+
+
+def _put(page: Pixels, what: Pixels, corner: tuple[int, int]) -> None:
+    """Set pixels of a page from a corner on."""
+    height, width = what.shape[:2]
+    page[corner[1] : corner[1] + height, corner[0] : corner[0] + width] = what
