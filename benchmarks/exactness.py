@@ -53,11 +53,12 @@ def parsed():
 
 def run(gallery, options, counts):
     """Cases of all families in turns, the number of the turn being that of the case."""
-    start, share = perf_counter(), options.pixels / len(counts)
+    start, parts = perf_counter(), {name: FAMILIES[name][2] for name in counts}
+    shares = {name: options.pixels * part / sum(parts.values()) for name, part in parts.items()}
     number = 0 if options.case is None else options.case
-    while any(count.pixels < share for count in counts.values()):
+    while any(count.pixels < shares[name] for name, count in counts.items()):
         for name, count in counts.items():
-            if count.pixels < share and perf_counter() - start < 60 * options.minutes:
+            if count.pixels < shares[name] and perf_counter() - start < 60 * options.minutes:
                 one(gallery, options, name, number, count)
         if options.case is not None or perf_counter() - start >= 60 * options.minutes:
             return

@@ -20,6 +20,7 @@ class Case:
     scene     keywords of Scene
     count     function of (case, frame) to a Count
     ordinary  whether few pixels may be ambiguous: nothing touches, coincides or is far off
+    draw      function of (gallery, case) to what ``count`` takes; None draws the scene
     """
 
     name: str
@@ -27,6 +28,7 @@ class Case:
     scene: dict[str, Any]
     count: Callable[..., Any]
     ordinary: bool
+    draw: Callable[..., Any] | None = None
 
 
 #: how a camera looks at a world

@@ -94,9 +94,10 @@ def _contents(frame, truth, rays, pixels, depth):
     element, value = frame.element.reshape(-1), frame.field.reshape(-1)
     wrong = np.zeros((2, len(element)), bool)
     places, own = rays.at(pixels, depth), element[pixels]
-    legal = (own >= 0) & (own < len(rays.sides))
-    away = margins(rays.sides, np.where(legal, own, 0), places)
-    wrong[0, pixels] = ~legal | (away < -BORDER - rays.rounding.max())
+    if rays.sides is not None:
+        legal = (own >= 0) & (own < len(rays.sides))
+        away = margins(rays.sides, np.where(legal, own, 0), places)
+        wrong[0, pixels] = ~legal | (away < -BORDER - rays.rounding.max())
     if truth.field is not None:
         wanted = truth.field(places.astype(float))
         wrong[1, pixels] = ~(np.abs(value[pixels] - wanted) <= truth.tolerance + rays.noise(truth.field))

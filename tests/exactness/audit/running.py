@@ -20,7 +20,7 @@ from elvis.renderer.view import View
 
 def case_of(family, seed, number, size=None):
     """One case of a family, by its number in the sequence of a seed."""
-    make, usual = FAMILIES[family]
+    make, usual, _ = FAMILIES[family]
     return make(np.random.default_rng([seed, crc32(family.encode()), number]), size=size or usual)
 
 
@@ -54,9 +54,9 @@ class Gallery:
         """The count of one case; pixels of pictures that could not be made have failed."""
         start = perf_counter()
         try:
-            frame = self.frame(case.data, Scene(**case.scene))
+            frame = case.draw(self, case) if case.draw else self.frame(case.data, Scene(**case.scene))
         except ElvisError as error:
-            pixels = int(np.prod(case.scene["size"]))
+            pixels = int(np.prod(case.scene.get("size", (1, 1))))
             return Count(1, pixels, failed=pixels, first=[f"{case.name}: {error}"], seconds=perf_counter() - start)
         found = case.count(case, frame)
         found.seconds = perf_counter() - start

@@ -84,20 +84,23 @@ class World:
         (a, b), (e, f) = np.abs(self.bend), np.abs(self.shear)
         return rounding + rounding[1] * np.array([2 * a + e, 0.0, 2 * b + f])
 
-    def dataset(self, fields, modes):
-        """The mesh with fields of straight coordinates, by name; without any rounding."""
+    def dataset(self, fields, modes, local=None, map_modes=3):
+        """The mesh with fields of straight coordinates, by name; without any rounding.
+
+        local  three polynomials, the local coordinates, in place of the world's own
+        """
         straight = Dataset(self.mesh)
         blocks = geometry(straight)
         made = [Field(name, tuple(exact_block(b, p, modes) for b in blocks)) for name, p in fields.items()]
         vertices = self.placed(self.bent(self.mesh.vertices))
         mesh = replace(self.mesh, vertices=vertices)
-        if self.bend == (0.0, 0.0):
+        if self.bend == (0.0, 0.0) and local is None:
             return Dataset(mesh, tuple(made))
         (a, b), (e, f) = self.bend, self.shear
-        local = (X + a * Y**2 + e * Y, Y, Z + b * Y**2 + f * Y)
+        local = local or (X + a * Y**2 + e * Y, Y, Z + b * Y**2 + f * Y)
         for axis in range(3 if self.dimension == 3 else 2):
             placed = local[axis] * self.scale[axis] + self.shift[axis]
-            own = tuple(exact_block(block, placed, 3) for block in blocks)
+            own = tuple(exact_block(block, placed, map_modes) for block in blocks)
             made.append(Field(f"map_{'xyz'[axis]}", own))
         names = ",".join(field.name for field in made[len(fields) :])
         return Dataset(mesh, tuple(made), metadata={"GeometryMap": names})

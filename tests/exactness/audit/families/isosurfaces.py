@@ -14,6 +14,7 @@ from audit.judging import judge
 from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import Rays, Truth, in_domain, joined, surface_roots
 from audit.worlds import world
+from elvis.formats.shapes import Shape
 from elvis.renderer import Isosurface
 
 #: forms phi by name, and the sum of their gradient's components
@@ -22,13 +23,13 @@ CONSTANTS = (0, 0, 1, -3, Fraction(1, 1024), 2**20)
 FACTORS = (1, 1, -1, Fraction(1, 2**17), 1024)
 
 
-def roots_of(rng, family):
+def roots_of(rng, family, highest):
     """Offsets of roots from the first, with their multiplicities; and what is added to the product.
 
-    Where that is not 0 there is no root at all.
+    Where that is not 0 there is no root at all; ``highest`` is the greatest degree that the product may have.
     """
     if family == "multiplicity":
-        return [(0, int(rng.choice([1, 1, 3, 3, 5, 7])))], 0
+        return [(0, min(highest, int(rng.choice([1, 1, 3, 3, 5, 7]))))], 0
     if family == "touching":
         rest = Fraction(int(rng.choice([0, 0, 1])), 2 ** int(rng.integers(4, 40)))
         return [(0, int(rng.choice([2, 2, 4])))], rest
@@ -41,14 +42,15 @@ def case(family, rng, size):
     """One isosurface."""
     kind = str(rng.choice(CAMERAS))
     own, form = world(rng), str(rng.choice(list(FORMS)))
-    low, high = _extent(FORMS[form])
+    low, high = extent(FORMS[form])
     cells = int(own.name.split()[1])
     if family == "sheets":
         # in borders of elements, or a rounding error or so beside them
         first = low + (high - low) * Fraction(int(rng.integers(0, 2 * cells + 1)), 2 * cells)
     else:
         first = low + (high - low) * Fraction(int(rng.integers(1, 16)), 16)
-    roots, rest = roots_of(rng, family)
+    # each shape and order has kernels of its own, which take longer to compile than a picture
+    roots, rest = roots_of(rng, family, 7 if own.shapes == (Shape.HEXAHEDRON,) else 5)
     polynomial = Polynomial({(0, 0, 0): 1})
     for offset, times in roots:
         polynomial = polynomial * (FORMS[form] - first - offset) ** times
@@ -73,7 +75,7 @@ def case(family, rng, size):
     return Case(name, data, scene, partial(count, own, FORMS[form], values), ordinary)
 
 
-def _extent(form):
+def extent(form):
     """Least and greatest value of a linear form on the unit cube."""
     parts = list(form.terms.values())
     return sum(min(part, 0) for part in parts), sum(max(part, 0) for part in parts)
@@ -82,8 +84,10 @@ def _extent(form):
 def count(own, form, values, case, frame):
     """The count of an isosurface at values of a linear form of straight coordinates."""
     rays = Rays(own, frame.view)
+    constant = float(form.terms.get((0, 0, 0), 0))
     weights = [float(form.terms.get(tuple(int(i == j) for j in range(3)), 0)) for i in range(3)]
     along, noise = np.einsum("i,nij->nj", weights, rays.quadratics), float(np.abs(weights) @ rays.rounding)
+    along[:, 0] += constant
     nowhere = np.full((len(along), 1), np.inf)
     nothing = (nowhere, np.zeros_like(nowhere, bool), np.zeros_like(nowhere), np.zeros(len(along), bool))
     parts = [surface_roots(rays, along - [float(value), 0, 0], noise, in_domain(rays)) for value in values]
