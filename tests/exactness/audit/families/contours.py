@@ -12,6 +12,7 @@ from audit.cases import Case, exact
 from audit.judging import counted_as
 from audit.polynomials import Y
 from audit.worlds import world
+from elvis.formats.shapes import Shape
 from elvis.renderer import Camera, Contours, CutSurface, Plane, Style
 from elvis.renderer.frame import Status
 
@@ -32,8 +33,10 @@ EXPRESSIONS = {
 
 def case(family, rng, size):
     """Contours on one picture, seen from above with any side up."""
-    dimension = int(rng.choice([2, 3]))
-    own = world(rng, dimension, placements=("plain", "off", "mirrored"))
+    # each shape has kernels of its own for every expression
+    dimension = 2 if family == "poles" else int(rng.choice([2, 3]))
+    shapes = (Shape.HEXAHEDRON,) if dimension == 3 else (Shape.QUADRILATERAL,) if family == "poles" else None
+    own = world(rng, dimension, shapes, placements=("plain", "off", "mirrored"))
     quantity, level, roots, field = _poles(rng) if family == "poles" else _pair(rng)
     data, multiple, _ = exact(own, field, 4)
     angle, width = float(rng.uniform(0, 2 * np.pi)), float(rng.choice([1.0, 1.5, 3.0]))

@@ -20,6 +20,8 @@ from elvis.renderer import Isosurface
 #: forms phi by name, and the sum of their gradient's components
 FORMS = {"z": Z, "x": X, "y": Y, "x + y": X + Y, "x + 2 y - z": X + 2 * Y - Z, "z - x": Z - X}
 CONSTANTS = (0, 0, 1, -3, Fraction(1, 1024), 2**20)
+#: highest degree of the field on straight elements: each shape and order has kernels of its own, long to compile
+HIGHEST = {Shape.TETRAHEDRON: 5, Shape.HEXAHEDRON: 7}
 FACTORS = (1, 1, -1, Fraction(1, 2**17), 1024)
 
 
@@ -29,10 +31,10 @@ def roots_of(rng, family, highest):
     Where that is not 0 there is no root at all; ``highest`` is the greatest degree that the product may have.
     """
     if family == "multiplicity":
-        return [(0, min(highest, int(rng.choice([1, 1, 3, 3, 5, 7]))))], 0
+        return [(0, int(rng.choice([times for times in (1, 1, 3, 3, 5, 7) if times <= highest])))], 0
     if family == "touching":
         rest = Fraction(int(rng.choice([0, 0, 1])), 2 ** int(rng.integers(4, 40)))
-        return [(0, int(rng.choice([2, 2, 4])))], rest
+        return [(0, int(rng.choice([2, 2, 4] if highest > 3 else [2])))], rest
     if family == "near pairs":
         return [(0, 1), (Fraction(1, 2 ** int(rng.integers(2, 22))), int(rng.choice([1, 1, 2])))], 0
     return [(0, int(rng.choice([1, 1, 2, 3])))], 0
@@ -49,8 +51,7 @@ def case(family, rng, size):
         first = low + (high - low) * Fraction(int(rng.integers(0, 2 * cells + 1)), 2 * cells)
     else:
         first = low + (high - low) * Fraction(int(rng.integers(1, 16)), 16)
-    # each shape and order has kernels of its own, which take longer to compile than a picture
-    roots, rest = roots_of(rng, family, 7 if own.shapes == (Shape.HEXAHEDRON,) else 5)
+    roots, rest = roots_of(rng, family, 3 if own.bend != (0.0, 0.0) else HIGHEST.get(own.shapes[0], 3))
     polynomial = Polynomial({(0, 0, 0): 1})
     for offset, times in roots:
         polynomial = polynomial * (FORMS[form] - first - offset) ** times
