@@ -75,7 +75,7 @@ def random_polynomial(rng, degree, dimension):
 
 def exact(world, polynomial, modes):
     """A dataset with the field u, a multiple of the polynomial without any rounding; that multiple, and the field."""
-    times = multiple(modes, world.shapes)
+    times = multiple(max(np.atleast_1d(modes).tolist()), world.shapes)
     return world.dataset({"u": polynomial * times}, modes), times, polynomial * times
 
 

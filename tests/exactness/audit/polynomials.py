@@ -72,6 +72,10 @@ class Polynomial:
         """A bound of the gradient's largest component over [-1, 1]^3."""
         return float(sum(abs(value) * sum(key) for key, value in self.terms.items()))
 
+    def size(self):
+        """A bound of the values over [-1, 1]^3."""
+        return float(sum(abs(value) for value in self.terms.values()))
+
 
 def _polynomial(other):
     return other if isinstance(other, Polynomial) else Polynomial({(0, 0, 0): other})

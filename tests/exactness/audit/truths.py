@@ -43,11 +43,12 @@ class Rays:
     rounding    (3,) of straight coordinates
     """
 
-    def __init__(self, world, view):
+    def __init__(self, world, view, corners=None):
+        """Of a view in a world, in a box around the domain with ``corners`` (8, 3) where they are not the world's."""
         self.world, self.view = world, view
         self.origins, self.ways = (part.astype(np.longdouble) for part in view.every_ray())
         self.quadratics = world.along(self.origins, self.ways)
-        corners = world.corners()
+        corners = world.corners() if corners is None else corners
         self.diagonal = float(np.linalg.norm(np.ptp(corners, axis=0)))
         self.reach = float(max(np.abs(corners).max(), np.abs(view.camera.eye).max()))
         self.rounding, self.sides = world.rounding(self.reach), world.sides()

@@ -87,11 +87,15 @@ class World:
     def dataset(self, fields, modes, local=None, map_modes=3):
         """The mesh with fields of straight coordinates, by name; without any rounding.
 
+        modes  of the fields; of two numbers elements have the one and the other by turns
         local  three polynomials, the local coordinates, in place of the world's own
         """
         straight = Dataset(self.mesh)
         blocks = geometry(straight)
-        made = [Field(name, tuple(exact_block(b, p, modes) for b in blocks)) for name, p in fields.items()]
+        counts = np.atleast_1d(modes).tolist()
+        parts = [(_some(block, k, len(counts)), n) for block in blocks for k, n in enumerate(counts)]
+        parts = [(block, n) for block, n in parts if len(block)]
+        made = [Field(name, tuple(exact_block(b, p, n) for b, n in parts)) for name, p in fields.items()]
         vertices = self.placed(self.bent(self.mesh.vertices))
         mesh = replace(self.mesh, vertices=vertices)
         if self.bend == (0.0, 0.0) and local is None:
@@ -124,6 +128,11 @@ class World:
         world = self.placed(self.bent(places))
         box = np.stack([world.min(axis=0), world.max(axis=0)])
         return np.array([[box[k >> axis & 1, axis] for axis in range(3)] for k in range(8)])
+
+
+def _some(block, first, step):
+    """Every so many elements of a geometry block, from the first one on."""
+    return replace(block, element_ids=block.element_ids[first::step], coefficients=block.coefficients[first::step])
 
 
 def _side(corners, side):

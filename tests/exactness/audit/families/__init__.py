@@ -1,6 +1,6 @@
 """Families of cases by name; the pages of the modules say what each is about."""
 
-from audit.families import contours, cuts, faces, folds, isosurfaces, poles, probes, volumes
+from audit.families import contours, cuts, faces, folds, isosurfaces, poles, probes, rings, volumes, waves
 
 #: a function of a random generator and a picture's size, that size in a long run, and a share of the pixels: elements
 #: and light are slow
@@ -10,6 +10,8 @@ FAMILIES = {
     **{name: (case, (160, 120), 1.0) for name, case in {**isosurfaces.FAMILIES, **poles.FAMILIES}.items()},
     **{name: (case, (240, 200), 1.0) for name, case in contours.FAMILIES.items()},
     "volumes": (volumes.case, (120, 100), 0.5),
+    "waves": (waves.case, (360, 300), 0.5),
+    "rings": (rings.case, (200, 160), 0.5),
     "folded faces": (folds.faces_case, (200, 160), 0.5),
     "validity": (folds.validity_case, (1, 1), 1e-3),
     "probes": (probes.case, (200, 200), 1.0),
