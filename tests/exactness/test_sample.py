@@ -23,8 +23,6 @@ SAMPLE = {
     "waves": (1,),
     "probes": (0, 1, 2, 3),
 }
-#: families that the reference has no part in
-DEVICES_ALONE = ("volumes",)
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.twins import TwinLocator, TwinQuantities
-from elvis.reference.scenes.volumes import gathered, visible
+from elvis.reference.scenes.volumes import between_kinks, gathered, visible
 from elvis.reference.scenes.ways import beginnings, ways_through
 from elvis.reference.selection import chosen_faces
 from elvis.renderer.errors import SceneError
@@ -206,6 +206,7 @@ class Scenery:
         for number, patch in enumerate(self.quantities.patches):
             ways = ways_through(number, patch, view, self.size, begun).between(cuts)
             ways = visible(ways, patch, self.quantities, scene.clip, view, self.size)
+            ways = between_kinks(ways, patch, self.quantities, looks, view)
             color, alpha = gathered(ways, patch, self.quantities, looks, view, self.size)
             found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))
         return found

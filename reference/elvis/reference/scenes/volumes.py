@@ -1,9 +1,9 @@
 """Light along rays through the volume: what elements send out and take up, by fine quadrature in every element.
 
 Along a ray the colour gathered is the integral of T s c, T = exp(-integral of s), with density s and colour c piecewise
-linear in the quantity; of several volumes s c and s are sums.  Each way through an element is parted evenly; within a
-part s is integrated by Gauss's rule and c is its mean weighted by s (Max, Optical Models for Direct Volume Rendering,
-1995, section 4).
+linear in the quantity; of several volumes s c and s are sums.  Each way through an element is parted where these have
+kinks, then evenly; within a part s is integrated by Gauss's rule and c is its mean weighted by s (Max, Optical Models
+for Direct Volume Rendering, 1995, section 4).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from elvis.renderer.view import View
 ALONG, PARTS, POINTS = 256, (4, 8, 16, 32, 64, 128), 2
 #: ways that are summed together
 _AT_ONCE = 1 << 13
-#: places along a way between which a clip's expression changes its sign once at most
+#: places along a way between which an expression of a clip, or a quantity less the value of a kink, has one sign change
 _SIGNS = 33
 #: name of a quantity, and its transfer function with colours
 Look: TypeAlias = tuple[str, Transfer]
@@ -58,27 +58,61 @@ def depths_by_pixel(pixel: Ints, depth: Floats, count: int) -> Floats:
     return depths
 
 
-def _parted(ways: Ways, along: Callable[[Ways, Floats], Floats]) -> Ways:
-    """Ways parted wherever a function along them, of ways and shares (k, m), is seen to change its sign."""
-    shares = np.linspace(0.0, 1.0, _SIGNS)
-    values = along(ways, np.tile(shares, (len(ways.pixel), 1)))
-    way, place = np.nonzero(values[:, 1:] * values[:, :-1] < 0.0)
-    some = ways.part(way)
-    low, high, sign = shares[place], shares[place + 1], values[way, place] > 0.0
-    for _ in range(52):
-        middle = 0.5 * (low + high)
-        same = (along(some, middle[:, None])[:, 0] > 0.0) == sign
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
+def between_kinks(ways: Ways, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View) -> Ways:
+    """Ways parted where densities and colours have kinks, so that no layer is so thin that it falls between places."""
+    for name, transfer in looks:
+        along = partial(_values, patch=patch, quantities=quantities, name=name, view=view)
+        ways = _parted(ways, along, transfer.values)
+    return ways
+
+
+def _parted(ways: Ways, along: Callable[[Ways, Floats], Floats], levels: Sequence[float] = (0.0,)) -> Ways:
+    """Ways parted wherever a function along them, of ways and shares (k, m), is seen to pass one of some levels."""
+    way, share, value = _sampled(ways, along)
+    same = way[1:] == way[:-1]
+    owners, shares = [np.repeat(np.arange(len(ways)), 2)], [np.tile([0.0, 1.0], len(ways))]
+    for level in levels:
+        sides = np.sign(value - level)
+        place = np.flatnonzero(same & (sides[1:] * sides[:-1] < 0.0))
+        some, low, high = ways.part(way[place]), share[place], share[place + 1]
+        for _ in range(52):
+            middle = 0.5 * (low + high)
+            before = np.sign(along(some, middle[:, None])[:, 0] - level) == sides[place]
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        owners.append(way[place])
+        shares.append(low)
 
     # the ends of all parts: those of the ways and the places between
-    owner = np.concatenate([np.repeat(np.arange(len(ways.pixel)), 2), way])
-    share = np.concatenate([np.tile([0.0, 1.0], len(ways.pixel)), low])
+    owner, at = np.concatenate(owners), np.concatenate(shares)
+    order = np.lexsort([at, owner])
+    owner, at = owner[order], at[order]
+    first = np.flatnonzero(owner[1:] == owner[:-1])
+    return _cut(ways, owner[first], at[first], at[first + 1])
+
+
+def _sampled(ways: Ways, along: Callable[[Ways, Floats], Floats]) -> tuple[Ints, Floats, Floats]:
+    """Places along ways, in order: numbers of the ways, shares and values, all (m,).
+
+    Beside even places the vertices of the parabolas through three of them that turn: what is touched on the way.
+    """
+    even = np.linspace(0.0, 1.0, _SIGNS)
+    values = along(ways, np.tile(even, (len(ways), 1)))
+    rises = np.diff(values, axis=1)
+    way, place = np.nonzero(rises[:, 1:] * rises[:, :-1] < 0.0)
+    before, after = rises[way, place], rises[way, place + 1]
+    turn = even[place + 1] + 0.5 * (before + after) / (before - after) / (_SIGNS - 1)
+    summits = along(ways.part(way), turn[:, None])[:, 0]
+
+    owner = np.concatenate([np.repeat(np.arange(len(ways)), _SIGNS), way])
+    share, value = np.concatenate([np.tile(even, len(ways)), turn]), np.concatenate([values.ravel(), summits])
     order = np.lexsort([share, owner])
-    owner, share = owner[order], share[order]
-    at = np.flatnonzero(owner[1:] == owner[:-1])
-    own, ends = owner[at], (share[at], share[at + 1])
-    near, far = (ways.near[own] + end * (ways.far - ways.near)[own] for end in ends)
-    first, last = (ways.first[own] + end[:, None] * (ways.last - ways.first)[own] for end in ends)
+    return owner[order], share[order], value[order]
+
+
+def _cut(ways: Ways, own: Ints, low: Floats, high: Floats) -> Ways:
+    """Parts (m,) of ways, each from one share of its way to another."""
+    near, far = (ways.near[own] + end * (ways.far - ways.near)[own] for end in (low, high))
+    first, last = (ways.first[own] + end[:, None] * (ways.last - ways.first)[own] for end in (low, high))
     return Ways(ways.pixel[own], ways.row[own], near, far, first, last)
 
 
