@@ -12,7 +12,7 @@ help:
 	@echo "make lint    ruff and mypy alone"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness  certain pixels against closed forms, ten million of them: hours"
-	@echo "make fuzz    a hundred thousand damaged files through every reader: an hour"
+	@echo "make fuzz    a hundred thousand damaged files through every reader, 500 broken runs: an hour"
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"
 
@@ -38,6 +38,7 @@ exactness: $(READY)
 
 fuzz: $(READY)
 	@$(RUN) tests/fuzz/run.py
+	@$(RUN) tests/fuzz/interruptions.py
 
 setup:
 	@rm -f $(READY)
