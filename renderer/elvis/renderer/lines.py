@@ -88,7 +88,8 @@ class Lines:
             self._device.buffer(np.zeros(1)) if layer.flat is not None else layer.on(self._device, "depth")
         )
         slivers = self._slivers(view, layer, levels, quantity)
-        pieces = np.concatenate([self._found(view, layer, buffers, len(levels)), slivers])
+        smooth = all(self._is_polynomial(number, quantity) for number in range(len(self._loaded.parts)))
+        pieces = np.concatenate([self._found(view, layer, buffers, len(levels), smooth), slivers])
         size = {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": layer.offset}
         self._run("line_draw", view, layer, pieces, buffers, quantity, **size)
         return Marks(self._device, buffers["marks"], width, layer.owner, NOTHING - MOST + 1)
@@ -138,14 +139,19 @@ class Lines:
         pieces["whole"], pieces["element"] = 2, element[free]
         return pieces
 
-    def _found(self, view: View, layer: Layer, buffers: dict[str, Buffer], levels: int) -> NDArray[Any]:
+    def _is_polynomial(self, number: int, quantity: str | None) -> bool:
+        """Whether a part's map and quantity are polynomials, which have neither poles nor jumps in an element."""
+        part = self._loaded.parts[number]
+        return (part if quantity is None else part.quantities[quantity]).degree > 0
+
+    def _found(self, view: View, layer: Layer, buffers: dict[str, Buffer], levels: int, smooth: bool) -> NDArray[Any]:
         """The pieces that line_find.slang lists."""
         kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
         every = buffers | {
             "field": layer.on(self._device, "field"),
             "side": buffers["owner"] if layer.side is None else layer.on(self._device, "side"),
-            "view": self._device.buffer(sight(kernel, view, count=strips, levels=levels)),
+            "view": self._device.buffer(sight(kernel, view, count=strips, levels=levels, smooth=smooth)),
         }
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
 
@@ -169,7 +175,8 @@ class Lines:
                 continue
             kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
             place = {"first": self._loaded.first[number], "count": len(own), "facets": len(facets)}
-            record = sight(kernel, view, **place, **size, gathered=gathered, flat=layer.flat is not None)
+            smooth = self._is_polynomial(number, quantity)
+            record = sight(kernel, view, **place, **size, gathered=gathered, flat=layer.flat is not None, smooth=smooth)
             references = self._device.buffer(layer.reference[own["base"]]) if gathered else layer.held["reference"]
             data = {"pieces": own, "facets": facets, "view": record}
             brought = {name: self._device.buffer(some) for name, some in data.items()}
