@@ -205,65 +205,6 @@ def test_loops_smaller_than_a_pixel(cut, pixels, sign):
         assert not lines.contours(view, layer, -value, 1.0).coverage.any()
 
 
-def distance_of_line(view, height, slope=0.0):
-    """(n,) pixels from each pixel's centre to the line y = height + slope x, in a view straight at FLAT."""
-    x, y, _ = view.points().reshape(-1, 3).T
-    size = np.linalg.norm(view.points()[0, 1] - view.points()[0, 0])
-    return np.abs(y - height - slope * x) / np.hypot(1.0, slope) / size
-
-
-@pytest.mark.parametrize(("level", "slope"), [(1e-8, 0.0), (1e-8, 0.13), (1e-12, 0.13), (0.0, 0.0)])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_lines_closer_together_than_samples_have_no_gaps(cut, level, slope, sign):
-    """u = (y - s x - 0.1003)^2, sign either: two lines 0.02 pixels apart, nearer still, and one that is touched."""
-
-    def field(points):
-        return sign * (points[..., 1] - slope * points[..., 0] - 0.1003) ** 2
-
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 3), field))
-    inner = layer.owner != NOBODY
-    coverage = lines.contours(view, layer, np.array([sign * level]), 1.0).coverage
-    expected = covered(distance_of_line(view, 0.1003, slope), 1.0)
-    assert np.abs(coverage - expected)[inner].max() < 0.03
-    assert not lines.contours(view, layer, np.array([-sign * 1e-11]), 1.0).coverage.any()
-
-
-def test_lines_that_are_touched_on_a_border_are_drawn(cut):
-    """Each of the two elements sees half of a valley, which is as deep as rounding of its coefficients lets it be."""
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 2), lambda p: (p[..., 1] - 0.5) ** 2, 3))
-    coverage = lines.contours(view, layer, np.array([1e-12]), 1.0).coverage
-    check(layer, coverage, distance_of_line(view, 0.5), 1.0)
-
-
-#: quantities of u = y - 0.47 + 0.03 x that go through infinity or jump, a value, and u where they have it
-BROKEN = [
-    ("1/u", 0.5, None),
-    ("1/u", 3.0, 1 / 3),
-    ("sign(u)", 0.5, None),
-    ("tan(8*u)", 0.5, np.arctan(0.5) / 8 + np.pi / 8 * np.arange(-4, 4)),
-    ("tanh(1e5*u)", 0.5, np.arctanh(0.5) / 1e5),
-]
-
-
-@pytest.mark.parametrize(("quantity", "value", "roots"), BROKEN)
-def test_nothing_is_drawn_at_poles_and_jumps(renderer, quantity, value, roots):
-    """And everything where a value is taken, however steeply."""
-    data = with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p[..., 1] - 0.47 + 0.03 * p[..., 0], 2)
-    loaded = Loaded(renderer("vulkan").device, volume_of(data, ["u", quantity]))
-    view = PlaneView.on(View.through(CAMERAS["straight on"], SIZE), FLAT)
-    layer = Cutter(loaded).draw(view)
-    layer = layer.showing(sampled(loaded, layer, quantity))
-    coverage = Lines(loaded).contours(view, layer, np.array([value]), 1.0, quantity).coverage
-    if roots is None:
-        assert not coverage.any()
-        return
-    away = [distance_of_line(view, 0.47 + root, -0.03) for root in np.atleast_1d(roots)]
-    close = 0.13 if quantity.startswith("tanh") else CLOSE
-    inner = np.isfinite(layer.depth).reshape(view.height, view.width)
-    inner = (inner & ~grown(~inner, 2)).ravel()
-    assert np.abs(coverage - covered(np.min(away, axis=0), 1.0))[inner].max() < close
-
-
 @pytest.mark.parametrize("depth", [0.05, 0.2, 0.45])
 def test_lines_that_enter_and_leave_by_one_edge(cut, depth):
     """A parabola whose vertex only just reaches into a row of pixels."""
