@@ -17,11 +17,13 @@ import bent
 import cases
 import conversion
 import floor
+import large
 import machine
 import measuring
 import million
 import orders
 import pictures
+import repeating
 import rivals
 import scenes
 import sharing
@@ -106,6 +108,18 @@ def start(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [starting.table(numbers)]
 
 
+def repeat(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Many pictures in one process."""
+    numbers = repeating.measure(options.device, 6 if options.quick else 500)
+    return numbers, [repeating.table(numbers)]
+
+
+def size(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Large pictures."""
+    numbers = large.measure(options.device, 300 if options.quick else 20000)
+    return numbers, [large.table(numbers)]
+
+
 PARTS: dict[str, Part] = {
     "cut": cut,
     "surfaces": surfaces,
@@ -115,6 +129,8 @@ PARTS: dict[str, Part] = {
     "million": many,
     "convert": convert,
     "start": start,
+    "repeat": repeat,
+    "large": size,
 }
 
 
