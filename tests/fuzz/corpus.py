@@ -85,9 +85,15 @@ SOLVERS = {
 NAMES = {"hopr_flexi": "hopr", "nek5000": "nek"}
 
 
-def subjects(folder):
-    """All subjects; what is made here is put into a folder."""
-    made = [*native(folder), *volumes(folder), *converted(folder), *others(folder)]
+def subjects(folder, readers):
+    """The subjects of some readers; what is made here is put into a folder."""
+    makers = {
+        native: ("native XML", "native HDF5"),
+        volumes: ("fourier", "nurbs"),
+        converted: ("vtk", "gmsh", "nek", "elvisdat", "gmf", "mfem"),
+        others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record"),
+    }
+    made = [each for make, names in makers.items() if set(names) & set(readers) for each in make(folder)]
     return made + (shared() if SHARED.is_dir() else [])
 
 

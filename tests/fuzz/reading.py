@@ -110,7 +110,7 @@ def _given(paths):
 
 def _command(*arguments):
     """A command within this process; what it raises comes out as it is."""
-    from elvis.plugins.command import Settings, elvis
+    from elvis.plugins.running import Settings, elvis
 
     with open(os.devnull, "w") as nothing, redirect_stdout(nothing):
         elvis.main([str(each) for each in arguments], "elvis", standalone_mode=False, obj=Settings(debug=False))

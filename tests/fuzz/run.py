@@ -169,10 +169,10 @@ def main():
     given = arguments()
     total, failures = [], 0
     with tempfile.TemporaryDirectory() as folder:
-        every = corpus.subjects(Path(folder))
+        names = given.only.split(",") if given.only else list(SHARES)
+        every = corpus.subjects(Path(folder), names)
         if given.small:
             every = [each for each in every if folder in str(each.files[0])]
-        names = given.only.split(",") if given.only else list(SHARES)
         whole = sum(SHARES[name] for name in names)
         for name in names:
             own = [each for each in every if each.reader == name]
