@@ -14,7 +14,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,27 +43,36 @@ class Tally:
     ratio: float = 0.0
     failures: dict = field(default_factory=dict)
 
+    def add(self, found):
+        """Count a case."""
+        self.cases += 1
+        self.kinds[found["kind"]] += 1
+        self.seconds += found["seconds"]
+        self.worst, self.ratio = max(self.worst, found["seconds"]), max(self.ratio, found["ratio"])
+
     def row(self, name):
         bad = sum(count for kind, count in self.kinds.items() if kind not in ("read", "refused"))
         counts = (self.cases, self.kinds["refused"], self.kinds["read"], bad)
         return name, *map(str, counts), f"{self.worst:.2f}", f"{self.ratio:.2f}", f"{self.seconds:.0f}"
 
 
+#: what is kept of a case
+KEPT = ("kind", "message", "seconds", "ratio")
 HEADERS = ("reader", "cases", "refused", "read", "failed", "worst s", "worst memory", "s in all")
 
 
 class Reader:
     """The cases of one reader, in worker after worker."""
 
-    def __init__(self, subjects, seed, keep, deadline):
-        self.subjects, self.seed, self.keep, self.deadline = subjects, seed, keep, deadline
+    def __init__(self, subjects, seed, keep, log):
+        self.subjects, self.seed, self.keep, self.log = subjects, seed, keep, log
         self.name, self.tally, self.known = subjects[0].reader, Tally(), {}
         self.now = {}
 
     def run(self, numbers):
         """Cases of these numbers, with a new worker after each that dies."""
         left = list(numbers)
-        while left and time.process_time() < self.deadline:
+        while left:
             done = self._worker(left)
             left = left[done:]
 
@@ -98,7 +106,9 @@ class Reader:
         if status == 3:
             raise SystemExit(self.now.get("message", "the harness failed"))
         if status and done < len(numbers):
-            self._count({"kind": _death(status), "message": self.now.get("state", ""), "seconds": 0, "ratio": 0})
+            message = self.now.get("state", "")
+            found = {"case": self.now["case"], "kind": _death(status), "message": message, "seconds": 0, "ratio": 0}
+            self._count(found)
             work.keep(self.keep, self.name, _death(status), self.now["case"], folder)
             done += 1
         return done
@@ -112,15 +122,14 @@ class Reader:
                 raise SystemExit(f"sound files aren't read: {found}")
         if found["state"] != "done":
             return 0
-        self._count(found)
+        self._count({"case": self.now["case"], **{key: found[key] for key in KEPT}})
         return 1
 
     def _count(self, found):
-        tally = self.tally
-        tally.cases += 1
-        tally.kinds[found["kind"]] += 1
-        tally.seconds += found["seconds"]
-        tally.worst, tally.ratio = max(tally.worst, found["seconds"]), max(tally.ratio, found["ratio"])
+        self.tally.add(found)
+        if self.log:
+            kept = {"reader": self.name, "seed": self.seed, **found}
+            self.log.write(json.dumps(kept) + "\n")
         if found["kind"] not in ("read", "refused"):
             self._fail(found)
 
@@ -159,15 +168,17 @@ def arguments():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "elvis-fuzz", help="where files go")
     parser.add_argument("--small", action="store_true", help="only the files that are made here")
-    parser.add_argument(
-        "--seconds", type=float, default=float("inf"), help="of the processor at most, for this process"
-    )
+    parser.add_argument("--log", type=Path, help="append what came of each case, to sum up with --sum")
+    parser.add_argument("--sum", type=Path, nargs="+", help="only print the table of such logs, each case counted once")
     return parser.parse_args()
 
 
 def main():
     given = arguments()
+    if given.sum:
+        return summed(given.sum)
     total, failures = [], 0
+    log = given.log.open("a", buffering=1) if given.log else None
     with tempfile.TemporaryDirectory() as folder:
         names = given.only.split(",") if given.only else list(SHARES)
         every = corpus.subjects(Path(folder), names)
@@ -178,12 +189,28 @@ def main():
             own = [each for each in every if each.reader == name]
             count = round(given.cases * SHARES[name] / whole)
             if own:
-                reader = Reader(own, given.seed, given.keep, given.seconds)
+                reader = Reader(own, given.seed, given.keep, log)
                 reader.run(range(given.first, given.first + count))
                 total.append(reader.tally.row(name))
                 failures += report(reader)
     print(table(total))
     print(f"{sum(int(row[1]) for row in total)} cases, {failures} kinds of failures; seed {given.seed}")
+    return 1 if failures else 0
+
+
+def summed(logs):
+    """Print the table of what several runs have logged."""
+    tallies, seen = {name: Tally() for name in SHARES}, set()
+    for line in (line for log in logs for line in log.read_text().splitlines()):
+        found = json.loads(line)
+        key = found["reader"], found["seed"], found["case"]
+        if key not in seen:
+            tallies[found["reader"]].add(found)
+        seen.add(key)
+    rows = [tally.row(name) for name, tally in tallies.items() if tally.cases]
+    print(table(rows))
+    failures = sum(int(row[4]) for row in rows)
+    print(f"{len(seen)} cases, {failures} failures")
     return 1 if failures else 0
 
 
