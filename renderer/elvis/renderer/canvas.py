@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Floats
 from elvis.formats.memory import free_memory
 from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Drawing, Frame, whole
+from elvis.renderer.frame import Drawing, Frame, Status, whole
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.scene import Scene
 from elvis.renderer.shading import Drawn, Painter, record_of
@@ -63,7 +64,14 @@ class Canvas:
         self.done, self.total, self.undefined = 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
         self.sheets = self.stages.sheets(self.scene)
+        self.contours: Counter[Status] = Counter()
         self.arrays = _arrays(self.view, self.records and self.view.count > self.most)
+
+    @property
+    def _proves(self) -> bool:
+        """Whether what is proved of contours is counted: for statistics and records alone."""
+        asked = self.scene.stats or any(not name.lower().endswith(".png") for name in self.scene.outputs)
+        return bool(asked) and any(sheet.style.contours is not None for sheet in self.sheets)
 
     def frame(self) -> Frame:
         """The whole picture.  Where colours depend on all bands, those that can't be kept are drawn twice."""
@@ -84,6 +92,8 @@ class Canvas:
         drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         stats |= {"remarks": self.painter.remarks(self.sheets), "not_a_number": self.undefined}
+        if self._proves:
+            stats["contours"] = {status.name.lower(): self.contours[status] for status in self.contours}
         if self.painter.gathered:
             stats["volume"] = {**self.painter.gathered, "inverted_elements": self.stages.inverted}
         record, element, reference = (arrays[name] for name in ("field", "element", "reference"))
@@ -111,6 +121,9 @@ class Canvas:
             return values.reshape(*shape, *values.shape[1:])[band.inner]
 
         color = inner(self._colors(drawn, band.view))
+        if self._proves:
+            found = inner(self.painter.contour_status(drawn, band.view))
+            self.contours.update({word: int((found == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)})
         self._keep("color", rows, color if self.records else whole(color))
         self._keep("status", rows, inner(np.maximum(record.status, self.glow)))
         if self.records:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elvis.formats.arrays import Bools, Floats
 from elvis.formats.errors import ElvisError
 from elvis.renderer.compositing import Coats
+from elvis.renderer.contour_proof import ContourProof
 from elvis.renderer.frame import Legend, Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import levels
@@ -174,6 +175,16 @@ class Painter:
             marks = self.stages.lines.contours(view, of, self.values(sheet), contours.width, quantity)
             levels = marks, contours.color
         return Look(colors, style.opacity, *light, edges, levels)
+
+    def contour_status(self, drawn: Drawn, view: View) -> NDArray[np.uint8]:
+        """(n,) what is proved of the contours in each pixel's square, of all surfaces together (see contour_proof)."""
+        status = np.zeros(view.count, np.uint8)
+        for sheet, layer in drawn:
+            if sheet.style.contours is not None:
+                quantity, lines = self._of_contours(sheet), self.stages.lines
+                proof = ContourProof(self.stages.loaded, lines, view, layer, self.values(sheet), quantity)
+                status = np.maximum(status, proof.status)
+        return status
 
     def _palette(self, quantity: str | None, style: Style) -> Palette:
         """A colour map, made when it is first used."""

@@ -35,7 +35,7 @@ from elvis.formats.shapes import Shape
 #: greatest b of a map that counts as affine
 _AFFINE = 1e-9
 #: the element is looked at a little beyond its border
-_BEYOND = 1.25
+BEYOND = 1.25
 #: elements at once
 _CHUNK = 256
 
@@ -67,21 +67,24 @@ def bent(
         parts = np.einsum("nci,ncm->nim", duals(jacobians), nets)
         if space.shape is Shape.PYRAMID:
             return np.asarray(~(_pyramid_change(space, parts) <= _AFFINE))
-        change, slope = _rational(space, parts, weights) if weights is not None else _polynomial(space, parts)
+        change, slope = _rational(space, parts, weights) if weights is not None else changes(space, parts)
         return np.asarray(~(change + unit * slope / 2 <= 1))
 
 
-def _polynomial(space: BernsteinSpace, parts: Floats) -> tuple[Floats, Floats]:
-    """Bounds of b and m (n,) of maps with nets (n, d, count) in parts of the Jacobian at the centre."""
+def changes(space: BernsteinSpace, parts: Floats, beyond: float = BEYOND) -> tuple[Floats, Floats]:
+    """Bounds of b and m (n,) of maps with nets (n, d, count) in parts of the Jacobian at the centre.
+
+    beyond  how many times as large as the element its neighbourhood is in which they hold
+    """
     axes = range(space.shape.dimension)
-    parts = parts - _places(space).T
-    change = sum(np.abs(derived(space, parts, (j,))) for j in axes)
-    slope = sum(np.abs(derived(space, parts, pair)) for pair in product(axes, axes))
+    parts = parts - net_of_xi(space).T
+    change = sum(np.abs(derived(space, parts, (j,), beyond)) for j in axes)
+    slope = sum(np.abs(derived(space, parts, pair, beyond)) for pair in product(axes, axes))
     return np.max(change, axis=(1, 2)), np.max(slope, axis=(1, 2))
 
 
 def _rational(space: BernsteinSpace, parts: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """As `_polynomial`, of maps y = Y / w: w dy = dY - y dw, and w ddy = ddY - dy dw - dw dy - y ddw."""
+    """As `changes`, of maps y = Y / w: w dy = dY - y dw, and w ddy = ddY - dy dw - dw dy - y ddw."""
     axes = range(space.shape.dimension)
     middle = parts[..., parts.shape[-1] // 2] / weights[:, weights.shape[-1] // 2, None]
     parts, weights = parts - middle[..., None] * weights[:, None], weights[:, None]
@@ -109,7 +112,7 @@ def _pyramid_change(space: BernsteinSpace, parts: Floats) -> Floats:
 
     At the apex the format's functions do not depend on eta1 and eta2.  With the rest, b_k^r = c r/(r - k) b_k^(r-1).
     """
-    parts, top = parts - _places(space).T, space.degrees[2]
+    parts, top = parts - net_of_xi(space).T, space.degrees[2]
     scale = top / (top - np.arange(top))
     across = []
     for _, matrix in gradient_nets(space)[:2]:
@@ -119,31 +122,31 @@ def _pyramid_change(space: BernsteinSpace, parts: Floats) -> Floats:
     return np.asarray((across[0] + across[1] + up).max(axis=1))
 
 
-def derived(space: BernsteinSpace, nets: Floats, directions: tuple[int, ...]) -> Floats:
-    """Nets (..., count) of derivatives in these directions, on the larger element, in the space itself."""
+def derived(space: BernsteinSpace, nets: Floats, directions: tuple[int, ...], beyond: float = BEYOND) -> Floats:
+    """Nets (..., count) of derivatives in these directions, in the space itself, on a larger element."""
     if len(space.degrees) < space.shape.dimension:
-        return np.asarray(nets @ _matrix(space, directions))
+        return np.asarray(nets @ _matrix(space, directions, beyond))
     grid = nets.reshape(*nets.shape[:-1], *(degree + 1 for degree in space.degrees[::-1]))
     for direction, degree in enumerate(space.degrees):
         line = BernsteinSpace(Shape.SEGMENT, (degree,))
-        matrix = _matrix(line, (0,) * directions.count(direction))
+        matrix = _matrix(line, (0,) * directions.count(direction), beyond)
         grid = np.moveaxis(np.moveaxis(grid, -1 - direction, -1) @ matrix, -1, -1 - direction)
     return np.ascontiguousarray(grid.reshape(nets.shape))
 
 
 @lru_cache(maxsize=128)
-def _matrix(space: BernsteinSpace, directions: tuple[int, ...]) -> Floats:
+def _matrix(space: BernsteinSpace, directions: tuple[int, ...], beyond: float) -> Floats:
     """(count, count) from the right, from a net on the element to that of a derivative on the larger one."""
-    centre, places = space.shape.vertices.mean(axis=0), _places(space)
+    centre, places = space.shape.vertices.mean(axis=0), net_of_xi(space)
     to_net = np.linalg.inv(bernstein_values(space, places))
-    larger = (to_net @ bernstein_values(space, centre + _BEYOND * (places - centre))).T
+    larger = (to_net @ bernstein_values(space, centre + beyond * (places - centre))).T
     slopes = [(lower, gradient_nets(space)[i][1]) for i in directions for lower in (gradient_nets(space)[i][0],)]
-    raised = [matrix @ (to_net @ bernstein_values(lower, places)).T / _BEYOND for lower, matrix in slopes]
+    raised = [matrix @ (to_net @ bernstein_values(lower, places)).T / beyond for lower, matrix in slopes]
     return frozen_floats(reduce(np.matmul, raised, larger))
 
 
 @lru_cache(maxsize=32)
-def _places(space: BernsteinSpace) -> Floats:
+def net_of_xi(space: BernsteinSpace) -> Floats:
     """(count, d) the net of xi itself: for each function of the space the point of its greatest value."""
     tops = space.powers.max(axis=0)
     eta = 2 * space.powers / np.maximum(tops, 1) - 1

@@ -1,0 +1,117 @@
+"""What is proved of contours in the squares of pixels, against closed forms on dense samples of these."""
+
+import numpy as np
+import pytest
+
+from elvis.formats.shapes import Shape
+from elvis.formats.testing import curved, grid, with_field
+from elvis.plugins.native.volume import NativeVolume
+from elvis.plugins.serving import volume_of
+from elvis.renderer import Camera, Plane
+from elvis.renderer.contour_proof import ContourProof
+from elvis.renderer.cut import Cutter
+from elvis.renderer.frame import Status
+from elvis.renderer.lines import Lines
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.scene import Contours, CutSurface, Style
+from elvis.renderer.view import PlaneView, View
+
+SIZE = (60, 50)
+PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))
+CAMERAS = {
+    "straight on": Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.2),
+    "perspective": Camera((1.1, -0.5, 2.0), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), fov=40.0),
+}
+
+
+def sheared(points):
+    """A map of second degree."""
+    x, y, _ = points.T
+    return points + np.outer(0.2 * x * x, [0, 1, 0]) + np.outer(0.25 * x * y - 0.15 * y * y, [0, 0, 1])
+
+
+def circles(points):
+    return ((points[..., :2] - [0.47, 0.52]) ** 2).sum(axis=-1)
+
+
+def tilted(points):
+    return points[..., 1] + 0.3 * points[..., 0] * points[..., 1]
+
+
+def valley(points):
+    """Two lines a hundredth of a pixel apart at 1e-8."""
+    return (points[..., 1] - 0.1003) ** 2
+
+
+def proved(renderer, dataset, camera, levels, quantity=None):
+    volume = NativeVolume.of(dataset, "u") if quantity is None else volume_of(dataset, ["u", quantity])
+    loaded = Loaded(renderer("vulkan").device, volume)
+    view = PlaneView.on(View.through(CAMERAS[camera], SIZE), PLANE)
+    layer = Cutter(loaded).draw(view)
+    return ContourProof(loaded, Lines(loaded), view, layer, np.array(levels), quantity), view
+
+
+def ranges(view, field, cells=24):
+    """Least and greatest value (n,) in every pixel's square, of samples in it."""
+    i, j = (some.ravel() for some in np.meshgrid(np.arange(view.width), np.arange(view.height)))
+    steps = np.arange(cells + 1) / cells - 0.5
+    low, high = np.full(view.count, np.inf), np.full(view.count, -np.inf)
+    for x in steps:
+        for y in steps:
+            values = field(view.points_of(i + x, j + y))
+            low, high = np.fmin(low, values), np.fmax(high, values)
+    return low, high
+
+
+CASES = [
+    (Shape.HEXAHEDRON, False, circles, (0.0225, 0.09, 0.16), 0.06),
+    (Shape.TETRAHEDRON, False, circles, (0.0225, 0.09, 0.16), 0.2),
+    (Shape.PRISM, True, tilted, (0.2, 0.45, 0.8), 0.04),
+    (Shape.HEXAHEDRON, False, valley, (1e-8, 0.02), 0.06),
+]
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize(("shape", "bent", "field", "levels", "doubtful"), CASES)
+def test_what_is_certain_of_contours_is_right(renderer, camera, shape, bent, field, levels, doubtful):
+    mesh = curved(grid(shape, 3), sheared, 3) if bent else grid(shape, 3)
+    proof, view = proved(renderer, with_field(mesh, field, 6 if bent else 3), camera, levels)
+    low, high = ranges(view, field)
+    certain, hit = proof.status == Status.CERTAIN, proof.status != Status.MISS
+    holds = np.logical_or.reduce([(low < level) & (level < high) for level in levels])
+
+    # the level lies beyond the samples by more than they can miss where it is proved to be taken
+    rise = np.maximum(high - low, 1e-12)
+    near = np.logical_or.reduce([(low - 0.1 * rise < level) & (level < high + 0.1 * rise) for level in levels])
+    assert not (certain & holds & ~proof.taken).any()
+    assert not (hit & proof.taken & ~near).any()
+    assert (proof.taken & certain).sum() > 20
+    assert (hit & ~certain).sum() <= doubtful * hit.sum()
+
+
+def test_lines_that_samples_do_not_tell_apart_are_ambiguous(renderer):
+    proof, view = proved(renderer, with_field(grid(Shape.HEXAHEDRON, 3), valley, 3), "straight on", [1e-8])
+    low = ranges(view, lambda points: points[..., 1] - 0.1003)
+    crossed = (low[0] < -1e-4) & (low[1] > 1e-4) & (proof.status != Status.MISS)
+    assert crossed.sum() > 30
+    assert not (proof.status[crossed & ~proof.taken] == Status.CERTAIN).any()
+    touched, _ = proved(renderer, with_field(grid(Shape.HEXAHEDRON, 3), valley, 3), "straight on", [0.0])
+    assert (touched.status[crossed] == Status.AMBIGUOUS).all()
+
+
+def test_nothing_is_proved_of_what_is_no_polynomial(renderer):
+    data = with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p[..., 1] - 0.47, 2)
+    proof, _ = proved(renderer, data, "straight on", [0.5], "1/u")
+    assert not proof.taken.any()
+    assert (proof.status == Status.AMBIGUOUS).any()
+
+
+def test_statistics_count_what_is_proved_where_they_are_asked_for(draw):
+    data = with_field(grid(Shape.HEXAHEDRON, 3), circles, 3)
+    style = Style(contours=Contours(values=(0.0225, 0.09)))
+    scene = {"objects": (CutSurface(PLANE, style),), "camera": CAMERAS["straight on"], "size": SIZE}
+    frame = draw(data, **scene, stats="counts.json")
+    counts = frame.stats["contours"]
+    assert sum(counts.values()) == frame.seen.sum()
+    assert 0.9 * frame.seen.sum() < counts["certain"] < frame.seen.sum()
+    assert "contours" not in draw(data, **scene).stats
