@@ -38,6 +38,8 @@ OWN = Path(__file__).parent / "shaders"
 
 def hard_wired(renderer: Renderer, part: Part, folder: Path) -> None:
     """Let the renderer's kernels name the type themselves: no interface, no linking of an extern type."""
+    import slangpy
+
     device = renderer.device
     sessions: dict[bool, Any] = {}
 
@@ -46,11 +48,13 @@ def hard_wired(renderer: Renderer, part: Part, folder: Path) -> None:
         if together not in sessions:
             path = folder / str(together)
             write_hard_wired(path, part, together, devices.ROWS[device.adapter.software])
-            sessions[together] = devices._session(device._device, [path])
+            options = slangpy.SlangCompilerOptions()
+            options.include_paths = [str(path)]
+            sessions[together] = device._device.create_slang_session(options)
         module = sessions[together].load_module(stage)
         entry = module.entry_point(stage.rsplit("_", maxsplit=1)[-1])
         program = sessions[together].link_program([module], [entry])
-        return devices.Kernel(device._device.create_compute_kernel(program), program)
+        return devices.Kernel(device._device.create_compute_kernel(program), program, device.watch)
 
     device._link = link  # type: ignore[method-assign]
 
