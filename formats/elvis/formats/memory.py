@@ -3,10 +3,27 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
+
+#: where Linux tells of control groups: containers, jobs of a batch system, units of systemd
+_GROUPS = Path("/sys/fs/cgroup")
+#: files of a group, in version 1 and 2: what it may use, what it uses, and the key of what of this is free on demand
+_FILES = {
+    1: ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    2: ("memory.max", "memory.current", "inactive_file"),
+}
 
 
 def free_memory() -> float:
-    """Bytes of memory that are free; all there are where the system doesn't tell, infinite where it tells neither."""
+    """Bytes of memory that are free, to the system and to the control groups of this process.
+
+    All there are where the system doesn't tell, infinite where it tells neither.
+    """
+    return min(_of_system(), *_of_groups())
+
+
+def _of_system() -> float:
+    """Bytes that are free on this machine."""
     try:
         with open("/proc/meminfo", encoding="ascii") as lines:
             return next(1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
@@ -14,3 +31,35 @@ def free_memory() -> float:
         names = os.sysconf_names if hasattr(os, "sysconf_names") else {}
         known = {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= names.keys()
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")) if known else float("inf")
+
+
+def _of_groups(process: Path = Path("/proc/self/cgroup"), groups: Path = _GROUPS) -> list[float]:
+    """Bytes that are free to each control group of a process that has a limit, and to those that hold it."""
+    try:
+        lines = process.read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError):
+        return [float("inf")]
+    found = [float("inf")]
+    for line in lines:
+        number, controllers, path = line.split(":", 2)
+        version = 2 if number == "0" else 1
+        if version == 2 or "memory" in controllers.split(","):
+            root = groups if version == 2 else groups / "memory"
+            own = root / path.strip("/")
+            # inside a container the path may be that of the machine, which isn't there
+            found += [_of_group(folder, version) for folder in (own, *own.parents) if folder.is_relative_to(root)]
+    return found
+
+
+def _of_group(folder: Path, version: int) -> float:
+    """Bytes that are free to one group; infinite where it has no limit."""
+    limit, used, reclaimable = _FILES[version]
+    try:
+        most, now = ((folder / name).read_text(encoding="ascii").strip() for name in (limit, used))
+        if most == "max":
+            return float("inf")
+        statistics = (folder / "memory.stat").read_text(encoding="ascii").split()
+        spare = int(statistics[statistics.index(reclaimable) + 1]) if reclaimable in statistics else 0
+        return max(0.0, float(int(most) - int(now) + spare))
+    except (OSError, ValueError):
+        return float("inf")
