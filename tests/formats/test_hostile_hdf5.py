@@ -6,6 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis.formats.errors import FormatError
+from elvis.formats.nektar.heaps import check_heaps
 from elvis.formats.nektar.strings_hdf5 import attribute_data
 
 
@@ -171,6 +173,26 @@ def test_heaps_that_would_make_the_library_loop_or_grow(hdf5_field, refused):
     length = int.from_bytes(original[free + 8 : free + 16], "little")
     patched(field, free + 8, (length - 64).to_bytes(8, "little"))
     refused(mesh, field, match=rf"damaged \(the heap at byte {heap}\)")
+
+
+@pytest.mark.parametrize("place", [8, 12, 13, (1 << 20) - 3, (1 << 20) + 5])
+def test_heaps_begin_anywhere(place, tmp_path):
+    heap = b"GCOL\x01\x00\x00\x00" + (4096).to_bytes(8, "little")
+    whole = bytes([1, 0, 0, 0, 0, 0, 0, 0]) + (4096 - 32).to_bytes(8, "little") + bytes(4096 - 32)
+    (tmp_path / "a.h5").write_bytes(bytes(place) + heap + whole)
+    check_heaps(tmp_path / "a.h5")
+    (tmp_path / "a.h5").write_bytes(bytes(place) + heap + bytes(4096 - 16))
+    with pytest.raises(FormatError, match=rf"damaged \(the heap at byte {place}\)"):
+        check_heaps(tmp_path / "a.h5")
+
+
+def test_a_root_that_cannot_be_looked_into(hdf5_field, refused):
+    mesh, field = hdf5_field
+    for part in (b"HEAP", b"TREE"):  # names and members of the root, which come first
+        original = field.read_bytes()
+        patched(field, original.index(part), b"none")
+        refused(mesh, field, match="the HDF5 data are damaged")
+        field.write_bytes(original)
 
 
 @pytest.mark.parametrize("name", ["SHAPE", "FIELDS", "NUMMODESPERDIR"])

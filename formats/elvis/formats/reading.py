@@ -103,7 +103,7 @@ class _Reader:
                 self.add(folder / name)
 
     def _add_hdf5(self, path: Path) -> None:
-        with hdf5.opened(path) as file:
+        with hdf5.opened(path) as file, hdf5.guarded():
             if "NEKTAR" not in file:
                 raise FormatError(f"expected a group NEKTAR, found none; {xml.OTHERS}", file=path)
             is_geometry = geometry_hdf5.is_geometry(file)

@@ -30,15 +30,19 @@ def check_heaps(path: Path) -> None:
 
 
 def _starts(file: BinaryIO) -> Iterator[int]:
-    """Where the signature stands, at multiples of eight bytes."""
+    """Where the signature stands; heaps need not begin at multiples of eight bytes."""
     base, block = 0, file.read(_STEP)
-    while block:
+    while len(block) >= len(_SIGNATURE):
         found = block.find(_SIGNATURE)
         while found >= 0:
-            if found % 8 == 0:
-                yield base + found
+            yield base + found
             found = block.find(_SIGNATURE, found + 1)
-        base, block = base + len(block), file.read(_STEP)
+
+        # a signature may lie across two blocks
+        kept = block[1 - len(_SIGNATURE) :]
+        base, block = base + len(block) - len(kept), kept + file.read(_STEP)
+        if len(block) == len(kept):
+            return
 
 
 def _is_filled(objects: bytes) -> bool:
