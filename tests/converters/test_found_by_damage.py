@@ -1,0 +1,136 @@
+"""What damaged files have shown: each fault that ended in a traceback, a hang or a crash, made small."""
+
+import shutil
+import struct
+from contextlib import suppress
+
+import h5py
+import numpy as np
+import pytest
+
+from elvis.converters.cgns import Cgns
+from elvis.converters.gmsh_binary import check
+from elvis.converters.hopr import Hopr
+from elvis.converters.ngsolve import NGSolve
+from elvis.converters.pyfr import PyFR
+from elvis.formats.distances.files import triangles_of
+from elvis.formats.errors import FormatError
+from elvis.renderer.hits import triangles
+
+
+def put(name, row, column, value):
+    def change(file):
+        values = file[name][()]
+        values[row, column] = value
+        file[name][...] = values
+
+    return change
+
+
+def instead(name, values):
+    def change(file):
+        attributes = dict(file[name].attrs)
+        del file[name]
+        file[name] = values
+        file[name].attrs.update(attributes)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (put("ElemInfo", 0, 2, 384), "ElemInfo: expected sides 0 to 383, found 6 to 389"),
+        (put("ElemInfo", 0, 2, -1), "ElemInfo: expected sides 0 to 383, found -1 to"),
+        (put("ElemInfo", 0, slice(4, 6), (-8, 0)), "ElemInfo: expected nodes 0 to 511, found -8 to"),
+        (put("ElemInfo", 0, slice(4, 6), (512, 520)), "ElemInfo: expected nodes 0 to 511, found"),
+        (instead("ElemInfo", np.zeros((64, 4), int)), "ElemInfo: expected 6 numbers an element, found 4"),
+        (instead("ElemInfo", np.zeros((1, 64, 6), int)), r"ElemInfo: expected whole numbers of shape \(n, n\), found"),
+        (instead("NodeCoords", np.zeros((511, 3))), r"NodeCoords: expected numbers of shape \(512, 3\), found"),
+        (instead("SideInfo", np.zeros(5)), "SideInfo: expected whole numbers"),
+        (instead("BCNames", np.zeros(5)), "BCNames: expected a list of strings"),
+        (lambda file: file.attrs.modify("Ngeo", 10**9), "Ngeo: expected an order from 1 to 30, found 1000000000"),
+        (lambda file: file.attrs.create("Ngeo", np.nan), "expected a number in the attribute Ngeo, found"),
+    ],
+)
+def test_meshes_of_hopr(solvers, tmp_path, change, sentence):
+    path = tmp_path / "a.h5"
+    shutil.copyfile(solvers / "hopr_flexi" / "cavity4x4x4_mesh.h5", path)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(FormatError, match=rf"a\.h5: {sentence}"):
+        Hopr([path])
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (instead("mesh-uuid", np.zeros(3)), "mesh-uuid: expected a list of strings"),
+        (instead("codec", np.zeros(3)), "codec: expected a list of strings"),
+        (
+            lambda file: file["eles/hex"].attrs.create("pts", np.zeros(3)),
+            r"expected points, found numbers of shape \(3,\)",
+        ),
+        (instead("nodes", np.zeros(3, [("location", "f8", (5,))])), r"nodes: expected places, found numbers of shape"),
+    ],
+)
+def test_meshes_of_pyfr(solvers, tmp_path, change, sentence):
+    path = tmp_path / "a.pyfrm"
+    shutil.copyfile(solvers / "pyfr" / "mixed3d_p3.pyfrm", path)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(FormatError, match=sentence):
+        PyFR([path]) if "uuid" not in sentence else PyFR([path, solvers / "pyfr" / "mixed3d_p3-01.pyfrs"])
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "sentence"),
+    [
+        ("hex_verts", np.float64(1.0), "hex_verts: expected numbers of 2 dimensions, found float64 of shape"),
+        ("hex_xyz", np.int64(1), "hex_xyz: expected numbers of 3 dimensions, found int64 of shape"),
+        ("hex_region", np.array("x"), r"hex_region: expected \d+ names, found \(\)"),
+        ("order", np.arange(36), r"order: expected orders from 0 to 30, found 0, 1, 2, 3, 4, 5, 6, 7, 8$"),
+        ("order", np.array("x"), "order: expected orders from 0 to 30, found none"),
+        ("time", np.zeros(3), "time: expected one number"),
+    ],
+)
+def test_samples_of_ngsolve(solvers, tmp_path, name, values, sentence):
+    with np.load(solvers / "ngsolve" / "hexprism_p3_hex.elems.npz") as file:
+        np.savez(tmp_path / "a.npz", **{**file, name: values})
+    with pytest.raises(FormatError, match=rf"a\.npz: {sentence}"):
+        NGSolve([tmp_path / "a.npz"])
+
+
+def test_a_netgen_mesh_whose_curves_are_of_others_is_refused_or_read(solvers, tmp_path):
+    pytest.importorskip("ngsolve")
+    text = (solvers / "ngsolve" / "ballbox_p4.vol").read_text()
+    assert text.count("\n1 4 118 124 133 183") == 1
+    (tmp_path / "a.vol").write_text(text.replace("\n1 4 118 124 133 183", "\n1 4 3 124 133 183"))
+    with suppress(FormatError):
+        NGSolve([tmp_path / "a.vol"])
+
+
+def test_names_of_cgns_that_are_no_text(solvers, tmp_path):
+    pytest.importorskip("gmsh")
+    path = tmp_path / "a.cgns"
+    shutil.copyfile(solvers / "cgns" / "gmsh_mixed_o2.cgns", path)
+    with h5py.File(path, "r+") as file:
+        file["gmsh_mixed_o2.cgns/S_1/wall/ data"][...] = np.full(4, -1, np.int8)
+        file["gmsh_mixed_o2.cgns/mixed_Part0/ZoneBC/S_2/FamilyName/ data"][...] = np.full(3, -1, np.int8)
+    assert len(Cgns([path]).blocks) == len(Cgns([solvers / "cgns" / "gmsh_mixed_o2.cgns"]).blocks)
+
+
+@pytest.mark.parametrize("count", [2**62, 2**64 - 1])
+def test_gmsh_sections_of_more_blocks_than_any_file(tmp_path, count):
+    head = b"$MeshFormat\n4.1 1 8\n" + struct.pack("<i", 1) + b"\n$EndMeshFormat\n"
+    blocks = struct.pack("<4Q", 1, 0, 0, 0) + struct.pack("<3iQ", 3, 1, 4, count)
+    raw = head + b"$Elements\n" + blocks + bytes(64) + b"\n$EndElements\n"
+    with pytest.raises(FormatError, match="expected as many bytes as its numbers ask for"):
+        check(tmp_path / "a.msh", raw, lambda kind: 4)
+
+
+@pytest.mark.parametrize("read", [triangles_of, triangles])
+def test_triangles_in_no_space(tmp_path, read):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n")
+    with pytest.raises(FormatError, match=r"a\.obj: expected"):
+        read(str(tmp_path / "a.obj"))
