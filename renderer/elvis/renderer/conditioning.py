@@ -14,6 +14,8 @@ EPSILON = float(np.finfo(np.float64).eps)
 _ROUNDINGS = 8
 #: part of a depth up to which it may be uncertain and yet certain, as in shaders/iso.slang
 MOST = 1e-8
+#: cosines, and heights in parts of the greatest coordinate, above which no ray runs along a plane
+_NEAR = 1e-6
 
 
 def misplaced(view: View, reach: float) -> float:
@@ -39,14 +41,16 @@ def doubted(status: NDArray[np.uint8], uncertain: Bools) -> NDArray[np.uint8]:
     return np.where(uncertain & (status == Status.CERTAIN), np.uint8(Status.AMBIGUOUS), status)
 
 
-def is_slanted(view: PlaneView, reach: float) -> bool:
-    """Whether rays run so nearly along a plane, or the eye is so near to it, that depths are uncertain at all pixels.
+def slanted(view: PlaneView, reach: float) -> Bools | None:
+    """(n,) pixels whose rays run so nearly along the plane that places on it are uncertain; None: none do.
 
-    The relative error is the same for all rays: from an eye at the height h over the plane, rounding over h.
+    From an eye that isn't near the plane such rays meet it far off.
     """
-    eye = np.asarray(view.camera.eye, dtype=np.float64)
-    height = abs(float((eye - view.plane.point) @ view.across))
-    if view.perspective:
-        return misplaced(view, reach) > MOST * height
+    greatest = reach + float(np.abs(view.camera.eye).max())
+    height = abs(float(np.subtract(view.camera.eye, view.plane.point) @ view.across))
     slope = abs(float(view.camera.basis()[2] @ view.across))
-    return misplaced(view, reach) > MOST * max(height, slope)
+    if (height > _NEAR * greatest) if view.perspective else (slope > _NEAR):
+        return None
+    directions = view.every_ray()[1]
+    cosine = np.abs(directions @ view.across) / np.linalg.norm(directions, axis=1)
+    return np.asarray(misplaced(view, reach) > MOST * greatest * cosine)

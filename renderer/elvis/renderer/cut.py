@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
+from elvis.renderer.conditioning import doubted, slanted
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.gaps import Gaps
 from elvis.renderer.layer import Layer
@@ -76,6 +77,9 @@ class Cutter:
             self.gaps.close(view, pixels, sections)
         with self.clock.stage("grant"):
             self._grant(pixels.granted, image)
+        uncertain = slanted(view, self.reach)
+        if uncertain is not None:
+            pixels.status = doubted(pixels.status, uncertain)
         for some, first in zip(every, self.first, strict=False):
             some["element"] += np.uint32(first)
         return Layer.of_cut(self.device, view, pixels, image, np.concatenate(every) if every else None)

@@ -9,7 +9,6 @@ import numpy as np
 
 from elvis.formats.arrays import Floats
 from elvis.plugins.volume import Part, Quantity
-from elvis.renderer.frame import Status
 from elvis.renderer.hits import Hits
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -27,7 +26,6 @@ class DistanceDrawer:
 
     def __init__(self, loaded: Loaded, solids: SolidDrawer) -> None:
         self.loaded, self.solids, self.traversal = loaded, solids, Traversal(loaded)
-        self._doubts = np.empty(0)
 
     def knows(self, quantity: str | None) -> bool:
         """Whether a quantity is a distance, and nothing else."""
@@ -37,21 +35,18 @@ class DistanceDrawer:
         """The nearest point of the isosurface that some element holds, as IsosurfaceDrawer.draw.
 
         Status: ambiguous where the distance was not found on both sides of the value within 1.6e-10 of the greatest
-        coordinate, and behind places where rays may have touched the surface.
+        coordinate, and behind places where rays may have touched the surface.  Within that, depths are uncertain.
         """
         key = (quantity, value)
         layer = self.solids.looked_up(view, key, partial(self._met, key=key), beyond)
-        hit = layer.owner != NOBODY
-        doubtful = np.isfinite(self._doubts) & (self._doubts <= layer.depth)
-        layer.status[doubtful & (layer.status != Status.FAILED)] = Status.AMBIGUOUS
-        return layer.showing(np.where(hit, value, np.nan))
+        return layer.showing(np.where(layer.owner != NOBODY, value, np.nan))
 
     def _of(self, quantity: str | None) -> Part | Quantity:
         part = self.loaded.parts[0]
         return part if quantity is None else part.quantities[quantity]
 
     def _met(self, view: View, key: tuple[str | None, float]) -> Hits:
-        """All places on rays through the box of the volume; what is doubtful is noted."""
+        """All places on rays through the box of the volume."""
         device = self.loaded.device
         kernel = device.kernel("iso_distance")
         low, high = self.loaded.box
@@ -61,10 +56,11 @@ class DistanceDrawer:
         doubts = np.full(view.count, np.inf)
         doubtful = found[found["doubtful"] != 0]
         np.minimum.at(doubts, doubtful["pixel"], doubtful["depth"])
-        self._doubts = doubts
         found = found[found["unseen"] == 0]
         found = found[np.lexsort([found["depth"], found["pixel"]])]
-        return Hits(found["pixel"].astype(np.int64), found["depth"].copy(), found["normal"].copy())
+        uncertainty = np.where(found["doubtful"] != 0, np.inf, found["uncertainty"])
+        pixel = found["pixel"].astype(np.int64)
+        return Hits(pixel, found["depth"].copy(), found["normal"].copy(), uncertainty, doubts)
 
 
 def _run(kernel: Kernel, count: int, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:

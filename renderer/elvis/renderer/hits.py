@@ -16,6 +16,8 @@ from elvis.renderer.view import View
 
 #: pairs of a triangle and a pixel that are looked at at once
 _AT_ONCE = 1 << 20
+#: rounding in the discriminants of quadrics, in parts of their terms
+_ROUNDING = 4e-15
 #: part of a triangle by which it is larger all round, so that no ray passes between two; hits of both are one
 _SEAM = 1e-12
 
@@ -27,11 +29,16 @@ class Hits:
     pixel   (n,)    row by row from the top
     depth   (n,)    as in Layer, greater than 0
     normal  (n, 3)  unit normals, towards either side
+    uncertainty  (n,) the true depths are within this; None: the surface is given in closed form
+    doubt   (m,)    for each pixel of the view the depth from which on something may have been overlooked, infinite
+                    where nothing was; None: nowhere
     """
 
     pixel: Ints
     depth: Floats
     normal: Floats
+    uncertainty: Floats | None = None
+    doubt: Floats | None = None
 
     @staticmethod
     def none() -> Hits:
@@ -41,6 +48,7 @@ class Hits:
 
 def hits(surface: Solid, view: View) -> Hits:
     """All hits of the view's rays with a surface in front of the eye."""
+    doubt = None
     if isinstance(surface, TriangleMesh):
         pixel, depth, normal = _triangle_hits(triangles(surface.file), view)
     else:
@@ -50,8 +58,9 @@ def hits(surface: Solid, view: View) -> Hits:
         which, pixel = np.nonzero((depths > 0.0) & np.isfinite(depths))
         depth = depths[which, pixel]
         normal = _gradient(surface, origins[pixel] + depth[:, None] * directions[pixel])
+        doubt = _touched(surface, origins, directions)
     order = np.lexsort([depth, pixel])
-    return Hits(pixel[order], depth[order], normal[order])
+    return Hits(pixel[order], depth[order], normal[order], doubt=doubt)
 
 
 def outside(surface: Solid, points: Floats) -> Floats:
@@ -100,15 +109,7 @@ def ray_depths(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, direc
         if isinstance(surface, Plane):
             normal = unit(surface.normal, "the normal of the plane")
             return np.asarray(((np.asarray(surface.point) - origins) @ normal) / (directions @ normal))[None]
-        matrix, center, level = _quadric(surface)
-
-        # from the point of the ray nearest to the center, so that a distant eye costs no digits
-        shift = np.einsum("ni,ni->n", center - origins, directions) / np.einsum("ni,ni->n", directions, directions)
-        start = origins - center + shift[:, None] * directions
-        a, b, c = (
-            np.einsum("ni,ij,nj->n", u, matrix, v) for u, v in ((directions,) * 2, (start, directions), (start,) * 2)
-        )
-        c -= level
+        a, b, c, _, start, shift = _along(surface, origins, directions)
         q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
         depths = [q / a, c / q]
     if isinstance(surface, Cone):
@@ -116,6 +117,38 @@ def ray_depths(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, direc
         for depth in depths:
             depth[~((start + depth[:, None] * directions) @ axis >= 0.0)] = np.nan
     return np.asarray(np.stack(depths) + shift)
+
+
+def _along(surface: Sphere | Cylinder | Cone, origins: Floats, directions: Floats) -> tuple[Floats, ...]:
+    """The quadric along rays, a t^2 + 2 b t + c, and the magnitudes that c is made of, all (n,).
+
+    Then its start (n, 3), from the centre, and that point's depth: the ray's nearest to the centre, so that a distant
+    eye costs no digits.
+    """
+    matrix, center, level = _quadric(surface)
+    shift = np.einsum("ni,ni->n", center - origins, directions) / np.einsum("ni,ni->n", directions, directions)
+    start = origins - center + shift[:, None] * directions
+    pairs = ((directions, directions), (start, directions), (start, start))
+    a, b, c = (np.einsum("ni,ij,nj->n", one, matrix, other) for one, other in pairs)
+    size = np.einsum("ni,ij,nj->n", np.abs(start), np.abs(matrix), np.abs(start)) + abs(level)
+    return a, b, c - level, size, start, shift
+
+
+def _touched(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, directions: Floats) -> Floats:
+    """(n,) depths from which on rays may touch the surface or miss it, as rounding has it; infinite for all others.
+
+    Roots of a quadratic are one where its discriminant is no greater than the rounding of what it is made of.
+    """
+    if isinstance(surface, Plane):
+        return np.full(len(origins), np.inf)
+    a, b, c, size, _, shift = _along(surface, origins, directions)
+    center = _quadric(surface)[1]
+    far = np.abs(origins).max(axis=1) + np.abs(center).max()
+    error = _ROUNDING * (b * b + np.abs(a) * (size + np.sqrt(size) * far))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = shift - (b + np.sqrt(error)) / a
+    touches = (np.abs(b * b - a * c) <= error) & np.isfinite(depth) & (depth > 0.0)
+    return np.where(touches, depth, np.inf)
 
 
 def _gradient(surface: Plane | Sphere | Cylinder | Cone, points: Floats) -> Floats:

@@ -7,7 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.renderer.conditioning import MOST, doubted, uncertainties
 from elvis.renderer.frame import Status
 from elvis.renderer.hits import Hits, hits
 from elvis.renderer.layer import Layer
@@ -16,6 +17,9 @@ from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder, Places
 from elvis.renderer.scene.surfaces import Solid
 from elvis.renderer.view import View
+
+#: part of the greatest coordinate by which places may be outside of the box of the volume and yet matter
+CLOSE = 1e-9
 
 
 class SolidDrawer:
@@ -51,21 +55,50 @@ class SolidDrawer:
             places.put(new, self.finder.find(_points(view, met.pixel[new], met.depth[new])))
             self._asked[new] = True
         layer = _layer(view, met, places, chosen)
+        _weigh(layer, view, met, chosen, self.loaded.reach)
+        if met.doubt is not None:
+            layer.doubt = met.doubt if beyond is None else np.where(met.doubt > beyond, met.doubt, np.inf)
+            doubtful = np.isfinite(layer.doubt) & (layer.doubt <= layer.depth) & (layer.status != Status.FAILED)
+            layer.status[doubtful] = Status.AMBIGUOUS
         failed = met.pixel[behind & (places.status == Status.FAILED)]
         layer.status[failed[layer.owner[failed] == NOBODY]] = Status.FAILED
         return layer
 
     def _near(self, met: Hits, view: View) -> Hits:
-        """The hits within the box of the volume."""
-        points = _points(view, met.pixel, met.depth)
+        """The hits within the box of the volume, and doubts that begin near it."""
         low, high = self.loaded.box
-        near = ((points >= low) & (points <= high)).all(axis=1)
-        return Hits(met.pixel[near], met.depth[near], met.normal[near])
+        near = _between(view, met.pixel, met.depth, low, high)
+        doubt, uncertainty = met.doubt, met.uncertainty
+        if doubt is not None:
+            pixel, room = np.flatnonzero(np.isfinite(doubt)), CLOSE * self.loaded.reach
+            outside = ~_between(view, pixel, doubt[pixel], low - room, high + room)
+            doubt = doubt.copy()
+            doubt[pixel[outside]] = np.inf
+        uncertainty = None if uncertainty is None else uncertainty[near]
+        return Hits(met.pixel[near], met.depth[near], met.normal[near], uncertainty, doubt)
+
+
+def _between(view: View, pixel: Ints, depth: Floats, low: Floats, high: Floats) -> Bools:
+    """(n,) whether places on rays lie in a box."""
+    points = _points(view, pixel, depth)
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 def _points(view: View, pixel: Ints, depth: Floats) -> Floats:
     origins, directions = view.rays(pixel % view.width, pixel // view.width)
     return np.asarray(origins + depth[:, None] * directions)
+
+
+def _weigh(layer: Layer, view: View, met: Hits, chosen: Ints, reach: float) -> None:
+    """Tell the uncertainty of the chosen hits; those of which depths are known too badly are no longer certain."""
+    pixel, depth = met.pixel[chosen], met.depth[chosen]
+    if met.uncertainty is None:
+        uncertainty = uncertainties(view, pixel, depth, met.normal[chosen], reach)
+    else:
+        uncertainty = met.uncertainty[chosen]
+    layer.uncertainty = np.full(view.count, np.nan)
+    layer.uncertainty[pixel] = np.where(layer.owner[pixel] == NOBODY, np.nan, uncertainty)
+    layer.status[pixel] = doubted(layer.status[pixel], ~(uncertainty <= MOST * np.maximum(depth, reach)))
 
 
 def _layer(view: View, met: Hits, places: Places, chosen: Ints) -> Layer:
