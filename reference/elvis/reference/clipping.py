@@ -10,7 +10,8 @@ from elvis.formats.arrays import Bools, Floats
 from elvis.reference.surfaces import levels
 from elvis.renderer.scene import Clip, Implicit
 
-#: what is nearer to the surface of a clip than this part of the scene's size lies on it, and stays
+#: what is nearer to the surface of a clip than this part of the scene's size, or of an expression's greatest value, is
+#: on it, and stays
 _ON = 1e-11
 
 
@@ -20,9 +21,23 @@ def clipped(clips: Sequence[Clip], points: Floats, values: Callable[[str], Float
     values  of an expression at the points, by its text
     size    of the scene in world units
     """
+    return _gone(clips, points, values, size, 1.0)
+
+
+def unsure(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float) -> Bools:
+    """(n,) which of the points lie so near to where they would be taken away, or stay, that either may be so."""
+    least, most = (_gone(clips, points, values, size, part) for part in (-2.0, 2.0))
+    on = _gone(clips, points, values, size, 0.01) if not any(isinstance(c.surface, Implicit) for c in clips) else least
+    return on & ~most
+
+
+def _gone(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float, part: float) -> Bools:
+    """As `clipped`, with this part of what lies on a surface."""
     gone = np.zeros(len(points), bool)
     for clip in clips:
-        own = clip.surface
+        own, scale = clip.surface, size
         outside = values(own.expression) if isinstance(own, Implicit) else levels(own, points)
-        gone |= (-outside if clip.away == "inside" else outside) > _ON * size
+        if isinstance(own, Implicit):
+            scale = float(np.abs(outside).max(initial=0.0, where=np.isfinite(outside)))
+        gone |= (-outside if clip.away == "inside" else outside) > part * _ON * scale
     return gone

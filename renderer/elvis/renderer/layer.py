@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.arrays import Bools, Floats
+from elvis.renderer.frame import Status
 from elvis.renderer.pixels import NOBODY, Pixels
 from elvis.renderer.view import PlaneView
 
@@ -100,6 +101,15 @@ class Layer:
             uncertainty=None if self.uncertainty is None else np.where(gone, np.nan, self.uncertainty),
             doubt=self.doubt,
         )
+
+    def clipped(self, gone: Bools, unsure: Bools) -> Layer:
+        """The layer without its hits in the pixels ``gone`` (n,); where that is ``unsure`` (n,), they may be there."""
+        layer = self.without(gone)
+        doubt = np.full(len(gone), np.inf) if self.doubt is None else self.doubt
+        layer.doubt = np.where(unsure, np.minimum(doubt, self.depth), doubt)
+        status = np.where(unsure & (layer.status != Status.FAILED), np.uint8(Status.AMBIGUOUS), layer.status)
+        layer.status = np.where(gone & np.isfinite(doubt), np.uint8(Status.AMBIGUOUS), status)
+        return layer
 
     def on(self, device: Device, name: str) -> Buffer:
         """One of the arrays on a device, which it is brought to once."""

@@ -10,9 +10,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.formats.arrays import Bools, Floats, Ints
 from elvis.formats.errors import ElvisError
 from elvis.renderer.compositing import Coats
+from elvis.renderer.conditioning import uncertainties
 from elvis.renderer.contour_proof import ContourProof
 from elvis.renderer.frame import Legend, Status
 from elvis.renderer.layer import Layer
@@ -25,8 +26,8 @@ from elvis.renderer.stages import Sheet, Stages
 from elvis.renderer.view import View
 from elvis.renderer.volume_rendering import Medium
 
-#: part of a depth within which two hits of surfaces in closed form may lie either way
-SAME = 1e-14
+#: part of a depth within which it is asked whether either of two hits may be the nearer one
+NEAR = 2e-8
 #: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
 Key: TypeAlias = tuple[str, str, object]
 Drawn: TypeAlias = list[tuple[Sheet, Layer]]
@@ -42,39 +43,58 @@ def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> Layer:
         return drawn[0][1]
     best, opacity = Layer.empty(view.count), np.zeros(view.count)
     best.uncertainty = np.full(view.count, np.nan)
-    failed = np.zeros(view.count, bool)
-    for sheet, layer in drawn:
+    failed, source = np.zeros(view.count, bool), np.full(view.count, -1)
+    for number, (sheet, layer) in enumerate(drawn):
         failed |= layer.status == Status.FAILED
         nearer = (sheet.style.opacity == opacity) & (layer.depth < best.depth)
         better = np.flatnonzero((layer.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
-        opacity[better] = sheet.style.opacity
+        opacity[better], source[better] = sheet.style.opacity, number
         for name in ("owner", "field", "depth", "status", *(("reference", "normal") if whole else ())):
             getattr(best, name)[better] = getattr(layer, name)[better]
         best.uncertainty[better] = np.nan if layer.uncertainty is None else layer.uncertainty[better]
     for sheet, layer in drawn:
-        best.status[_rivals(layer, best, sheet.style.opacity, opacity)] = Status.AMBIGUOUS
+        counts = sheet.style.opacity >= opacity
+        best.status[_overlooked(layer, best, counts, sheet.style.opacity > opacity)] = Status.AMBIGUOUS
+        pixel = np.flatnonzero(_beside(layer, best) & counts)
+        around = _uncertain(layer, view, pixel)
+        for other in np.unique(source[pixel]):
+            here = source[pixel] == other
+            around[here] += _uncertain(drawn[other][1], view, pixel[here])
+        close = np.abs(layer.depth[pixel] - best.depth[pixel]) <= around
+        best.status[pixel[close]] = Status.AMBIGUOUS
     best.status[failed] = Status.FAILED
     return best
 
 
-def _rivals(layer: Layer, best: Layer, own: float, opacity: Floats) -> Bools:
-    """(n,) where a layer of some opacity may have what should be there in place of the best hits and their opacities.
+def _overlooked(layer: Layer, best: Layer, counts: Bools, more: Bools) -> Bools:
+    """(n,) where a layer may have overlooked what should be there in place of the best hits.
 
-    Hits at exactly the same depth are no rivals: of these the first object's counts.
+    counts, more  (n,) where it is as opaque as these at least, and where it is more so
     """
     missing = (layer.status == Status.AMBIGUOUS) & (layer.owner == NOBODY)
     doubt = np.where(missing, 0.0, np.inf) if layer.doubt is None else layer.doubt
-    counts = (best.owner == NOBODY) | (own > opacity) | (own == opacity) & (doubt <= best.depth)
+    before = (best.owner == NOBODY) | more | counts & (doubt <= best.depth)
+    return np.asarray(np.isfinite(doubt) & before)
 
-    # hits of infinite uncertainty have a doubt that begins before them
-    around = np.zeros(len(opacity))
-    for one in (layer, best):
-        if one.uncertainty is not None:
-            around += np.nan_to_num(one.uncertainty, posinf=0.0)
+
+def _beside(layer: Layer, best: Layer) -> Bools:
+    """(n,) where a layer's hit may be nearer than the best one; at the same depth the first object's counts."""
     with np.errstate(invalid="ignore"):
-        close = np.abs(layer.depth - best.depth) <= around + SAME * best.depth
-    close &= (own == opacity) & (layer.owner != NOBODY) & (layer.depth != best.depth)
-    return np.asarray(np.isfinite(doubt) & counts | close)
+        apart = np.abs(layer.depth - best.depth)
+    return np.asarray((apart > 0.0) & (apart <= NEAR * best.depth) & (layer.owner != NOBODY))
+
+
+def _uncertain(layer: Layer, view: View, pixel: Ints) -> Floats:
+    """(k,) the uncertainties of hits in pixels (k,), those of surfaces in closed form by their normals.
+
+    Where they are infinite there is a doubt, too, which begins before the hit.
+    """
+    depth = layer.depth[pixel]
+    origins, directions = view.rays(pixel % view.width, pixel // view.width)
+    reach = float(np.abs(origins + depth[:, None] * directions).max(initial=0.0))
+    known = np.full(len(pixel), np.nan) if layer.uncertainty is None else layer.uncertainty[pixel]
+    rounded = uncertainties(view, pixel, depth, layer.normal[pixel], reach)
+    return np.where(np.isnan(known), rounded, np.nan_to_num(known, posinf=0.0))
 
 
 class Painter:

@@ -266,29 +266,53 @@ class Stages:
         while through > FAINT:
             layer = sheet.draw(view, beyond)
             hit = layer.owner != NOBODY
-            gone = self.clipped(layer, view, [clip for clip in clips if clip.surface != sheet.surface])
-            yield layer.without(gone) if gone.any() else layer
+            gone, unsure = self.clipped(layer, view, [clip for clip in clips if clip.surface != sheet.surface])
+            yield layer.clipped(gone, unsure) if gone.any() or unsure.any() else layer
             through *= 1.0 - sheet.style.opacity if not gone.any() else 1.0
             further = hit if sheet.style.opacity < 1.0 else gone
             if sheet.once or not further.any():
                 return
             beyond = np.where(further, layer.depth + SAME * (self.loaded.reach + np.abs(layer.depth)), np.inf)
 
-    def clipped(self, layer: Layer, view: View, clips: Sequence[Clip]) -> Bools:
-        """(n,) hits that lie where nothing is to be shown."""
-        gone = np.zeros(view.count, bool)
+    def clipped(self, layer: Layer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools]:
+        """(n,) hits that lie where nothing is to be shown, and (n,) those of which that is not certain."""
+        gone, unsure = np.zeros((2, view.count), bool)
         hit = np.flatnonzero(layer.owner != NOBODY)
         if not clips or not len(hit):
-            return gone
+            return gone, unsure
         origins, directions = view.rays(hit % view.width, hit // view.width)
         points = origins + layer.depth[hit, None] * directions
+        room = CLOSE * self.loaded.reach
+        around = np.zeros(len(hit)) if layer.uncertainty is None else layer.uncertainty[hit]
         for clip in clips:
             if isinstance(clip.surface, Implicit):
-                distance = sampled(self.loaded, layer, clip.surface.expression)[hit]
+                distance, close = self._height(layer, clip.surface.expression, hit)
+                near = np.abs(distance) <= 2.0 * close
             else:
-                distance = outside(clip.surface, points)
-            gone[hit] |= (-distance if clip.away == "inside" else distance) > CLOSE * self.loaded.reach
-        return gone
+                # what lies on the surface stays, and what is nearer to it than rounding tells
+                distance, close = outside(clip.surface, points), np.full(len(hit), room)
+                away = -distance if clip.away == "inside" else distance
+                near = (away > 0.01 * room) & (away <= 2.0 * room) | (np.abs(distance) <= around) & (around > room)
+            gone[hit] |= (-distance if clip.away == "inside" else distance) > close
+            unsure[hit] |= near
+        return gone, unsure
+
+    def _height(self, layer: Layer, expression: str, hit: Ints) -> tuple[Floats, Floats]:
+        """(k,) the values of an expression at hits (k,) of a layer, and what of them may be none: what is rounding, and
+        what they change by as near to the hit as surfaces are taken for one."""
+        values, close = sampled(self.loaded, layer, expression)[hit], np.zeros(len(hit))
+        part = np.searchsorted(self.loaded.first, layer.owner[hit], side="right") - 1
+        traversal, room = self.volumes.traversal, 2.0 * CLOSE * self.loaded.reach
+        for number in np.unique(part):
+            here, own = part == number, self.loaded.parts[number]
+            if traversal.degree(number, expression) == 0:
+                close[here] = CLOSE * np.nan_to_num(np.abs(values[here])).max(initial=0.0)
+                continue
+            element = layer.owner[hit[here]] - self.loaded.first[number]
+            boxes = own.boxes[element].astype(np.float64)
+            steepest = traversal.steepest(number, expression, 0.0)[element] / (boxes[:, 3:] - boxes[:, :3]).min(axis=1)
+            close[here] = 4.0 * traversal.rounding(number, expression, 0.0)[element] + room * steepest
+        return values, close
 
 
 def _drawer_of_faces(loaded: Loaded, dataset: Dataset | None, volume: Volume) -> FaceDrawer:

@@ -16,7 +16,7 @@ from elvis.formats.errors import ElvisError
 from elvis.formats.mapping.locate import Locator
 from elvis.formats.patch import Patch
 from elvis.plugins.opening import Opened
-from elvis.reference.clipping import clipped
+from elvis.reference.clipping import clipped, unsure
 from elvis.reference.composing import Fog, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
@@ -130,7 +130,10 @@ class Scenery:
             case _:
                 return Crossings.none()
         found = found.weighed(view, self._greatest(view))
-        found = found.part(~self._clipped(found, scene, view))
+        if scene.clip:
+            asked = self._places(found, view), lambda name: found.values(name, self.quantities), self.size
+            found.status[unsure(scene.clip, *asked) & (found.status == Status.CERTAIN)] = Status.AMBIGUOUS
+            found = found.part(~clipped(scene.clip, *asked))
         return found.once(self.quantities.patches, self.size)
 
     def _levels(self, name: str, values: Sequence[float], view: View) -> Crossings:
@@ -161,12 +164,11 @@ class Scenery:
         if any(patch.dimension != 3 for patch in self.quantities.patches):
             raise ElvisError(f"the reference draws {what} of volumes only, found elements of two dimensions")
 
-    def _clipped(self, found: Crossings, scene: Scene, view: View) -> Bools:
-        """(k,) hits that clips take away."""
+    def _places(self, found: Crossings, view: View) -> Floats:
+        """(k, 3) world points of hits."""
         row, column = np.divmod(found.pixel, view.width)
         origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
-        points = origins + found.depth[:, None] * directions
-        return clipped(scene.clip, points, lambda name: found.values(name, self.quantities), self.size)
+        return np.asarray(origins + found.depth[:, None] * directions)
 
     def frame(self, scene: Scene, view: View) -> Frame:
         """The picture."""
