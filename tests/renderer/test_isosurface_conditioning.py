@@ -125,6 +125,23 @@ def test_a_flat_surface_costs_few_pieces(renderer):
     assert drawer.counts["pieces"] < 200
 
 
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PYRAMID])
+def test_a_pair_of_surfaces_seen_from_within_costs_few_pieces(renderer, shape):
+    """Two planes 2^-8 apart: pieces next to the eye's plane, beside the picture, are not halved to the end."""
+    data = exact(shape, lambda p: (p[:, 2] - 0.375) * (p[:, 2] - 0.375 - 2.0**-8))
+    camera = Camera((0.5, 0.6, 0.45), (0.45, 1.3, 0.2), (1.0, 0.0, 0.0), fov=90.0)
+    view = View.through(camera, (24, 20))
+    drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
+    layer = drawer.draw(view, None, 0.0)
+    assert drawer.counts["pieces"] < 400
+    depth, inside = places(view, 2, 0.375 + 2.0**-8)
+    seen = (inside > 1e-9) & (depth > 0)
+    assert seen.sum() > 100
+    assert (layer.status[seen] == Status.CERTAIN).mean() > 0.95
+    right = np.abs(layer.depth - depth) <= layer.uncertainty
+    assert right[seen & (layer.status == Status.CERTAIN)].all()
+
+
 def test_what_lies_behind_a_doubtful_surface_is_not_certain(draw):
     """The surface z = 1/2, flat, hides a plane below it."""
     data = exact(Shape.HEXAHEDRON, lambda p: height(p) ** 3, 1.0, 1.0)
