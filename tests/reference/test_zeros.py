@@ -86,6 +86,12 @@ def test_functions_that_are_no_polynomials():
     assert np.abs(np.sort(found.place) - (np.arange(20) + 1 / np.pi) / 20).max() < 1e-10
     kink = zeros(lambda which, x: np.abs(x - 0.37) - 0.1, 6, np.full(1, DIGITS))
     assert np.abs(np.sort(kink.place[~kink.rough]) - [0.27, 0.47]).max() < 1e-12
+    touched = zeros(lambda which, x: np.abs(x - 0.37), 6, np.full(1, DIGITS))
+    assert touched.double.all()
+    assert len(touched.which) > 0
+    assert np.abs(touched.place - 0.37).max() < 1e-4
+    pole = zeros(lambda which, x: 1 / (x - 0.37) ** 2 - 4, 6, np.full(1, DIGITS))
+    assert not pole.double.any()
     with np.errstate(invalid="ignore"):
         none = zeros(lambda which, x: np.sqrt(x - 0.5) + 1, 6, np.full(1, DIGITS))
     assert not len(none.which)

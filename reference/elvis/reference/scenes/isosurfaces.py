@@ -99,7 +99,7 @@ class _Search:
         # what is uncertain may lie on either side of a border
         shift = np.where(stays, 2 * np.minimum(uncertainty, width) * np.abs(along).max(axis=1), 0.0)
         margin = margins_of(self.patch, reference)
-        here = np.flatnonzero((margin >= -TOLERANCE - shift) & (depth > 0) & (stays | ~found.rough))
+        here = np.flatnonzero((margin >= -TOLERANCE - shift) & (depth > 0) & (stays | ~found.rough | found.double))
         doubt: Bools = (margin <= TOLERANCE + shift) | ~np.isfinite(uncertainty)
         status = np.where(doubt, Status.AMBIGUOUS, Status.CERTAIN).astype(np.uint8)
         number = np.full(len(depth), self.number)

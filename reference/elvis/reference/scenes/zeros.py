@@ -79,7 +79,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
     accuracy  (n,) of each function, in parts of its coefficients' sum
     noise     values this small may be zero
     """
-    count, errors = len(accuracy), accuracy
+    count, errors, usual = len(accuracy), accuracy, accuracy
     degree, found = max(degree + 2, _LEAST), []
     parts = _Parts(np.arange(count), np.zeros(count), np.ones(count))
     for depth in range(_PARTED + 1):
@@ -90,7 +90,8 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
         coefficients = values @ _transform(degree)
         rest = np.abs(coefficients[:, -2:]).sum(axis=1)
         size = np.abs(coefficients).sum(axis=1)
-        errors = accuracy * size + noise if depth == 0 else errors
+        if depth == 0:
+            errors, usual = accuracy * size + noise, np.median(np.abs(values), axis=1)
         inexact = errors[parts.which]
         ready = rest <= np.maximum(_RESOLVED * size, inexact)
         # what is left in the last coefficients, rounding not least, is in all others too
@@ -101,9 +102,14 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
         open_ = ~ready & ~(np.abs(coefficients[:, 0]) > 3 * np.abs(coefficients[:, 1:]).sum(axis=1))
         if depth == _PARTED:
             with np.errstate(invalid="ignore"):
-                open_ &= ~((values > 0).all(axis=1) | (values < 0).all(axis=1)) & ~np.isnan(values).all(axis=1)
-            left = parts.some(open_)
+                same = (values > 0).all(axis=1) | (values < 0).all(axis=1)
+                small = np.abs(values).max(axis=1) <= usual[parts.which]
+            left = parts.some(open_ & ~same & ~np.isnan(values).all(axis=1))
             found.append(left.zeros(np.zeros(len(left.which)), rough=True))
+
+            # a kink may touch zero, where a pole is far from it
+            touched = parts.some(open_ & same & small)
+            found.append(touched.zeros(np.zeros(len(touched.which)), double=True, rough=True))
         parts = parts.some(open_).halves()
     return Zeros.joined(found)
 
