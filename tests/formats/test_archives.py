@@ -25,11 +25,18 @@ def archived(path, packing=zipfile.ZIP_DEFLATED, **members):
 
 
 def test_arrays_come_out_as_they_were_saved(tmp_path):
-    arrays = {"a": np.arange(6.0).reshape(2, 3), "b": np.array(["x", "yz"]), "c": np.asfortranarray(np.eye(3)), "d": 1}
+    arrays = {
+        "z": np.ones(3),
+        "a": np.arange(6.0).reshape(2, 3),
+        "b": np.array(["x", "yz"]),
+        "c": np.asfortranarray(np.eye(3)),
+        "d": 1,
+    }
     for save in (np.savez, np.savez_compressed):
         save(tmp_path / "a.npz", **arrays)
         assert names_in(tmp_path / "a.npz") == set(arrays)
         with Archive(tmp_path / "a.npz") as archive:
+            assert archive.names == tuple(arrays)
             for name, array in arrays.items():
                 assert np.array_equal(archive[name], array)
 

@@ -40,7 +40,7 @@ def test_each_kind_of_failure_is_noticed(tmp_path, body, kind):
         "work.PATIENCE = 1.0\nsound = reading.coloured\n"
         f"def bad(paths):\n    sound(paths)\n    if paths[0].read_bytes() != before:\n        {body}\n"
         "import corpus\nbefore = corpus.PALETTE.encode()\nreading.coloured = bad\n"
-        f"sys.argv[1:] = ['--only', 'palette', '--small', '--cases', '30', '--keep', {str(tmp_path / 'kept')!r}]\n"
+        f"sys.argv[1:] = ['--only', 'palette', '--small', '--cases', '4', '--keep', {str(tmp_path / 'kept')!r}]\n"
         "sys.exit(run.main())\n"
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}

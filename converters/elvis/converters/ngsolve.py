@@ -222,4 +222,4 @@ class NGSolve(Converter):
 def _load(path: Path) -> dict[str, Any]:
     """The arrays of an archive that are known."""
     with Archive(path) as archive:
-        return {name: archive[name] for name in sorted(archive.names) if _KNOWN.fullmatch(name)}
+        return {name: archive[name] for name in archive.names if _KNOWN.fullmatch(name)}

@@ -116,7 +116,7 @@ def _apart(path: Path, link: Path, fields: Mapping[str, tuple[str, str, int]], s
     if outcome.status:
         raise FormatError(f"expected a mesh that NGSolve reads, found {outcome.reason}", file=path)
     with Archive(out) as archive:
-        return {name: archive[name] for name in sorted(archive.names)}
+        return {name: archive[name] for name in archive.names}
 
 
 def in_library(request: dict[str, Any]) -> None:

@@ -49,7 +49,7 @@ def names_in(path: Path) -> frozenset[str]:
         if not zipfile.is_zipfile(path):
             return frozenset()
         with zipfile.ZipFile(path) as archive:
-            return _names(archive)
+            return frozenset(_names(archive))
     except (FormatError, *_DAMAGES):
         return frozenset()
 
@@ -57,7 +57,7 @@ def names_in(path: Path) -> frozenset[str]:
 class Archive:
     """An archive that is open; nothing in it is executed.
 
-    names  of its arrays
+    names  of its arrays, in their order
     what   is expected, as messages say it
     FormatError, here and where arrays are read, for what is damaged or holds less than it says.
     """
@@ -119,5 +119,5 @@ class Archive:
             raise FormatError(f"expected {self._what}, found: {reason}", file=self._path, place=place) from error
 
 
-def _names(archive: zipfile.ZipFile) -> frozenset[str]:
-    return frozenset(name.removesuffix(_SUFFIX) for name in archive.namelist() if name.endswith(_SUFFIX))
+def _names(archive: zipfile.ZipFile) -> tuple[str, ...]:
+    return tuple(name.removesuffix(_SUFFIX) for name in archive.namelist() if name.endswith(_SUFFIX))

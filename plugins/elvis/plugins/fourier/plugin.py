@@ -105,7 +105,7 @@ def _bounds(amplitudes: Floats) -> tuple[Floats, Floats]:
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of an archive that are known; FormatError where one can't be read."""
     with Archive(path) as file:
-        known = (*_NEEDED, "time", *sorted(name for name in file.names if name.startswith(_PREFIX)))
+        known = (*_NEEDED, "time", *(name for name in file.names if name.startswith(_PREFIX)))
         return {name: file[name] for name in known if name in file.names or name in _NEEDED}
 
 
