@@ -29,7 +29,7 @@ def main():
     options = parsed()
     names = options.only or list(FAMILIES)
     counts = {name: Count() for name in names}
-    gallery = Gallery(options.device)
+    gallery = Gallery(options.device, options.limit)
     try:
         run(gallery, options, counts)
     finally:
@@ -43,6 +43,7 @@ def parsed():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pixels", type=float, default=1e7, help="pixels in all, spread over the families (1e7)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so many minutes")
+    parser.add_argument("--limit", type=float, default=600.0, help="seconds after which a picture is given up (600)")
     parser.add_argument("--seed", type=int, default=1, help="of the sequences of cases (1)")
     parser.add_argument("--case", type=int, help="the case of this number alone")
     parser.add_argument("--only", action="append", choices=list(FAMILIES), metavar="FAMILY", help=", ".join(FAMILIES))
@@ -72,9 +73,10 @@ def one(gallery, options, name, number, count):
     case = case_of(name, options.seed, number, size)
     found = gallery.count(case)
     found.first = [f"{name}, case {number}: {sentence}" for sentence in found.first]
+    found.slow = [f"{name}, case {number}: {sentence}" for sentence in found.slow]
     count.add(found)
     if options.verbose:
-        counted = (found.pixels, found.wrong, found.ambiguous, found.failed)
+        counted = (found.pixels, found.wrong, found.ambiguous, found.failed, found.given_up)
         print(name, number, *counted, f"{found.seconds:.1f} s", flush=True)
 
 
@@ -90,13 +92,14 @@ def report(counts, options):
     """The table, and what was wrong first."""
     lines = [sentences(description("auto" if options.device == "reference" else options.device)), ""]
     lines += [f"Device {options.device}, seed {options.seed}.", ""]
-    lines += ["| family | cases | pixels | wrong and certain | ambiguous | failed | ambiguous in ordinary scenes | s |"]
-    lines += ["|---|---|---|---|---|---|---|---|"]
+    titles = ["family", "cases", "pixels", "wrong and certain", "ambiguous", "failed", "ambiguous in ordinary scenes"]
+    lines += ["| " + " | ".join([*titles, "given up", "s"]) + " |"]
+    lines += ["|---|---|---|---|---|---|---|---|---|"]
     for name, count in {**counts, "all": summed(counts)}.items():
         part = f"{count.ordinary_ambiguous / count.ordinary:.4%} of {count.ordinary:,}" if count.ordinary else "-"
         row = [name, count.cases, f"{count.pixels:,}", count.wrong, count.ambiguous, count.failed, part]
-        lines.append("| " + " | ".join(map(str, [*row, round(count.seconds)])) + " |")
-    first = [sentence for count in counts.values() for sentence in count.first[:10]]
+        lines.append("| " + " | ".join(map(str, [*row, count.given_up, round(count.seconds)])) + " |")
+    first = [sentence for count in counts.values() for sentence in [*count.first[:10], *count.slow[:10]]]
     return "\n".join([*lines, *([""] if first else []), *(f"- {sentence}" for sentence in first)])
 
 

@@ -15,6 +15,7 @@ class Count:
     pixels     whose rays come near the domain
     wrong      certain (hit or missed), but not so
     first      sentences about the first wrong pixel of cases that have any
+    given_up   cases that took longer than they were given, which are not counted otherwise; their names are in ``slow``
     ordinary, ordinary_ambiguous  pixels of ordinary scenes, and those of them that are ambiguous
     """
 
@@ -27,6 +28,8 @@ class Count:
     ordinary_ambiguous: int = 0
     seconds: float = 0.0
     first: list = field(default_factory=list)
+    given_up: int = 0
+    slow: list = field(default_factory=list)
 
     def add(self, other):
         """Add another count to this one."""

@@ -1,5 +1,6 @@
 """Drawing cases on a device, and judging them."""
 
+from dataclasses import replace
 from time import perf_counter
 from zlib import crc32
 
@@ -24,11 +25,18 @@ def case_of(family, seed, number, size=None):
     return make(np.random.default_rng([seed, crc32(family.encode()), number]), size=size or usual)
 
 
-class Gallery:
-    """A device kept open for many pictures; ``reference`` is NumPy."""
+class GivenUpError(ElvisError):
+    """A picture that took longer than it was given."""
 
-    def __init__(self, device="auto"):
-        self.device = device
+
+class Gallery:
+    """A device kept open for many pictures; ``reference`` is NumPy.
+
+    limit  seconds after which a picture is given up; None waits for ever
+    """
+
+    def __init__(self, device="auto", limit=None):
+        self.device, self.limit = device, limit
         self.renderer = None if device == "reference" else Renderer(device)
 
     def close(self):
@@ -36,7 +44,12 @@ class Gallery:
             self.renderer.device.close()
 
     def frame(self, data, scene):
-        """The frame of a scene; one of misses where the scene is refused since nothing would be seen."""
+        """The frame of a scene; one of misses where the scene is refused since nothing would be seen.
+
+        GivenUpError where it takes too long.
+        """
+        start = perf_counter()
+        scene = replace(scene, timeout=self.limit)
         try:
             if isinstance(data, Dataset):
                 scene = completed(data, scene)
@@ -48,6 +61,8 @@ class Gallery:
                 self.renderer.show(volume_of(data, quantities(scene)), data)
             return self.renderer.render(scene)
         except SceneError as error:
+            if self.limit is not None and perf_counter() - start > self.limit:
+                raise GivenUpError(str(error)) from error
             return _nothing(scene, str(error))
 
     def count(self, case):
@@ -55,6 +70,8 @@ class Gallery:
         start = perf_counter()
         try:
             frame = case.draw(self, case) if case.draw else self.frame(case.data, Scene(**case.scene))
+        except GivenUpError as error:
+            return Count(given_up=1, seconds=perf_counter() - start, slow=[f"{case.name}: {error}"])
         except ElvisError as error:
             pixels = int(np.prod(case.scene.get("size", (1, 1))))
             return Count(1, pixels, failed=pixels, first=[f"{case.name}: {error}"], seconds=perf_counter() - start)
