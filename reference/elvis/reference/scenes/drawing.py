@@ -27,7 +27,7 @@ from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.twins import TwinLocator, TwinQuantities
 from elvis.reference.scenes.volumes import between_kinks, gathered, visible
-from elvis.reference.scenes.ways import beginnings, ways_through
+from elvis.reference.scenes.ways import beginnings, ways_through, without_overlaps
 from elvis.reference.selection import chosen_faces
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
@@ -205,9 +205,10 @@ class Scenery:
             (name, colored(item.transfer, scene, ranges.get(name))) for name, item in zip(names, shown, strict=True)
         ]
         found, begun = [], beginnings(lambda: self.locator, view, self.box)
-        for number, patch in enumerate(self.quantities.patches):
-            ways = ways_through(number, patch, view, self.size, begun).between(cuts)
-            ways = visible(ways, patch, self.quantities, scene.clip, view, self.size)
+        patches = self.quantities.patches
+        every = [ways_through(number, patch, view, self.size, begun) for number, patch in enumerate(patches)]
+        for patch, own in zip(patches, without_overlaps(every, self.size), strict=True):
+            ways = visible(own.between(cuts), patch, self.quantities, scene.clip, view, self.size)
             ways = between_kinks(ways, patch, self.quantities, looks, view)
             color, alpha = gathered(ways, patch, self.quantities, looks, view, self.size)
             found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))

@@ -87,7 +87,7 @@ def _parted(ways: Ways, along: Callable[[Ways, Floats], Floats], levels: Sequenc
     order = np.lexsort([at, owner])
     owner, at = owner[order], at[order]
     first = np.flatnonzero(owner[1:] == owner[:-1])
-    return _cut(ways, owner[first], at[first], at[first + 1])
+    return ways.cut(owner[first], at[first], at[first + 1])
 
 
 def _sampled(ways: Ways, along: Callable[[Ways, Floats], Floats]) -> tuple[Ints, Floats, Floats]:
@@ -107,13 +107,6 @@ def _sampled(ways: Ways, along: Callable[[Ways, Floats], Floats]) -> tuple[Ints,
     share, value = np.concatenate([np.tile(even, len(ways)), turn]), np.concatenate([values.ravel(), summits])
     order = np.lexsort([share, owner])
     return owner[order], share[order], value[order]
-
-
-def _cut(ways: Ways, own: Ints, low: Floats, high: Floats) -> Ways:
-    """Parts (m,) of ways, each from one share of its way to another."""
-    near, far = (ways.near[own] + end * (ways.far - ways.near)[own] for end in (low, high))
-    first, last = (ways.first[own] + end[:, None] * (ways.last - ways.first)[own] for end in (low, high))
-    return Ways(ways.pixel[own], ways.row[own], near, far, first, last)
 
 
 def gathered(

@@ -18,6 +18,8 @@ from elvis.renderer.frame import Status
 from elvis.renderer.view import View
 
 _STEPS = 12
+#: part of the scene's size that ways may share of a ray by rounding alone
+_SHARED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,12 @@ class Ways:
         beyond = Ways(self.pixel[which], self.row[which], depth, self.far[which], middle, self.last[which])
         return Ways(self.pixel, self.row, self.near, far, self.first, last).and_also(beyond)
 
+    def cut(self, own: Ints, low: Floats, high: Floats) -> Ways:
+        """Parts (m,) of ways of numbers ``own``, each from one share of its way to another."""
+        near, far = (self.near[own] + end * (self.far - self.near)[own] for end in (low, high))
+        first, last = (self.first[own] + end[:, None] * (self.last - self.first)[own] for end in (low, high))
+        return Ways(self.pixel[own], self.row[own], near, far, first, last)
+
     def at(self, shares: Floats) -> Floats:
         """(k, m) depths at shares (k, m) of the ways."""
         return np.asarray(self.near[:, None] + shares * (self.far - self.near)[:, None])
@@ -89,6 +97,31 @@ def ways_through(
     middle = 0.5 * (found.near + found.far)
     start, points = 0.5 * (found.first + found.last), points_of(view, found.pixel, middle)
     return found.part(margins_of(patch, followed(patch, found.row, start, points)) > -1e-9)
+
+
+def without_overlaps(parts: Sequence[Ways], size: float) -> list[Ways]:
+    """The ways of several patches; of what two share of a ray, which runs in the face between them, the first has all.
+
+    size  of the scene in world units
+    """
+    pixel, near, far = (np.concatenate([getattr(part, name) for part in parts]) for name in ("pixel", "near", "far"))
+    order = np.lexsort([far, near, pixel])
+    rank = np.arange(len(order)) - np.searchsorted(pixel[order], pixel[order])
+
+    # how far each ray is known to have come, by turns of its ways
+    begin, reached = near.copy(), np.full(int(pixel.max(initial=0)) + 1, -np.inf)
+    for turn in range(int(rank.max(initial=-1)) + 1):
+        own = order[rank == turn]
+        before = reached[pixel[own]]
+        begin[own] = np.where(before > near[own] + _SHARED * size, before, near[own])
+        reached[pixel[own]] = np.maximum(before, far[own])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        low = np.nan_to_num((begin - near) / (far - near))
+    found = []
+    for part, some in zip(parts, np.split(low, np.cumsum([len(part) for part in parts])[:-1]), strict=True):
+        left = np.flatnonzero(some < 1.0)
+        found.append(part.cut(left, some[left], np.ones(len(left))))
+    return found
 
 
 def beginnings(locator: Callable[[], Locator], view: View, box: Floats) -> Crossings:
