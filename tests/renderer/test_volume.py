@@ -143,6 +143,14 @@ def test_curved_elements_turned_inside_out_have_the_same_chords(gather, shape):
     assert lengths[0].max() > 0.99
 
 
+def test_curved_elements_beside_the_picture_send_no_light(gather):
+    """No tile of the picture has an element in it."""
+    view = View.through(Camera((9.0, 9.0, 5.0), (9.0, 9.0, 0.0), (0.0, 1.0, 0.0), height=0.9), SIZE)
+    light = gather(with_field(curved(grid(Shape.HEXAHEDRON, 2), sheared, 3), lambda p: p[:, 0], 3), view, EVEN)
+    assert not light.alpha.any()
+    assert not light.lost.any()
+
+
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_integrals_in_curved_elements_converge_with_the_error_asked_for(gather, shape):
     """Heights s become z = 1.3 s - 0.3 s^2, so that s bends along the ray; density and red are 3 s, seen from above."""

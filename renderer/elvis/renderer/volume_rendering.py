@@ -283,6 +283,8 @@ class _March:
     def bands(self) -> Iterator[NDArray[Any]]:
         """Groups of tiles whose lists have room together."""
         places = np.unique(np.concatenate([_place(some.tiles) for some in self.parts]))
+        if not len(places):
+            return
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in self.parts:
             rows[some.listed, np.searchsorted(places, _place(some.tiles))] += some.rows

@@ -72,9 +72,16 @@ class Gallery:
             frame = case.draw(self, case) if case.draw else self.frame(case.data, Scene(**case.scene))
         except GivenUpError as error:
             return Count(given_up=1, seconds=perf_counter() - start, slow=[f"{case.name}: {error}"])
-        except ElvisError as error:
+        except Exception as error:
+            # a crash is a failure of all pixels, and the next case follows
             pixels = int(np.prod(case.scene.get("size", (1, 1))))
-            return Count(1, pixels, failed=pixels, first=[f"{case.name}: {error}"], seconds=perf_counter() - start)
+            return Count(
+                1,
+                pixels,
+                failed=pixels,
+                first=[f"{case.name}: {type(error).__name__}: {error}"],
+                seconds=perf_counter() - start,
+            )
         found = case.count(case, frame)
         found.seconds = perf_counter() - start
         return found
@@ -86,6 +93,6 @@ def _nothing(scene, why):
     shape = (view.height, view.width)
     nan = np.full(shape, np.nan)
     vectors = np.full((*shape, 3), np.nan)
-    drawing = Drawing(np.full(shape, np.inf), vectors, np.ones((*shape, 3)), ())
+    drawing = Drawing(np.full(shape, np.inf), vectors, np.broadcast_to(scene.background, (*shape, 3)), ())
     missed = np.full(shape, Status.MISS, np.uint8)
     return Frame(scene, view, nan, np.full(shape, -1), vectors, missed, {"remarks": [why]}, drawing)
