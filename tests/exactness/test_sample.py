@@ -21,7 +21,7 @@ SAMPLE = {
     "isosurfaces: near pairs": (2,),
     "volumes": (5,),
     "waves": (1,),
-    "probes": (0, 1, 2, 3),
+    "probes": (0, 1, 2, 3, 5),
 }
 
 

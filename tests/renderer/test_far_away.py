@@ -27,3 +27,17 @@ def test_no_point_between_two_elements_is_certainly_outside(draw, count):
     assert inside.sum() > 200
     assert (frame.status[inside] != Status.MISS).all()
     assert (frame.status == Status.MISS).mean() > 0.1
+
+
+def test_no_probe_between_two_elements_is_certainly_outside(renderer):
+    near = grid(Shape.TRIANGLE, 2)
+    shift = SHIFT * [1, 1, 0]
+    far = replace(near, vertices=near.vertices + shift)
+    device = renderer("vulkan")
+    device.load(with_field(far, lambda points: (points - shift)[:, 1], 4), "u")
+    x, y = (side.ravel() for side in np.meshgrid(np.arange(1, 64) / 64, np.arange(1, 64) / 64))
+    points = np.column_stack([x, y, np.zeros_like(x)]) + shift
+    places = device.probe(points)
+    assert (places.status != Status.MISS).all()
+    outside = device.probe(np.add(points, (1.0, 0.0, 0.0)))
+    assert (outside.status == Status.MISS).all()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -18,13 +18,10 @@ from elvis.renderer.frame import Status
 from elvis.renderer.gaps import Gaps, beside
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.pixels import BORDER, NOBODY, UNKNOWN, Pixels, settle
+from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import tiles_of
 from elvis.renderer.view import PlaneView
-
-#: unit roundings by which a coordinate may be off
-_ROUNDINGS = 8
 
 
 @dataclass
@@ -47,7 +44,7 @@ class Cutter:
     def __init__(self, loaded: Loaded) -> None:
         self.device, self.parts, self.buffers = loaded.device, loaded.parts, loaded.buffers
         self.first, self.reach = loaded.first, loaded.reach
-        self.gaps, self.far = Gaps(self.parts), _is_far(self.parts, loaded.reach)
+        self.gaps, self.far = Gaps(self.parts), loaded.is_far
         self.clock = Clock()
         self.tiles = 0
         self.references = True
@@ -161,15 +158,6 @@ class Cutter:
         for name in ("pixel", "element", "field", "reference"):
             claims[name] = every[name][last]
         kernel(len(claims), {"claims": self.device.buffer(claims), **image})
-
-
-def _is_far(parts: Sequence[Part], reach: float) -> bool:
-    """Whether coordinates up to ``reach`` are rounded by more than the tolerance of borders, in parts of the domain."""
-    if not len(parts):
-        return False
-    boxes = np.concatenate([part.boxes.astype(np.float64) for part in parts])
-    size = float((boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0)).max())
-    return bool(_ROUNDINGS * np.finfo(np.float64).eps * reach > BORDER * size)
 
 
 def _doubt_cracks(pixels: Pixels, view: PlaneView) -> None:

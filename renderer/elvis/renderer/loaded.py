@@ -14,6 +14,10 @@ from elvis.formats.arrays import Floats
 from elvis.plugins.volume import Part, Volume
 from elvis.renderer.device import Buffer, Device
 from elvis.renderer.fitting import surrounding
+from elvis.renderer.pixels import BORDER
+
+#: unit roundings by which a coordinate may be off
+_ROUNDINGS = 8
 
 
 class Loaded:
@@ -41,6 +45,16 @@ class Loaded:
     def box(self) -> Floats:
         """(2, 3) low and high corner of a box that holds all elements."""
         return surrounding([part.boxes for part in self.parts])
+
+    @property
+    def rounding(self) -> float:
+        """How far coordinates may be off by rounding, in world units."""
+        return _ROUNDINGS * float(np.finfo(np.float64).eps) * self.reach
+
+    @cached_property
+    def is_far(self) -> bool:
+        """Whether coordinates are rounded by more than the tolerance of borders, in parts of the size of the domain."""
+        return bool(self.parts) and bool(self.rounding > BORDER * float(np.ptp(self.box, axis=0).max()))
 
     def bound(self, number: int, quantity: str | None = None) -> dict[str, Buffer]:
         """The buffers of a part, or of one of its quantities, by name."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,19 @@ class Finder:
         self._buffers = [self._uploaded(tree) for tree in self._trees]
 
     def find(self, points: Floats) -> Places:
-        """Places of world points (n, 3)."""
+        """Places of world points (n, 3); those that rounding may have put outside of all elements are ambiguous."""
+        places = self._found(points)
+        missed = np.flatnonzero(places.status == Status.MISS)
+        if self._loaded.is_far and len(missed):
+            near = np.zeros(len(missed), bool)
+            for corner in product((-1.0, 1.0), repeat=self._loaded.dimension):
+                step = np.append(corner, np.zeros(3 - len(corner))) * self._loaded.rounding
+                near |= self._found(np.asarray(points, np.float64)[missed] + step).element >= 0
+            places.status[missed[near]] = Status.AMBIGUOUS
+        return places
+
+    def _found(self, points: Floats) -> Places:
+        """Places of world points (n, 3) as coordinates are rounded."""
         device, count = self._loaded.device, len(points)
         start = np.zeros(count, self._kernels[0].dtype("places"))
         start["element"] = NOBODY
