@@ -4,15 +4,16 @@ RUN   := .venv/bin/python
 AREAS := formats plugins converters renderer reference
 READY := .venv/.ready
 
-.PHONY: help demo test lint bench exactness fuzz setup clean
+.PHONY: help demo test check lint bench exactness fuzz setup clean
 
 help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
 	@echo "make test    set up, then lint, check the types and run every test"
+	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff and mypy alone"
 	@echo "make bench   the benchmarks, a printed table"
-	@echo "make exactness  certain pixels against closed forms, ten million of them: hours"
-	@echo "make fuzz    a hundred thousand damaged files through every reader, 500 broken runs: an hour"
+	@echo "make exactness   certain pixels against closed forms, ten million of them: hours"
+	@echo "make fuzz        a hundred thousand damaged files through every reader, 500 broken runs: an hour"
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"
 
@@ -22,6 +23,9 @@ demo: $(READY)
 test: lint
 	@sh tools/browser.sh
 	@$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+
+check: lint
+	@$(RUN) -m pytest -m "not long" --numprocesses auto --maxprocesses 4 --dist worksteal
 
 lint: $(READY)
 	@$(RUN) -m ruff check

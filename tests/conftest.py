@@ -6,6 +6,19 @@ import pytest
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nektar"
 #: processor seconds of ``job`` on the machine for which limits were chosen
 JOB_SECONDS = 0.045
+#: modules of more than about ten processor seconds with nothing compiled: ``make check`` leaves them out
+LONG = (Path(__file__).parent / "long.txt").read_text(encoding="utf-8").split()
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "long: in a module of many seconds, which `make check` leaves out")
+
+
+def pytest_collection_modifyitems(items):
+    here = Path(__file__).parent
+    for item in items:
+        if str(item.path.relative_to(here).with_suffix("")) in LONG:
+            item.add_marker("long")
 
 
 @pytest.fixture(scope="session")

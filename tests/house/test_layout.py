@@ -25,6 +25,12 @@ def test_every_area_has_its_page_and_its_types(root, area):
     assert [folder.name for folder in (root / area / "elvis").iterdir() if folder.name != "__pycache__"] == [area]
 
 
+def test_modules_that_are_called_long_are_there(root):
+    names = (root / "tests" / "long.txt").read_text(encoding="utf-8").split()
+    assert len(names) > 10
+    assert [name for name in names if not (root / "tests" / f"{name}.py").is_file()] == []
+
+
 @pytest.mark.parametrize("pattern", [REGISTRIES, MACHINE_PATHS], ids=["registry", "machine path"])
 def test_files_name_no_registry_and_no_machine(root, project_files, pattern):
     found = []
