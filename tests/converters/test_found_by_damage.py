@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from elvis.converters.cgns import Cgns
+from elvis.converters.gmf_files import KEYWORDS, GmfFile
 from elvis.converters.gmsh_binary import check
 from elvis.converters.hopr import Hopr
 from elvis.converters.ngsolve import NGSolve
@@ -127,6 +128,15 @@ def test_gmsh_sections_of_more_blocks_than_any_file(tmp_path, count):
     raw = head + b"$Elements\n" + blocks + bytes(64) + b"\n$EndElements\n"
     with pytest.raises(FormatError, match="expected as many bytes as its numbers ask for"):
         check(tmp_path / "a.msh", raw, lambda kind: 4)
+
+
+def test_gmf_solutions_of_more_nodes_than_any_file(tmp_path):
+    name = next(name for name, keyword in KEYWORDS.items() if keyword.solution == "ho")
+    header = struct.pack("<5i", 1, 2, 3, 20, 3)  # version 2; the next section begins at byte 20
+    solution = struct.pack("<7i", KEYWORDS[name].code, 0, 1, 1, 1, 3, 2**31 - 1)
+    (tmp_path / "a.solb").write_bytes(header + solution + bytes(64))
+    with pytest.raises(FormatError, match=r"a\.solb: .*: expected 2147483647 numbers a row, found fewer"):
+        GmfFile(tmp_path / "a.solb")
 
 
 @pytest.mark.parametrize("read", [triangles_of, triangles])

@@ -164,6 +164,7 @@ def test_fields_that_contradict_themselves(changes, message, copied, refused):
     [
         ([('HOMOGENEOUSZIDS="0,1,2,3,4,5,6,7"', 'HOMOGENEOUSZIDS="0,1,2"')], "expected 768 numbers, found more"),
         ([('HOMOGENEOUSZIDS="0,1,2,3', 'HOMOGENEOUSZIDS="0,0,2,3')], "expected ids of Fourier modes, each once"),
+        ([('HOMOGENEOUSZIDS="0,1,2,3', 'HOMOGENEOUSZIDS="0,9223372036854775807,2,3')], "from 0 to 65535, found 9223"),
         ([('LENGTHS="1"', 'LENGTHS="-1"')], r"expected 1 lengths above zero, found -1\.0"),
         ([('LENGTHS="1"', 'LENGTHS="1,2"')], "expected 1 lengths above zero, found 1.0, 2.0"),
         ([('HOMOGENEOUSLENGTHS="1"', "")], "expected 1 lengths above zero, found none"),

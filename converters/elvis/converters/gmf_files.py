@@ -229,6 +229,8 @@ class _Binary:
             if keyword.solution == "ho":
                 degree, nodes = self._take("i", name), self._take("i", name)
             reals = file.width(types, name) * nodes
+        if reals > len(self.raw):
+            raise FormatError(f"expected {reals} numbers a row, found fewer", file=file.path, place=name)
         record = np.dtype(
             [
                 ("reals", f"{self.order}f{file.real_size}", (max(reals, 0),)),

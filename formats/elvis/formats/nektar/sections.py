@@ -23,6 +23,7 @@ from elvis.formats.shapes import Shape
 _SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")
 _ROWS_AT_ONCE = 1 << 14
 _MOST_COEFFICIENTS = 1 << 50
+_MOST_FOURIER_MODES = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +129,12 @@ def _homogeneous(
         raise FormatError(f"expected Fourier bases in homogeneous directions, found {wrong[0]}")
     if len(lengths) != len(bases) or not all(0 < length < np.inf for length in lengths):
         raise FormatError(f"expected {len(bases)} lengths above zero, found {', '.join(map(str, lengths)) or 'none'}")
-    if len(bases) == 1 and not z_ids and 0 < modes[0] <= 1 << 20:
+    if len(bases) == 1 and not z_ids and 0 < modes[0] <= _MOST_FOURIER_MODES:
         z_ids = tuple(range(int(modes[0])))  # files from before the ids were written
     if not z_ids or len(set(zip(y_ids, z_ids, strict=False) if y_ids else z_ids)) < len(z_ids):
         raise FormatError(f"expected ids of Fourier modes, each once, found {len(z_ids)}")
+    if beyond := [number for number in (*y_ids, *z_ids) if not 0 <= number < _MOST_FOURIER_MODES]:
+        raise FormatError(f"expected ids of Fourier modes from 0 to {_MOST_FOURIER_MODES - 1}, found {beyond[0]}")
     if len(bases) == 2 and len(y_ids) != len(z_ids):
         raise FormatError(f"expected as many y ids as z ids, found {len(y_ids)} and {len(z_ids)}")
     return Homogeneous(bases, lengths, z_ids, y_ids if len(bases) == 2 else (), strips)
