@@ -218,24 +218,33 @@ class Failing(Cubes):
         raise ZeroDivisionError("no elements")
 
 
-def test_a_plugin_that_throws_when_asked_is_left_out_with_a_word(monkeypatch):
+@pytest.fixture
+def opened(tmp_path, monkeypatch):
+    """An empty file that the plugins here open, in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.cubes", "a.txt"):
+        Path(name).touch()
+    return Path("a.cubes")
+
+
+def test_a_plugin_that_throws_when_asked_is_left_out_with_a_word(opened, monkeypatch):
     monkeypatch.setattr(opening, "installed", lambda: {"throwing": Throwing, "cubes": Cubes})
     said = []
-    assert open_files([Path("a.cubes")], report=said.append).name == "cubes"
+    assert open_files([opened], report=said.append).name == "cubes"
     assert said == ["plugin throwing is left out: asked for a.cubes it raises KeyError: 'magic'"]
     assert open_files([Path("a.txt")]) is None
 
 
-def test_a_plugin_that_throws_when_it_opens_is_named(monkeypatch):
+def test_a_plugin_that_throws_when_it_opens_is_named(opened, monkeypatch):
     monkeypatch.setattr(opening, "installed", lambda: {"failing": Failing})
     with pytest.raises(PluginError, match=r"plugin failing: opening a\.cubes: ZeroDivisionError: no elements"):
-        open_files([Path("a.cubes")])
+        open_files([opened])
 
 
-def test_of_several_plugins_the_user_chooses(monkeypatch):
+def test_of_several_plugins_the_user_chooses(opened, monkeypatch):
     monkeypatch.setattr(opening, "installed", lambda: {"cubes": Cubes, "dice": Cubes})
     with pytest.raises(ElvisError, match=r"a\.cubes: cubes and dice open them all; choose one with --plugin"):
-        open_files([Path("a.cubes")])
+        open_files([opened])
 
 
 def test_plugins_that_do_not_load_leave_the_others_alone(miniature):
@@ -249,11 +258,11 @@ def test_plugins_that_do_not_load_leave_the_others_alone(miniature):
         ("x = 1", "expected one subclass of elvis.plugins.source.VolumeSource, found 0"),
     ],
 )
-def test_a_file_without_a_plugin_is_refused(tmp_path, text, sentence):
+def test_a_file_without_a_plugin_is_refused(opened, tmp_path, text, sentence):
     path = tmp_path / "mine.py"
     path.write_text(text)
     with pytest.raises(PluginError, match=sentence):
-        open_files([Path("a.cubes")], str(path))
+        open_files([opened], str(path))
 
 
 def test_the_command_shows_file_and_line_of_a_compile_error(tmp_path):
