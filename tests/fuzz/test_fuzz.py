@@ -18,8 +18,15 @@ def run(*arguments):
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 
 
+#: our own readers: what the others' libraries take in memory differs from machine to machine, and is for ``make fuzz``
+OWN = (
+    "native XML,native HDF5,scene toml,scene yaml,scene json,palette,triangles,"
+    "points,record,fourier,nurbs,elvisdat,nek,gmf"
+)
+
+
 def test_damaged_files_are_read_or_refused(tmp_path):
-    done = run("--small", "--cases", "900", "--seed", "14", "--keep", str(tmp_path))
+    done = run("--small", "--cases", "900", "--seed", "14", "--only", OWN, "--keep", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
 
 
