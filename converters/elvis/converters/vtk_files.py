@@ -15,8 +15,7 @@ import numpy as np
 from elvis.converters.trial import attempt
 from elvis.formats.arrays import Floats, Ints
 from elvis.formats.errors import FormatError
-from elvis.formats.files import check_plain, content, leading
-from elvis.formats.nektar.stored_hdf5 import RATIO
+from elvis.formats.files import DEFLATE_RATIO, check_plain, content, leading
 from elvis.plugins.recognition import found_instead
 
 #: how much of a file tells what it is
@@ -160,8 +159,8 @@ def _check_counts(path: Path, size: int) -> None:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
         end = raw.find(b"<AppendedData")
         for found in _COUNT.finditer(raw, 0, end if end >= 0 else len(raw)):
-            if int(found[2]) > size * RATIO:
-                expected = f"at most {size * RATIO}, as {size} bytes hold"
+            if int(found[2]) > size * DEFLATE_RATIO:
+                expected = f"at most {size * DEFLATE_RATIO}, as {size} bytes hold"
                 place = found[1].decode("ascii")
                 raise FormatError(f"expected {expected}, found {int(found[2])}", file=path, place=place)
 

@@ -19,10 +19,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from elvis.formats.errors import FormatError
-from elvis.formats.files import check_plain
+from elvis.formats.files import DEFLATE_RATIO, check_plain
 
-#: no deflate stream holds more than this many bytes for each of its own
-_RATIO = 1032
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _SUFFIX = ".npy"
 
@@ -88,7 +86,7 @@ class Archive:
         """FormatError where a member can't be as large as it says, or its array is of another size."""
         member = self._archive.getinfo(name + _SUFFIX)
         held = min(member.compress_size, self._path.stat().st_size)
-        ratio = _RATIO if member.compress_type == zipfile.ZIP_DEFLATED else 1
+        ratio = DEFLATE_RATIO if member.compress_type == zipfile.ZIP_DEFLATED else 1
         if member.compress_type not in _PACKINGS or member.file_size > ratio * held:
             raise FormatError(f"expected {member.file_size} bytes as declared, found {held} packed ones")
         shape, dtype, start = self._header(name)

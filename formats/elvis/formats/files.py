@@ -8,6 +8,9 @@ from pathlib import Path
 
 from elvis.formats.errors import FormatError
 
+#: no deflate stream holds more than this many bytes for each of its own
+DEFLATE_RATIO = 1032
+
 _OTHERS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFCHR: "a device",

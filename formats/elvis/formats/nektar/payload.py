@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.formats.errors import FormatError
+from elvis.formats.files import DEFLATE_RATIO
 from elvis.formats.nektar.sources import ALWAYS_ALLOWED, GREATEST_RATIO
 
 ENCODING = "B64Z-LittleEndian"
 
-#: no deflate stream holds more than this many bytes for each of its own
-_DEFLATE_RATIO = 1032
 _STEP = 1 << 18
 _BLANKS = b" \t\r\n\f\v\0"
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
@@ -58,7 +57,7 @@ def decode(text: memoryview, width: int) -> NDArray[np.uint8]:
 
 def possible_bytes(text: memoryview) -> int:
     """The most bytes that a payload of this many characters can hold."""
-    return _DEFLATE_RATIO * len(text)
+    return DEFLATE_RATIO * len(text)
 
 
 def encode(arrays: Iterable[NDArray[np.generic]]) -> Iterator[bytes]:

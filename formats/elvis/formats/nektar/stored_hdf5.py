@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elvis.formats.errors import FormatError
+from elvis.formats.files import DEFLATE_RATIO
 from elvis.formats.nektar.strings_hdf5 import attribute_data, check_lengths
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
-#: no deflate stream holds more than this many bytes for each of its own, and no other filter is let to hold more
-RATIO = 1032
 _GREATEST_ATTRIBUTE = 1 << 20
 
 
@@ -29,7 +28,8 @@ def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> N
     stored = found.id.get_storage_size()
     is_packed = found.id.get_create_plist().get_nfilters() > 0
     chunk = math.prod(found.chunks) * size if found.chunks else 0
-    if max(claimed, chunk if is_packed else 0) > stored * (RATIO if is_packed else 1):
+    # no other filter is let to hold more than deflate
+    if max(claimed, chunk if is_packed else 0) > stored * (DEFLATE_RATIO if is_packed else 1):
         raise FormatError(f"expected {claimed} bytes as declared, found {stored} stored", place=place)
     if is_packed and stored > 2 * max(claimed, chunk) + (1 << 20) and count is None:
         raise FormatError(f"expected at most {claimed} bytes packed, found {stored} stored", place=place)
