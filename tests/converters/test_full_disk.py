@@ -13,6 +13,7 @@ import pytest
 from elvis.converters.exporting import exported
 from elvis.formats import Dataset, ElvisError, Shape, write
 from elvis.formats.columns import write_columns
+from elvis.formats.nektar.hdf5_output import created
 from elvis.formats.nrrd import Grid, write_nrrd
 from elvis.formats.testing import approximated, grid
 
@@ -93,3 +94,17 @@ def test_a_full_disk_names_the_file_and_leaves_the_old(dataset, tmp_path, name, 
     assert capfd.readouterr() == ("", "")
     WRITERS[name](dataset, path)
     assert path.stat().st_size == whole
+
+
+def test_what_no_longer_fits_on_the_disk_can_be_read_while_it_is_written(tmp_path):
+    """The library reads what it has written before; what it would find on the disk is not there."""
+
+    def written_and_read():
+        with created(tmp_path / "u.h5") as file:
+            file["a"] = file["b"] = np.arange(40000.0)
+            file.flush()
+            assert np.array_equal(file["a"][:], np.arange(40000.0))
+            file.attrs["complete"] = True
+
+    with files_up_to(1000), pytest.raises(OSError, match="File too large"):
+        written_and_read()
