@@ -30,15 +30,19 @@ BYTES, BYTES_AT_ONCE = {True: 216, False: 8}, 400
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Rows of a picture, drawn with some more above and below, as lines look around.
+    """Rows of a picture, drawn with a margin of pixels on all sides, as lines look around.
 
     rows   of the picture
-    inner  the same rows in the view
+    inner  rows and columns of the same pixels in the view
     """
 
     rows: slice
-    inner: slice
+    inner: tuple[slice, slice]
     view: View
+
+    def cropped(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The picture's own pixels (h, w[, 3]) of the values (n[, 3]) of all pixels of the view."""
+        return values.reshape(self.view.height, self.view.width, *values.shape[1:])[self.inner]
 
 
 @dataclass(eq=False)
@@ -81,7 +85,7 @@ class Canvas:
         kept: dict[int, Drawn] = {}
         for band in first:
             drawn = self._drawn(band.view)
-            self.painter.note(drawn)
+            self.painter.note(drawn, band.cropped)
             room -= band.view.count * len(drawn)
             kept |= {band.rows.start: drawn} if room >= 0 else {}
         for band in bands:
@@ -101,25 +105,21 @@ class Canvas:
         return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)
 
     def _bands(self) -> Iterator[Band]:
-        """Bands of ``most`` pixels at most, and the rows around that lines need."""
-        view = self.view
+        """Bands of ``most`` pixels at most, and the pixels around that lines need, also beyond the picture's edge."""
+        view, margin = self.view, self.painter.reach
         rows = max(1, self.most // view.width)
         for top in range(0, view.height, rows):
             end = min(view.height, top + rows)
-            low, high = max(0, top - self.painter.reach), min(view.height, end + self.painter.reach)
-            window = view.window(0, low, view.width, high - low)
-            yield Band(slice(top, end), slice(top - low, end - low), window)
+            window = view.window(-margin, top - margin, view.width + 2 * margin, end - top + 2 * margin)
+            inner = slice(margin, margin + end - top), slice(margin, margin + view.width)
+            yield Band(slice(top, end), inner, window)
 
     def _fill(self, band: Band, drawn: Drawn) -> None:
         """Record and paint one band."""
-        self.painter.note(drawn)
-        shape, rows = (band.view.height, band.view.width), band.rows
+        self.painter.note(drawn, band.cropped)
+        rows, inner = band.rows, band.cropped
         record = record_of(drawn, band.view, whole=self.records)
-        self.undefined += int(np.count_nonzero(~np.isfinite(record.field) & (record.owner != NOBODY)))
-
-        def inner(values: Any) -> Any:
-            return values.reshape(*shape, *values.shape[1:])[band.inner]
-
+        self.undefined += int(np.count_nonzero(inner(~np.isfinite(record.field) & (record.owner != NOBODY))))
         color = inner(self._colors(drawn, band.view))
         if self._proves:
             found = inner(self.painter.contour_status(drawn, band.view))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,19 +109,23 @@ class Painter:
         self._seen: dict[str, tuple[float, float]] = {}
         self._palettes: dict[Key, Palette] = {}
 
-    def note(self, drawn: Drawn) -> None:
-        """Let the ranges of what is seen hold the values of some layers."""
+    def note(self, drawn: Drawn, cropped: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
+        """Let the ranges of what is seen hold the values of some layers.
+
+        cropped  leaves of an array of all pixels those of the picture
+        """
         for sheet, layer in drawn:
-            self._note(sheet.quantity, layer.field)
-            self._shown |= {id(sheet)} if (layer.owner != NOBODY).any() else set()
+            self._note(sheet.quantity, cropped(layer.field))
+            self._shown |= {id(sheet)} if (cropped(layer.owner) != NOBODY).any() else set()
             contours = sheet.style.contours
             if contours and contours.count and self._of_contours(sheet) != sheet.quantity:
                 quantity = self._of_contours(sheet)
-                self._note(quantity, self.stages.resampled(layer, "", quantity).field)
+                self._note(quantity, cropped(self.stages.resampled(layer, "", quantity).field))
 
     def _note(self, quantity: str | None, values: Floats) -> None:
         """Of all finite values the least and the greatest are kept."""
-        least, most = np.fmin.reduce(values, initial=np.inf), np.fmax.reduce(values, initial=-np.inf)
+        least = np.fmin.reduce(values, axis=None, initial=np.inf)
+        most = np.fmax.reduce(values, axis=None, initial=-np.inf)
         if np.isinf(least) or np.isinf(most):
             finite = values[np.isfinite(values)]
             least, most = finite.min(initial=np.inf), finite.max(initial=-np.inf)
@@ -246,7 +250,7 @@ class Painter:
 
     @property
     def reach(self) -> int:
-        """Rows around a pixel that its lines depend on."""
+        """Pixels around one that its lines depend on, in each direction."""
         styles = [item.style for item in self.scene.every_object if not isinstance(item, VolumeRendering)]
         lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
         return max((int(np.ceil(0.5 * line.width)) + 2 for line in lines), default=0)
