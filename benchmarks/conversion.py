@@ -20,9 +20,9 @@ from cases import bend
 from million import Diary
 from tables import Table, mebibytes, seconds
 
+from elvis.core.arrays import Floats, Ints
+from elvis.core.testing import grid
 from elvis.formats import Dataset, Shape, write
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.testing import grid
 
 #: converters, and the libraries that make and read their files
 FORMATS = {"gmsh": "gmsh", "vtk": "vtkmodules"}
@@ -116,7 +116,7 @@ def lattice(cells: int, order: int, nodes: Floats) -> tuple[Floats, Ints]:
     nodes  (m, 3) reference coordinates in [0, 1] of an element's nodes
     """
     mesh, side = grid(Shape.TETRAHEDRON, cells), order * cells + 1
-    from elvis.formats.mapping.orientation import local_vertices
+    from elvis.core.mapping.orientation import local_vertices
 
     corners = mesh.vertices[local_vertices(mesh, Shape.TETRAHEDRON)]
     weights = np.column_stack([1 - nodes.sum(axis=1), nodes])

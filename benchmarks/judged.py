@@ -22,9 +22,9 @@ from time import process_time
 
 import numpy as np
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.ranges import field_range
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.converting import convert
 from elvis.plugins.discovery import chosen, installed, with_defaults

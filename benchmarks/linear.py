@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.core.arrays import Floats, Ints
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.expansion import values
 from elvis.formats import Dataset
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.patch import Patch, patches
-from elvis.formats.polynomials.expansion import values
 from elvis.renderer import Plane
 from elvis.renderer.view import View
 

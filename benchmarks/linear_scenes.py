@@ -8,10 +8,10 @@ import linear
 import numpy as np
 from measuring import Timing, once
 
+from elvis.core.arrays import Floats, Ints
+from elvis.core.patch import patches
+from elvis.core.polynomials.expansion import values
 from elvis.formats import Dataset, Shape
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.patch import patches
-from elvis.formats.polynomials.expansion import values
 from elvis.plugins.faces import native_faces
 from elvis.renderer import CutSurface, Faces, Isosurface, Plane
 from elvis.renderer.frame import Frame

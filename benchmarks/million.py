@@ -20,10 +20,10 @@ from cases import FIELD, cut, million
 from measuring import forget_peak, memory, once, peak_memory
 from tables import Table, mebibytes, seconds
 
+from elvis.core.arrays import Floats
+from elvis.core.mapping.boxes import BoxTree
+from elvis.core.patch import patches
 from elvis.formats import Dataset, read, write
-from elvis.formats.arrays import Floats
-from elvis.formats.mapping.boxes import BoxTree
-from elvis.formats.patch import patches
 
 T = TypeVar("T")
 FILES = ("million.xml", "million.nekg", "million.fld")
@@ -128,7 +128,7 @@ def raw_bytes(dataset: Dataset) -> int:
 
 def probe_error(dataset: Dataset, points: Floats, found: Floats) -> float:
     """Greatest difference from the NumPy evaluation, as a share of the range of the values found."""
-    from elvis.formats.sampling import sample
+    from elvis.core.sampling import sample
 
     truth = sample(dataset, [FIELD], points).values[:, 0]
     return float(np.nanmax(np.abs(truth - found)) / np.ptp(truth[np.isfinite(truth)]))

@@ -12,8 +12,8 @@ from measuring import once
 from rivals import Rivals
 from tables import Table, mebibytes, percent, seconds
 
+from elvis.core.sampling import sample
 from elvis.formats import Dataset
-from elvis.formats.sampling import sample
 from elvis.renderer import Renderer, Scene
 from elvis.renderer.frame import Frame
 from elvis.renderer.picture import picture

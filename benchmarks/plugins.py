@@ -23,8 +23,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from cases import CUT, FIELD, of_order, standard
 from measuring import contention, in_turn
 
+from elvis.core.terminal import print_table
 from elvis.formats import Shape
-from elvis.formats.terminal import print_table
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native import volume as native
 from elvis.plugins.volume import Part, Shown, Volume, interface_folder

@@ -12,8 +12,8 @@ from linear_scenes import Rival
 from measuring import Timing, in_turn
 from tables import Table, percent, seconds
 
+from elvis.core.memory import free_memory
 from elvis.formats import Dataset
-from elvis.formats.memory import free_memory
 from elvis.renderer.frame import Frame
 
 #: share of wrong pixels below which a linear picture counts as right

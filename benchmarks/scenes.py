@@ -16,8 +16,8 @@ from rivals import Rivals
 from shown import DELTA, LINES, Shown
 from tables import Table, mebibytes, percent, seconds
 
+from elvis.core.geometry import geometry
 from elvis.formats import Dataset
-from elvis.formats.geometry import geometry
 from elvis.renderer import Camera, CutSurface, Faces, Isosurface, Plane, Renderer, Scene, Style, VolumeRendering
 from elvis.renderer.frame import Frame
 

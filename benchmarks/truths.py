@@ -15,8 +15,8 @@ import numpy as np
 from measuring import once
 from tables import Table, seconds
 
-from elvis.formats.arrays import Floats
-from elvis.formats.relative import scale
+from elvis.core.arrays import Floats
+from elvis.core.relative import scale
 from elvis.plugins.converting import Conversion
 from elvis.plugins.testing import values_found
 

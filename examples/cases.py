@@ -26,14 +26,14 @@ import numpy as np
 import wing
 from meshing import meshed, name_sides, session
 
+from elvis.core.arrays import Floats
+from elvis.core.geometry import geometry
+from elvis.core.mapping.connectivity import connected
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.testing import approximated, curved
+from elvis.core.validity.validity import Verdict, validity
 from elvis.formats import Block, Dataset, Field, Shape, write
-from elvis.formats.arrays import Floats
-from elvis.formats.geometry import geometry
-from elvis.formats.judging.validity import Verdict, validity
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.testing import approximated, curved
 
 ROOT = Path(__file__).resolve().parent.parent
 Function = Callable[[Floats], Floats]

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis.core.arrays import Floats
+from elvis.core.testing.bending import curved
+from elvis.core.testing.fields import approximated
+from elvis.core.testing.meshes import grid, mixed_volume
 from elvis.formats import Dataset, Mesh, Shape, write
-from elvis.formats.arrays import Floats
-from elvis.formats.testing.bending import curved
-from elvis.formats.testing.fields import approximated
-from elvis.formats.testing.meshes import grid, mixed_volume
 
 Function = Callable[[Floats], Floats]
 CIRCULATION = 2.5

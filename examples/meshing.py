@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.gmsh import Gmsh
+from elvis.core.arrays import Floats, Ints
+from elvis.core.geometry import GeometryBlock
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.testing import one_element
+from elvis.core.validity.validity import Verdict, validity
 from elvis.formats import Dataset, Shape
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.geometry import GeometryBlock
-from elvis.formats.judging.validity import Verdict, validity
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.testing import one_element
 from elvis.plugins.converting import convert
 
 #: names of sides, and whether a surface of the model belongs to one, by its box (2, 3)

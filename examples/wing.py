@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from meshing import meshed, name_sides, session, set_sizes, size_near
 
+from elvis.core.arrays import Floats
 from elvis.formats import Dataset
-from elvis.formats.arrays import Floats
 
 ROOT, SPAN = 0.8059, 1.1963
 LEADING, TRAILING = np.tan(np.radians(30)), np.tan(np.radians(15.8))

@@ -7,7 +7,7 @@ import pytest
 
 from elvis.converters.cgns import Cgns
 from elvis.formats import FormatError, write
-from elvis.formats.judging.strict import findings
+from elvis.formats.strict import findings
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at
 

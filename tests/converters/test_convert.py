@@ -9,10 +9,10 @@ import click
 import numpy as np
 import pytest
 
+from elvis.core.polynomials.quadrature import gll
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.formats import ElvisError, FormatError, read
-from elvis.formats.polynomials.quadrature import gll
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
 from elvis.plugins.discovery import Candidate, chosen, in_file, installed
 from elvis.plugins.nodal import tensor_nodes
 from elvis.plugins.registry import PluginError
@@ -41,7 +41,7 @@ def plugin(tmp_path):
 @pytest.fixture
 def case(tmp_path):
     """A file of the solver that the page speaks of: eight bent hexahedra of order 3."""
-    from elvis.formats.mapping.orientation import local_vertices
+    from elvis.core.mapping.orientation import local_vertices
 
     mesh = grid(Shape.HEXAHEDRON, 2)
     corners = local_vertices(mesh, Shape.HEXAHEDRON)
@@ -202,8 +202,8 @@ def native(tmp_path):
     """The mesh and the field of a small native case, in a folder of their own, with links to the mesh."""
     from dataclasses import replace
 
+    from elvis.core.testing import approximated
     from elvis.formats import Dataset, write
-    from elvis.formats.testing import approximated
 
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))
     folder = tmp_path / "native"

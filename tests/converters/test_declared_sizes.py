@@ -16,8 +16,8 @@ from elvis.converters.hopr import Hopr
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
 from elvis.converters.vtk import Vtk
-from elvis.formats.archives import Archive
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
+from elvis.core.files.archives import Archive
 
 MANY = 10**10
 MEBIBYTE = 1 << 20

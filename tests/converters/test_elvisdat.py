@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from elvis.converters.elvisdat import ElVisDat
-from elvis.formats.errors import FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.errors import FormatError
+from elvis.core.shapes import Shape
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
 TYPES = {Shape.HEXAHEDRON: 1, Shape.PRISM: 3}

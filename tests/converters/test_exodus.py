@@ -9,9 +9,9 @@ from scipy.io import netcdf_file
 
 from elvis.converters.exodus import Exodus, _Functions
 from elvis.converters.exodus_files import SIDES, nodes_of
+from elvis.core.shapes import Shape
 from elvis.formats import ElvisError, FormatError, write
-from elvis.formats.judging.strict import findings
-from elvis.formats.shapes import Shape
+from elvis.formats.strict import findings
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import convert
 from elvis.plugins.nodal import native_points

@@ -11,13 +11,13 @@ from elvis.converters.gmsh import Gmsh
 from elvis.converters.gmsh_export import GmshTarget
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_export import VtkTarget
+from elvis.core.dataset import Dataset
+from elvis.core.patch import patches
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.sampling import sample
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
 from elvis.formats import ElvisError, read, write
-from elvis.formats.dataset import Dataset
-from elvis.formats.patch import patches
-from elvis.formats.polynomials.evaluation import evaluate
-from elvis.formats.sampling import sample
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
 from elvis.plugins.converting import convert
 
 FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 2], "jump": lambda x: np.sin(3 * x[:, 0] - x[:, 1])}

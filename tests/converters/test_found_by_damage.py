@@ -14,8 +14,8 @@ from elvis.converters.gmsh_binary import check
 from elvis.converters.hopr import Hopr
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
-from elvis.formats.distances.files import triangles_of
-from elvis.formats.errors import FormatError
+from elvis.core.distances.files import triangles_of
+from elvis.core.errors import FormatError
 from elvis.renderer.hits import triangles
 
 

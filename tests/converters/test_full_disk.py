@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from elvis.converters.exporting import exported
+from elvis.core.files.columns import write_columns
+from elvis.core.files.nrrd import Grid, write_nrrd
+from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset, ElvisError, Shape, write
-from elvis.formats.columns import write_columns
 from elvis.formats.nektar.hdf5_output import created
-from elvis.formats.nrrd import Grid, write_nrrd
-from elvis.formats.testing import approximated, grid
 
 
 @contextmanager

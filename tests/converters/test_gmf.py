@@ -10,8 +10,8 @@ from elvis.converters.gmf import Gmf
 from elvis.converters.gmf_files import ELEMENTS, KEYWORDS, section_name, solution_name
 from elvis.converters.gmf_nodes import Bernstein, lattice, unit_points
 from elvis.converters.unit import UNIT
-from elvis.formats.errors import FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.errors import FormatError
+from elvis.core.shapes import Shape
 from elvis.plugins.converting import convert
 from elvis.plugins.nodal import native_points
 from elvis.plugins.testing import check, positions_at, values_at, values_found

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.converters.gmsh import Gmsh
-from elvis.formats.errors import ElvisError, FormatError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

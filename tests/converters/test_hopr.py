@@ -68,8 +68,8 @@ def test_all_shapes_of_a_mesh_alone(folder):
 
 def test_sides_lie_where_their_names_say(folder):
     dataset = convert(Hopr([folder / "cavity4x4x4_mesh.h5"])).dataset
-    from elvis.formats.mapping.orientation import polygon_vertices
-    from elvis.formats.shapes import Shape
+    from elvis.core.mapping.orientation import polygon_vertices
+    from elvis.core.shapes import Shape
 
     faces = dataset.mesh.vertices[polygon_vertices(dataset.mesh, Shape.QUADRILATERAL)]
     planes = {"BC_zminus": (2, 0), "BC_zplus": (2, 1), "BC_wall_left": (0, 0), "BC_wall_right": (0, 1)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis.converters.mfem import Mfem
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from elvis.converters.native import Native
+from elvis.core.dataset import Block, Dataset, Expansion, Field, Homogeneous
+from elvis.core.norms import norms
+from elvis.core.sampling import sample
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.formats import Basis, ElvisError, Shape, read, write
-from elvis.formats.dataset import Block, Dataset, Expansion, Field, Homogeneous
-from elvis.formats.judging.strict import findings
-from elvis.formats.norms import norms
-from elvis.formats.sampling import sample
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
+from elvis.formats.strict import findings
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.testing import check

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from elvis.converters.nek import Nek
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.polynomials.quadrature import lobatto
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.quadrature import lobatto
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

@@ -9,8 +9,8 @@ import pytest
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.ngsolve_export import _rule, export
 from elvis.converters.unit import UNIT
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, native_points
 from elvis.plugins.projection.checking import check_points

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from elvis.converters.vtk import Vtk
+from elvis.core.errors import ElvisError, FormatError
 from elvis.formats import read
-from elvis.formats.errors import ElvisError, FormatError
 from elvis.plugins.discovery import chosen, installed
 
 

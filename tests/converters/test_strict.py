@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
+from elvis.core.shapes import Shape
 from elvis.formats import write
-from elvis.formats.judging.strict import findings
-from elvis.formats.shapes import Shape
+from elvis.formats.strict import findings
 from elvis.plugins.converting import convert
 from elvis.plugins.discovery import chosen, installed, with_defaults
 

@@ -7,7 +7,7 @@ import pytest
 from elvis.converters import trial
 from elvis.converters.cgns import Cgns
 from elvis.converters.vtk import Vtk
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 
 
 @pytest.fixture

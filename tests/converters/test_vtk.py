@@ -7,8 +7,8 @@ import pytest
 
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, warped
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.shapes import Shape
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

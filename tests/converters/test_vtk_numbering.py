@@ -6,7 +6,7 @@ import pytest
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_cells import Cell, Kind
 from elvis.converters.vtk_numbering import third_face
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 from elvis.plugins.testing import check, positions_at
 
 pytest.importorskip("vtk")

@@ -6,8 +6,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from elvis.formats.archives import Archive, names_in
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
+from elvis.core.files.archives import Archive, names_in
 
 
 def member(shape, values, descr="<f8"):

@@ -7,10 +7,10 @@ from math import comb, factorial
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Expansion, Homogeneous
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.bernstein import (
+from elvis.core.dataset import Expansion, Homogeneous
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,
     bernstein_space,
@@ -21,12 +21,12 @@ from elvis.formats.polynomials.bernstein import (
     gradient_nets,
     to_bernstein,
 )
-from elvis.formats.polynomials.collapse import collapse, uncollapse
-from elvis.formats.polynomials.expansion import FAMILIES, mode_count, values, values_and_gradients
-from elvis.formats.polynomials.factors import JacobiFactors, ortho_a
-from elvis.formats.polynomials.forms import elevations
-from elvis.formats.polynomials.jacobi import jacobi
-from elvis.formats.shapes import Shape
+from elvis.core.polynomials.collapse import collapse, uncollapse
+from elvis.core.polynomials.expansion import FAMILIES, mode_count, values, values_and_gradients
+from elvis.core.polynomials.factors import JacobiFactors, ortho_a
+from elvis.core.polynomials.forms import elevations
+from elvis.core.polynomials.jacobi import jacobi
+from elvis.core.shapes import Shape
 
 FOURIER = (Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM)
 LINE = [basis for basis in FAMILIES[Shape.SEGMENT][0][0] if basis not in FOURIER]

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.boxes import BoxTree, element_boxes
-from elvis.formats.mapping.pointwise import positions
-from elvis.formats.patch import patches
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, mixed_volume, one_element, ripple
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.boxes import BoxTree, element_boxes
+from elvis.core.mapping.pointwise import positions
+from elvis.core.patch import patches
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, mixed_volume, one_element, ripple
 
 
 def random_boxes(count, seed, size=0.1):

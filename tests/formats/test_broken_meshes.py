@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.arrays import frozen_ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import FormatError
-from elvis.formats.geometry import geometry
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.mesh import Curves, Entities
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, mixed_plane, one_element, ripple
+from elvis.core.arrays import frozen_ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import FormatError
+from elvis.core.geometry import geometry
+from elvis.core.mapping.connectivity import connected
+from elvis.core.mesh import Curves, Entities
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, mixed_plane, one_element, ripple
 
 
 def broken(mesh, shape, row, members):

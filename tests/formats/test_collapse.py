@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.formats.polynomials.collapse import collapse, collapse_jacobian, uncollapse
-from elvis.formats.polynomials.quadrature import gauss
-from elvis.formats.shapes import Shape
+from elvis.core.polynomials.collapse import collapse, collapse_jacobian, uncollapse
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
 
 VOLUMES = {
     Shape.SEGMENT: 2,

@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Expansion, ExpansionRule
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
-from elvis.formats.polynomials.cubature import cubature, field_cubature, rule_cubature
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
+from elvis.core.dataset import Expansion, ExpansionRule
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.polynomials.cubature import cubature, field_cubature, rule_cubature
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
 
 VOLUMES = {
     Shape.SEGMENT: 2,

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis.core.distances import nearest, surface_of
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.inverse import Status
+from elvis.core.mesh import Composite
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.bounding import quantity_range
+from elvis.core.quantities.sampling import Sampler
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
 from elvis.formats import Dataset
-from elvis.formats.distances import nearest, surface_of
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.inverse import Status
-from elvis.formats.mesh import Composite
-from elvis.formats.quantities import Expression, Names
-from elvis.formats.quantities.bounding import quantity_range
-from elvis.formats.quantities.sampling import Sampler
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
 
 LINEAR = {2: [(0, 1, 1)], 3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)]}
 

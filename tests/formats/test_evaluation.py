@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Expansion
-from elvis.formats.polynomials import evaluation
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.expansion import mode_count, values, values_and_gradients
-from elvis.formats.shapes import Shape
+from elvis.core.dataset import Expansion
+from elvis.core.polynomials import evaluation
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.expansion import mode_count, values, values_and_gradients
+from elvis.core.shapes import Shape
 
 EXPANSIONS = [
     Expansion(Shape.TRIANGLE, (Basis.MODIFIED_A, Basis.MODIFIED_B), (3, 5)),

@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Expansion, Homogeneous
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
-from elvis.formats.polynomials.expansion import (
+from elvis.core.dataset import Expansion, Homogeneous
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.core.polynomials.expansion import (
     FAMILIES,
     dimension,
     mode_count,
@@ -17,9 +17,9 @@ from elvis.formats.polynomials.expansion import (
     values,
     values_and_gradients,
 )
-from elvis.formats.polynomials.factors import lagrange_nodes
-from elvis.formats.polynomials.quadrature import gauss
-from elvis.formats.shapes import Shape
+from elvis.core.polynomials.factors import lagrange_nodes
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
 
 A, B, C = Basis.MODIFIED_A, Basis.MODIFIED_B, Basis.MODIFIED_C
 MODIFIED = {

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from elvis.core.distances.files import triangles_of
+from elvis.core.files.archives import names_in
+from elvis.core.files.plain import leading
+from elvis.core.queries import points_in_table
 from elvis.formats import ElvisError, read
-from elvis.formats.archives import names_in
-from elvis.formats.distances.files import triangles_of
-from elvis.formats.files import leading
-from elvis.formats.judging.strict import findings
-from elvis.formats.queries import points_in_table
+from elvis.formats.strict import findings
 from elvis.plugins.discovery import chosen, installed
 from elvis.plugins.opening import open_files
 from elvis.reference.record import Record

@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.geometry import geometry
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.mapping.pointwise import gradients, jacobians, positions, values
-from elvis.formats.mapping.tangents import determinants
-from elvis.formats.patch import patches
-from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
-from elvis.formats.polynomials.evaluation import evaluate, evaluate_with_gradients
-from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
-from elvis.formats.polynomials.quadrature import gauss
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple, shuffled
+from elvis.core.dataset import Dataset
+from elvis.core.geometry import geometry
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mapping.pointwise import gradients, jacobians, positions, values
+from elvis.core.mapping.tangents import determinants
+from elvis.core.patch import patches
+from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.core.polynomials.points import PointsType, nodes, triangle_nodes
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple, shuffled
 
 LINES = (PointsType.LOBATTO_LEGENDRE, PointsType.POLY_EVENLY_SPACED)
 TRIANGLES = (PointsType.TRIANGLE_EVENLY_SPACED, PointsType.TRIANGLE_ELECTROSTATIC, PointsType.TRIANGLE_FEKETE)

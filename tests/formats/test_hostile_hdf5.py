@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 from elvis.formats.nektar.heaps import check_heaps
 from elvis.formats.nektar.strings_hdf5 import attribute_data
 

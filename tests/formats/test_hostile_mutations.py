@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis.core.patch import patches
+from elvis.core.polynomials.evaluation import evaluate
 from elvis.formats import ElvisError, read
-from elvis.formats.patch import patches
-from elvis.formats.polynomials.evaluation import evaluate
 
 ROUNDS = 200
 SECONDS_EACH = 10.0

@@ -6,16 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.enclosure import search
-from elvis.formats.mapping.inverse import Status, invert
-from elvis.formats.mapping.margins import TOLERANCE, drawn_in, facets, heights, margins
-from elvis.formats.mapping.newton import Targets
-from elvis.formats.mapping.pointwise import determinants, jacobians, positions
-from elvis.formats.patch import patches
-from elvis.formats.polynomials.collapse import collapse_jacobian, uncollapse
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import (
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.enclosure import search
+from elvis.core.mapping.inverse import Status, invert
+from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights, margins
+from elvis.core.mapping.newton import Targets
+from elvis.core.mapping.pointwise import determinants, jacobians, positions
+from elvis.core.patch import patches
+from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.core.shapes import Shape
+from elvis.core.testing import (
     curved,
     one_element,
     ripple,

@@ -6,8 +6,8 @@ from math import comb
 import numpy as np
 import pytest
 
-from elvis.formats.polynomials.jacobi import jacobi, jacobi_with_derivative
-from elvis.formats.polynomials.quadrature import gauss
+from elvis.core.polynomials.jacobi import jacobi, jacobi_with_derivative
+from elvis.core.polynomials.quadrature import gauss
 
 WEIGHTS = [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (5, 1), (17, 0), (39, 1), (-0.5, -0.5), (0.5, 0.5)]
 POINTS = np.linspace(-1, 1, 33)

@@ -6,21 +6,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elvis.formats import read
-from elvis.formats.arrays import frozen_floats, frozen_ints
-from elvis.formats.dataset import Block, Dataset, Expansion, Field, Homogeneous
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.mapping.enclosure import hulls
-from elvis.formats.mapping.inverse import Status, invert
-from elvis.formats.mapping.locate import Locator, locate
-from elvis.formats.mapping.margins import TOLERANCE, margins
-from elvis.formats.mapping.pointwise import determinants, gradients, positions, values
-from elvis.formats.patch import patches
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.sampling import Sampler, sample
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import (
+from elvis.core.arrays import frozen_floats, frozen_ints
+from elvis.core.dataset import Block, Dataset, Expansion, Field, Homogeneous
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.enclosure import hulls
+from elvis.core.mapping.inverse import Status, invert
+from elvis.core.mapping.locate import Locator, locate
+from elvis.core.mapping.margins import TOLERANCE, margins
+from elvis.core.mapping.pointwise import determinants, gradients, positions, values
+from elvis.core.patch import patches
+from elvis.core.polynomials.bases import Basis
+from elvis.core.sampling import Sampler, sample
+from elvis.core.shapes import Shape
+from elvis.core.testing import (
     approximated,
     curved,
     grid,
@@ -30,6 +29,7 @@ from elvis.formats.testing import (
     scattered,
     shuffled,
 )
+from elvis.formats import read
 
 
 @cache
@@ -80,7 +80,7 @@ def test_elements_that_are_cut_hold_the_same_points(dimension, monkeypatch):
     points[:, dimension:] = 0.0
     answers = []
     for worth in (1, 10**9):
-        monkeypatch.setattr("elvis.formats.mapping.locate._WORTH", worth)
+        monkeypatch.setattr("elvis.core.mapping.locate._WORTH", worth)
         answers.append(Locator(parts).locate(points, all=True))
     for name in ("point", "element_id", "status", "reference"):
         np.testing.assert_array_equal(getattr(answers[0], name), getattr(answers[1], name))

@@ -1,6 +1,6 @@
 """How much memory is free: to the machine, and to the groups of processes that limit it."""
 
-from elvis.formats import memory
+from elvis.core import memory
 
 MODERN = ("memory.max", "memory.current", "inactive_file")
 OLD = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")

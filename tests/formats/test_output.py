@@ -6,9 +6,9 @@ import sys
 import numpy as np
 import pytest
 
-from elvis.formats.columns import csv_lines, write_columns
-from elvis.formats.errors import ElvisError
-from elvis.formats.output import replacing, write_text
+from elvis.core.errors import ElvisError
+from elvis.core.files.columns import csv_lines, write_columns
+from elvis.core.files.output import replacing, write_text
 
 
 def test_the_file_appears_whole_and_nothing_beside_it(tmp_path):
@@ -61,7 +61,7 @@ def test_impossible_places_are_said(tmp_path, path, reason):
 
 
 def test_devices_are_written_directly():
-    code = "from elvis.formats.output import write_text; write_text('/dev/stdout', 'text')"
+    code = "from elvis.core.files.output import write_text; write_text('/dev/stdout', 'text')"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "text"
 
 
@@ -70,7 +70,8 @@ def test_what_is_open_is_not_cut_off(tmp_path):
     log = tmp_path / "log"
     log.write_text("before\n")
     code = (
-        "from elvis.formats.output import write_text; print('one'); write_text('/dev/stdout', 'two\\n'); print('three')"
+        "from elvis.core.files.output import write_text\n"
+        "print('one'); write_text('/dev/stdout', 'two\\n'); print('three')"
     )
     with log.open("a") as stream:
         subprocess.run([sys.executable, "-c", code], stdout=stream, check=True)

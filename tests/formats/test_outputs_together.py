@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from elvis.formats import output, replacement, scratch
-from elvis.formats.errors import ElvisError
-from elvis.formats.output import Outputs, check_places, write_text
+from elvis.core.errors import ElvisError
+from elvis.core.files import output, replacement, scratch
+from elvis.core.files.output import Outputs, check_places, write_text
 
 #: what stands before and after a run that writes a file over an old one, a new one and a folder, and removes a file
 BEFORE = {"a": "old a", "report/x": "old x", "report/y": "old y", "stale": "old s"}

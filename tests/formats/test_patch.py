@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.arrays import frozen_ints
-from elvis.formats.dataset import Block, Dataset, Field
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.geometry import geometry
-from elvis.formats.mesh import Curves
-from elvis.formats.patch import patches
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.core.arrays import frozen_ints
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.geometry import geometry
+from elvis.core.mesh import Curves
+from elvis.core.patch import patches
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 
 
 def by_element(mesh):

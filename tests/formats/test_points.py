@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.points import PointsType, nodes, triangle_nodes
 
 TABLE = Path(__file__).parents[2] / ".." / "shared" / "data" / "nektar" / "nodal-tri-points.json"
 LINE = [family for family in PointsType if family in range(1, 13) or family in (17, 18)]

@@ -6,9 +6,9 @@ from math import comb, gamma
 import numpy as np
 import pytest
 
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.jacobi import jacobi
-from elvis.formats.polynomials.quadrature import (
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.jacobi import jacobi
+from elvis.core.polynomials.quadrature import (
     FAMILIES,
     gauss,
     gll,

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.errors import ElvisError
+from elvis.core.norms import quantity_norm
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.bounding import quantity_range
+from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
+from elvis.core.quantities.sampling import Evaluator, Sampler
+from elvis.core.quantities.tree import leaves, partial
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
 from elvis.formats import Dataset, read
-from elvis.formats.errors import ElvisError
-from elvis.formats.norms import quantity_norm
-from elvis.formats.quantities import Expression, Names
-from elvis.formats.quantities.bounding import quantity_range
-from elvis.formats.quantities.functions import FUNCTIONS, OPERATORS
-from elvis.formats.quantities.sampling import Evaluator, Sampler
-from elvis.formats.quantities.tree import leaves, partial
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
 
 #: by order of the derivatives: fits of the fields are off by 1e-12, and derivatives enlarge that
 BARS = (1e-11, 5e-10, 1e-8)
@@ -70,7 +70,7 @@ MESHES = {
 
 def places(evaluator, count=50):
     """Patches with rows, reference points away from where pyramids end, and world points."""
-    from elvis.formats.mapping.pointwise import positions
+    from elvis.core.mapping.pointwise import positions
 
     for patch in evaluator.patches:
         reference = scattered(patch.shape, count)
@@ -259,8 +259,8 @@ def test_derivatives_of_functions_are_their_differences(name):
 
 
 def evaluated(root, given):
-    from elvis.formats.quantities.functions import function
-    from elvis.formats.quantities.tree import folded
+    from elvis.core.quantities.functions import function
+    from elvis.core.quantities.tree import folded
 
     leaf = lambda node: node.value if node.op == "number" else given[node.name]  # noqa: E731
     return folded(root, leaf, lambda node, parts: function(node).numpy(*parts))
@@ -291,8 +291,8 @@ def test_the_sign_of_jacobians_is_the_proved_one():
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 0])
 def test_ideal_elements_have_quality_one(shape):
-    from elvis.formats.mapping.connectivity import connected
-    from elvis.formats.quantities.attributes import from_ideal
+    from elvis.core.mapping.connectivity import connected
+    from elvis.core.quantities.attributes import from_ideal
 
     corners = (shape.vertices + 1) / 2 @ np.linalg.inv(from_ideal(shape)).T
     if shape is Shape.PYRAMID:

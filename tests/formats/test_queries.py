@@ -3,8 +3,8 @@ import io
 import numpy as np
 import pytest
 
-from elvis.formats.errors import FormatError
-from elvis.formats.queries import points_in_table, points_on_line, points_on_plane
+from elvis.core.errors import FormatError
+from elvis.core.queries import points_in_table, points_on_line, points_on_plane
 
 
 def test_a_line_holds_its_ends_exactly():

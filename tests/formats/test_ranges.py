@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Expansion, Homogeneous
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.evaluation import evaluate
-from elvis.formats.polynomials.expansion import mode_count
-from elvis.formats.ranges import value_range
-from elvis.formats.shapes import Shape
+from elvis.core.dataset import Expansion, Homogeneous
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.ranges import value_range
+from elvis.core.shapes import Shape
 
 A, B, C, PYR = Basis.MODIFIED_A, Basis.MODIFIED_B, Basis.MODIFIED_C, Basis.MODIFIED_PYR_C
 BASES = {

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.polynomials.expansion import mode_count
 from elvis.formats import ElvisError, FormatError, Shape, read, write
-from elvis.formats.polynomials.expansion import mode_count
 
 SQUARE = """<?xml version="1.0" encoding="utf-8" ?>
 <NEKTAR>

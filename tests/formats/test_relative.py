@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from elvis.formats.relative import allowed, scale
+from elvis.core.relative import allowed, scale
 
 EPS = 2.0**-52
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.formats import read, write
 from elvis.formats.commands.info import info
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.judging.strict import findings
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
+from elvis.formats.strict import findings
 
 
 def with_fields(mesh, modes=4):

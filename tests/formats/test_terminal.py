@@ -2,7 +2,7 @@
 
 import pytest
 
-from elvis.formats.terminal import one_line, print_json, print_table, say, visible, warn
+from elvis.core.terminal import one_line, print_json, print_table, say, visible, warn
 
 #: colours, titles of windows, deletion, text that runs backwards, bytes that are no text
 HOSTILE = "u\x1b[31m\x1b]0;title\x07\x9b2J\x7f\u202e\udcff\r"

@@ -4,18 +4,18 @@ from math import comb
 import numpy as np
 import pytest
 
+from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.mapping.connectivity import connected
+from elvis.core.polynomials.bernstein import bernstein_values
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.evaluation import evaluate_at, evaluate_with_gradients
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.testing import approximated, curved, grid, mixed_volume, one_element, ripple
+from elvis.core.validity.determinants import determinant
+from elvis.core.validity.squares import descended, lower_bound
+from elvis.core.validity.validity import Verdict, validity, verdicts
 from elvis.formats import Dataset, Shape
-from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.judging.determinants import determinant
-from elvis.formats.judging.squares import descended, lower_bound
-from elvis.formats.judging.validity import Verdict, validity, verdicts
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.polynomials.bernstein import bernstein_values
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.evaluation import evaluate_at, evaluate_with_gradients
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.testing import approximated, curved, grid, mixed_volume, one_element, ripple
 
 EVERY_MAP = [(shape, nodes) for shape in Shape for nodes in (2, 3, 5)]
 
@@ -231,7 +231,7 @@ def test_curved_valleys_are_decided_too(shape):
 
 
 def test_what_cannot_be_bounded_says_so(monkeypatch):
-    monkeypatch.setattr("elvis.formats.judging.validity._VALLEYS", 0)
+    monkeypatch.setattr("elvis.core.validity.validity._VALLEYS", 0)
     block = block_of(Shape.TRIANGLE, 4, flat_valley((1.0, 0.5), 1e-10))
     found = validity(Dataset(one_element(Shape.TRIANGLE, 2)), [block])
     assert found.reason(0) == "the search for its least Jacobian ended before it was bounded"

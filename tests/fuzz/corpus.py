@@ -117,8 +117,8 @@ def shared():
 
 def dataset(mesh, bend=0.05):
     """A small curved mesh with two fields."""
-    from elvis.formats.dataset import Dataset
-    from elvis.formats.testing import approximated, curved, ripple
+    from elvis.core.dataset import Dataset
+    from elvis.core.testing import approximated, curved, ripple
 
     whole = Dataset(curved(mesh, ripple(bend), 3))
     functions = {"u": lambda x: x[:, 0] ** 2 + x[:, 1], "v": lambda x: x[:, 0] - x[:, -1]}
@@ -127,8 +127,8 @@ def dataset(mesh, bend=0.05):
 
 
 def meshes():
-    from elvis.formats.shapes import Shape
-    from elvis.formats.testing import grid, mixed_plane, mixed_volume
+    from elvis.core.shapes import Shape
+    from elvis.core.testing import grid, mixed_plane, mixed_volume
 
     return {"volume": mixed_volume(3), "plane": mixed_plane(1), "cube": grid(Shape.HEXAHEDRON, 1)}
 

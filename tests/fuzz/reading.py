@@ -19,9 +19,9 @@ def _candidates():
 
 def evaluated(paths):
     """The data, read and evaluated in each element."""
+    from elvis.core.patch import patches
+    from elvis.core.polynomials.evaluation import evaluate
     from elvis.formats import read
-    from elvis.formats.patch import patches
-    from elvis.formats.polynomials.evaluation import evaluate
 
     dataset = read(*_given(paths))
     for patch in patches(dataset, [field.name for field in dataset.fields]):
@@ -35,7 +35,7 @@ def described(paths):
 
 def judged(paths):
     """``elvis info --strict``, which fails where it finds anything."""
-    from elvis.formats.judging.strict import findings
+    from elvis.formats.strict import findings
 
     for found in findings(*_given(paths)):
         assert "\n" not in str(found)
@@ -80,7 +80,7 @@ def coloured(paths):
 
 def triangulated(paths):
     """Triangles, for distances and for pictures."""
-    from elvis.formats.distances.files import triangles_of
+    from elvis.core.distances.files import triangles_of
     from elvis.renderer.hits import triangles
 
     triangles.cache_clear()
@@ -90,7 +90,7 @@ def triangulated(paths):
 
 def placed(paths):
     """Points of a table."""
-    from elvis.formats.queries import points_in_table
+    from elvis.core.queries import points_in_table
 
     points_in_table(paths[0])
 

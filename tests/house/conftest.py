@@ -35,8 +35,8 @@ def modules(root):
 @pytest.fixture(scope="session")
 def wing_files(tmp_path_factory):
     """``wing.xml`` and ``wing.fld``, the files that the pages speak of: all volume shapes, curved, with p, u and v."""
+    from elvis.core.testing import approximated, curved, mixed_volume, ripple
     from elvis.formats import Dataset, write
-    from elvis.formats.testing import approximated, curved, mixed_volume, ripple
 
     dataset = Dataset(curved(mixed_volume(seed=1), ripple(0.02), n=4))
     functions = {

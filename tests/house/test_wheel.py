@@ -61,7 +61,7 @@ def test_every_file_of_the_areas_is_in_the_wheel(root, wheel, project_files):
     }
     assert not wanted - inside
     assert any(name.endswith(".slang") for name in wanted)
-    assert sum(name.endswith("py.typed") for name in wanted) == 5
+    assert sum(name.endswith("py.typed") for name in wanted) == 6
 
 
 def test_nothing_else_is_in_the_wheel(wheel):
@@ -70,7 +70,7 @@ def test_nothing_else_is_in_the_wheel(wheel):
 
 
 def test_the_installed_modules_are_those_of_the_wheel(environment, tmp_path):
-    code = "import elvis.formats.errors as e, elvis.plugins as p; print(e.__file__); print(p.__file__)"
+    code = "import elvis.core.errors as e, elvis.plugins as p; print(e.__file__); print(p.__file__)"
     for line in run([environment / "python", "-c", code], cwd=tmp_path).splitlines():
         assert line.startswith(str(environment.parent))
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.faces.derived import _off
 from elvis.plugins.faces.nets import face_space
@@ -74,6 +74,6 @@ def test_faces_far_from_the_origin_are_the_polynomials_that_they_are(away, bend,
 
 
 def _values(space):
-    from elvis.formats.polynomials.bernstein import bernstein_values
+    from elvis.core.polynomials.bernstein import bernstein_values
 
     return bernstein_values(space.space, space.points)

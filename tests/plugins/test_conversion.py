@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.mapping.locate import locate
+from elvis.core.mapping.orientation import polygon_vertices
+from elvis.core.mapping.pointwise import values
+from elvis.core.patch import patches
+from elvis.core.testing import grid, mixed_plane, mixed_volume, ripple
 from elvis.formats import Basis, Shape, read, write
-from elvis.formats.mapping.locate import locate
-from elvis.formats.mapping.orientation import polygon_vertices
-from elvis.formats.mapping.pointwise import values
-from elvis.formats.patch import patches
-from elvis.formats.testing import grid, mixed_plane, mixed_volume, ripple
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.projection.traces import Traces

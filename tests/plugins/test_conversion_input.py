@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.testing import grid, mixed_volume, one_element
 from elvis.formats import ElvisError, Shape
-from elvis.formats.testing import grid, mixed_volume, one_element
 from elvis.plugins.conversion import Boundary, Converter, Elements, SourceField
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.testing import Analytic, Given
@@ -29,8 +29,8 @@ class Nodes(Converter):
         return False
 
     def table(self, block, points):
-        from elvis.formats.polynomials.expansion import values
-        from elvis.formats.polynomials.interpolation import modified
+        from elvis.core.polynomials.expansion import values
+        from elvis.core.polynomials.interpolation import modified
         from elvis.plugins.projection.entities import entities
 
         linear = values(modified(block.shape, (2,) * block.shape.dimension), points)
@@ -44,7 +44,7 @@ class Nodes(Converter):
 
 
 def corners_of(mesh, shape):
-    from elvis.formats.mapping.orientation import local_vertices
+    from elvis.core.mapping.orientation import local_vertices
 
     return mesh.vertices[local_vertices(mesh, shape)]
 

@@ -5,9 +5,9 @@ import tracemalloc
 
 import numpy as np
 
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import convert
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis.core.distances import nearest, surface_of
+from elvis.core.errors import ElvisError
+from elvis.core.quantities import Expression
+from elvis.core.quantities.sampling import Evaluator
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, ripple, scattered
 from elvis.formats import Dataset
-from elvis.formats.distances import nearest, surface_of
-from elvis.formats.errors import ElvisError
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.sampling import Evaluator
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, ripple, scattered
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Isosurface, Scene, Status, render
 

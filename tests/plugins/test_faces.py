@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset, Field
-from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import geometry
-from elvis.formats.mapping.margins import margins
-from elvis.formats.polynomials.bernstein import bernstein_values
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
+from elvis.core.dataset import Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import geometry
+from elvis.core.mapping.margins import margins
+from elvis.core.polynomials.bernstein import bernstein_values
+from elvis.core.polynomials.expansion import values
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
 from elvis.plugins.faces import native_faces
 from elvis.plugins.faces.nets import face_space
 

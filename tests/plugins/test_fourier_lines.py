@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.dataset import Block, Homogeneous
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.quantities import Expression
+from elvis.core.quantities.sampling import Evaluator
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset, Field, read
-from elvis.formats.dataset import Block, Homogeneous
-from elvis.formats.errors import ElvisError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.sampling import Evaluator
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, grid
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.plugins.testing import check_volume

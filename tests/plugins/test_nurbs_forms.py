@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 from elvis.plugins.faces import faces_of
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.nurbs.solving import Solver

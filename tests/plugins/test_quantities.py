@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis.core.errors import ElvisError
+from elvis.core.quantities import Expression
+from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.tree import world_derivative
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
 from elvis.formats import Dataset, read
-from elvis.formats.errors import ElvisError
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.sampling import Evaluator
-from elvis.formats.quantities.tree import world_derivative
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Plane, render

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis.core.dataset import Homogeneous
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.factors import fourier
+from elvis.core.quantities.functions import FUNCTIONS
+from elvis.core.testing import curved, mixed_volume, ripple
 from elvis.formats import Dataset, read
-from elvis.formats.dataset import Homogeneous
-from elvis.formats.errors import ElvisError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.factors import fourier
-from elvis.formats.quantities.functions import FUNCTIONS
-from elvis.formats.testing import curved, mixed_volume, ripple
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.fourier.plugin import BASES
 from elvis.plugins.native.waves import waves

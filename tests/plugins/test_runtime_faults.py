@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.shapes import Shape
+from elvis.core.errors import ElvisError
+from elvis.core.shapes import Shape
 from elvis.plugins import opening
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened, open_files

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.formats.mapping.orientation import first_face_row, polygon_vertices
-from elvis.formats.mesh import Mesh
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid, mixed_plane, mixed_volume
+from elvis.core.mapping.orientation import first_face_row, polygon_vertices
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid, mixed_plane, mixed_volume
 from elvis.plugins.conversion import Boundary
 from elvis.plugins.converting import convert
 from elvis.plugins.projection import sides

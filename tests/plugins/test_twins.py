@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.margins import drawn_in
-from elvis.formats.quantities import Expression
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import scattered
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.margins import drawn_in
+from elvis.core.quantities import Expression
+from elvis.core.shapes import Shape
+from elvis.core.testing import scattered
 from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.nurbs import Nurbs

@@ -3,8 +3,8 @@ import shutil
 import numpy as np
 import pytest
 
+from elvis.core.testing import approximated, curved, mixed_volume, ripple
 from elvis.formats import Dataset, write
-from elvis.formats.testing import approximated, curved, mixed_volume, ripple
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.formats import Dataset
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.reference.baseline.drawing import Baseline, affordable
 from elvis.reference.baseline.mesh import estimate, joined
 from elvis.reference.baseline.sections import section

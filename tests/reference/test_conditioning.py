@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Block, Dataset, Field
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid, with_field
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid, with_field
 from elvis.reference.bars import bars
 from elvis.reference.picture import render
 from elvis.reference.record import Record

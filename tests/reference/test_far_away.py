@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, with_field
+from elvis.core.dataset import Dataset
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
 from elvis.renderer import Camera, Faces, Isosurface, Scene, Status
 

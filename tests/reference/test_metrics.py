@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, grid
 from elvis.reference.bars import bars
 from elvis.reference.baseline.distances import surface_distance, topology
 from elvis.reference.baseline.drawing import Baseline

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Block, Dataset, Field
-from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import geometry
-from elvis.formats.mapping.locate import Locator
-from elvis.formats.mapping.margins import TOLERANCE
-from elvis.formats.patch import patches
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import geometry
+from elvis.core.mapping.locate import Locator
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.patch import patches
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, one_element, ripple
 from elvis.formats.reading import read
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, one_element, ripple
 from elvis.plugins.registry import load
 from elvis.reference.picture import render
 from elvis.reference.places import owners

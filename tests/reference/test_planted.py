@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats import Dataset
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, ripple
 from elvis.reference.picture import render
 from elvis.reference.report.summary import summary
 from elvis.reference.study import compare_scene

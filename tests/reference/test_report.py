@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 from elvis.reference.picture import render
 from elvis.reference.record import Record
 from elvis.reference.report.summary import summary
@@ -126,9 +126,9 @@ def test_a_limit_skips_what_does_not_fit(blocks):
 
 
 def test_linear_data_are_right_at_once(tmp_path):
+    from elvis.core.shapes import Shape
+    from elvis.core.testing import approximated, grid
     from elvis.formats import Dataset
-    from elvis.formats.shapes import Shape
-    from elvis.formats.testing import approximated, grid
 
     mesh = Dataset(grid(Shape.TETRAHEDRON, 2))
     data = Dataset(mesh.mesh, (approximated(mesh, "wave", lambda x: x[:, 0] + 2 * x[:, 2], modes=3),))

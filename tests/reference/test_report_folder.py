@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats import replacement
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
+from elvis.core.files import replacement
 from elvis.reference.picture import render
 from elvis.reference.record import Record
 from elvis.reference.report import writing

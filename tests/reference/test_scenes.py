@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.errors import ElvisError
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, ripple, with_field
+from elvis.core.testing.meshes import connected
 from elvis.formats import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, ripple, with_field
-from elvis.formats.testing.meshes import connected
 from elvis.reference.picture import render
 from elvis.reference.study import compare_scene
 from elvis.renderer import Camera, Plane, Scene, Status

@@ -6,8 +6,8 @@ from time import process_time
 import numpy as np
 import pytest
 
-from elvis.formats.mapping.pointwise import positions, values
-from elvis.formats.patch import patches
+from elvis.core.mapping.pointwise import positions, values
+from elvis.core.patch import patches
 from elvis.formats.reading import read
 from elvis.reference.bars import bars
 from elvis.reference.picture import render

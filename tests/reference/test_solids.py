@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis.core.dataset import Homogeneous
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats import Dataset
-from elvis.formats.dataset import Homogeneous
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, ripple
 from elvis.reference.baseline.drawing import Baseline
 from elvis.reference.baseline.templates import drawn_out, pulling, template
 from elvis.reference.picture import render

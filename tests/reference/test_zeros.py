@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
-from elvis.formats.mapping.locate import Locator
-from elvis.formats.patch import patches
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, ripple, with_field
+from elvis.core.mapping.locate import Locator
+from elvis.core.patch import patches
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.bounding import candidates

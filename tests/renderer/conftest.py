@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Block, Dataset, Field
-from elvis.formats.geometry import geometry
-from elvis.formats.mapping.margins import margins
-from elvis.formats.ranges import field_range
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.geometry import geometry
+from elvis.core.mapping.margins import margins
+from elvis.core.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, ripple
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple
 from elvis.renderer import Camera, Plane, Status
 
 SOLIDS = Shape.of_dimension(3)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.renderer import Camera, Plane, Status
 
 BORDER = 1e-9

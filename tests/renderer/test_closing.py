@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.renderer import Camera, DeviceError, Faces, Isosurface, Plane, Renderer, Scene, render, rendering
 from elvis.renderer.device import Device
 from elvis.renderer.errors import DeviceLostError

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, with_field
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
 from elvis.plugins.native.volume import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane

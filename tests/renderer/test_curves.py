@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import with_field
-from elvis.formats.testing.meshes import connected
+from elvis.core.shapes import Shape
+from elvis.core.testing import with_field
+from elvis.core.testing.meshes import connected
 from elvis.renderer import Camera, Faces, MeshLines, SceneError, Style, render
 
 

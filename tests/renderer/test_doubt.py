@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.renderer import Camera, CutSurface, Faces, Isosurface, Plane, Status
 from elvis.renderer.scene import Clip, Cylinder, Implicit, Sphere
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset, Field
-from elvis.formats.polynomials.bernstein import bernstein_values
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
+from elvis.core.dataset import Dataset, Field
+from elvis.core.polynomials.bernstein import bernstein_values
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Status

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of, vertices_at
 from elvis.plugins.fourier.plugin import FourierBox, series, write_box

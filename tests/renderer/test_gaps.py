@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.arrays import frozen_floats
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.locate import locate
-from elvis.formats.patch import Patch, patches
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.expansion import values, values_and_gradients
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, ripple
+from elvis.core.arrays import frozen_floats
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.locate import locate
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import values, values_and_gradients
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple
 from elvis.plugins.native.bending import bends
 from elvis.plugins.nurbs.bezier import evaluated
 from elvis.plugins.nurbs.solving import Solver

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, with_field
+from elvis.core.dataset import Dataset
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, SceneError, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Block, Dataset, Field
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid, with_field
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from elvis.formats.distances import nearest, surface_of
-from elvis.formats.sampling import sample
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, ripple, with_field
+from elvis.core.distances import nearest, surface_of
+from elvis.core.sampling import sample
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Status
 from elvis.renderer.pixels import NOBODY

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.quantities import Expression, Names
-from elvis.formats.quantities.levels import same_level
-from elvis.formats.quantities.sampling import Sampler
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, ripple
+from elvis.core.dataset import Dataset
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.levels import same_level
+from elvis.core.quantities.sampling import Sampler
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer
@@ -91,8 +91,8 @@ def test_levels_are_in_the_same_places(text):
 
 def evaluated(root, points):
     """(n,) an expression of x and y at points (n, 2)."""
-    from elvis.formats.quantities.functions import function
-    from elvis.formats.quantities.tree import folded
+    from elvis.core.quantities.functions import function
+    from elvis.core.quantities.tree import folded
 
     def leaf(node):
         return np.full(len(points), node.value) if node.op == "number" else points[:, node.axes[0]]

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.sampling import sample
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid
+from elvis.core.dataset import Dataset
+from elvis.core.sampling import sample
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Isosurface, SceneError, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.renderer import Plane, kernel_cache, render
 from elvis.renderer.compositing import Coats
 from elvis.renderer.device import Device

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.renderer import Camera, Contours, Faces, Plane, Scene, Style, fitting, page, saving
 from elvis.renderer import frame as frames
 from elvis.renderer.picture import picture

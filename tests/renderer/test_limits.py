@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Field
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.dataset import Field
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.plugins import command
 from elvis.renderer import (
     Camera,

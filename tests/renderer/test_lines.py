@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from elvis.formats.mapping.margins import margins
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, mixed_plane, mixed_volume, one_element, shuffled, with_field
+from elvis.core.mapping.margins import margins
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, one_element, shuffled, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.volume import NativeVolume
 from elvis.plugins.serving import volume_of

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.errors import FormatError
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.sampling import Evaluator
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, ripple
+from elvis.core.errors import FormatError
+from elvis.core.quantities import Expression
+from elvis.core.quantities.sampling import Evaluator
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple
 from elvis.renderer import (
     Camera,
     Clip,

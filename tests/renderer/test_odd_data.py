@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.arrays import frozen_floats
-from elvis.formats.dataset import Block, Dataset, Field
-from elvis.formats.geometry import geometry
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.core.arrays import frozen_floats
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.geometry import geometry
+from elvis.core.mapping.connectivity import connected
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.renderer import Plane, Scene, SceneError, Status, default_field, render
 from elvis.renderer.palette import NOT_A_NUMBER
 
@@ -97,13 +97,13 @@ def test_elements_in_one_place_do_not_mix(draw, shape):
 
 
 def corners_of(mesh, shape):
-    from elvis.formats.mapping.orientation import local_vertices
+    from elvis.core.mapping.orientation import local_vertices
 
     return local_vertices(mesh, shape)
 
 
 def vertex_values(block):
-    from elvis.formats.polynomials.expansion import values
+    from elvis.core.polynomials.expansion import values
 
     return values(block.expansion, block.expansion.shape.vertices)
 

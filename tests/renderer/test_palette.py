@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 from elvis.renderer import Scene, SceneError
 from elvis.renderer.palette import FIRST, STEPS, Palette, points_in
 from elvis.renderer.scene.files import read_scene, write_scene

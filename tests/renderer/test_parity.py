@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid, with_field
 from elvis.formats import Dataset
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import approximated, grid, with_field
 from elvis.renderer import (
     Camera,
     Contours,

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import ImageFont
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.renderer import Camera, Contours, CutSurface, Faces, Plane, SceneError, Style
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.picture import AXES, labels, notes, picture, shortest, ticks

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Field
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.inverse import Status as Verdict
-from elvis.formats.mapping.locate import locate
-from elvis.formats.mapping.margins import margins
-from elvis.formats.mapping.pointwise import positions, values
-from elvis.formats.patch import patches
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, mixed_volume, ripple
+from elvis.core.dataset import Field
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.locate import locate
+from elvis.core.mapping.margins import margins
+from elvis.core.mapping.pointwise import positions, values
+from elvis.core.patch import patches
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, mixed_volume, ripple
 from elvis.renderer import Renderer, SceneError, Status
 
 BORDER = 1e-9

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, ripple
+from elvis.core.errors import ElvisError
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple
 from elvis.renderer import Camera, Plane, Status
 from elvis.renderer.picture import picture
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 from elvis.renderer import (
     Camera,
     Clip,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.shapes import Shape
+from elvis.core.errors import ElvisError
+from elvis.core.shapes import Shape
 from elvis.reference.picture import render as judge
 from elvis.renderer import Camera, Plane, Scene
 

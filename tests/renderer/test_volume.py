@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.mesh import Composite
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, with_field
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.connectivity import connected
+from elvis.core.mesh import Composite
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
 from elvis.renderer import Camera, Plane, SceneError
 from elvis.renderer.scene import Clip, Transfer
 from elvis.renderer.view import View

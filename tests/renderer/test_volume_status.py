@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import curved, grid, with_field
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.connectivity import connected
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
 from elvis.formats.writing import write
 from elvis.plugins import command
 from elvis.renderer import Camera, Isosurface, SceneError, Status

@@ -12,8 +12,8 @@ from elvis.converters.gmsh import Gmsh, block_of
 from elvis.converters.gmsh_data import Contents
 from elvis.converters.gmsh_mesh import read_mesh
 from elvis.converters.hdf5 import holds, opened
-from elvis.formats.errors import FormatError
-from elvis.formats.files import leading
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import leading
 from elvis.formats.nektar.stored_hdf5 import check_stored
 from elvis.plugins.conversion import Boundary
 

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import content, leading
-from elvis.formats.polynomials.collapse import collapse
-from elvis.formats.polynomials.jacobi import jacobi
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import content, leading
+from elvis.core.polynomials.collapse import collapse
+from elvis.core.polynomials.jacobi import jacobi
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Converter, Elements, SourceField
 
 #: numbers of types; those of tetrahedra and pyramids were never written

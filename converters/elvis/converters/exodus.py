@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from elvis.converters.exodus_files import CORNERS, SIDES, Variables, is_exodus, nodes_of, shape_of
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import space_size, space_values
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.hdf5 import attribute, holds, opened, rows, text
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import leading
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import leading
+from elvis.core.shapes import Shape
 
 _CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
 

@@ -12,16 +12,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.dataset import Dataset, Expansion
-from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import map_names
-from elvis.formats.patch import Patch, patches
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.evaluation import evaluate
-from elvis.formats.relative import allowed, scale
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset, Expansion
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import map_names
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.relative import allowed, scale
+from elvis.core.shapes import Shape
 from elvis.plugins.projection.frames import affine_between
 
 #: points of each element at which an export is compared with the data

@@ -16,9 +16,9 @@ from elvis.converters.gmf_files import ELEMENTS, GmfFile, Section, is_gmf, secti
 from elvis.converters.gmf_nodes import Bernstein, guessed, is_lattice, unit_points
 from elvis.converters.gmf_nodes import lattice as all_nodes
 from elvis.converters.unit import UNIT
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import content, leading
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import content, leading
 
 #: kinds of elements: vertices, dimension, letter before the order, numbers of an entry of an ordering table
 ELEMENTS: dict[str, tuple[int, int, str, int]] = {

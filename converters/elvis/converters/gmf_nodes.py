@@ -7,8 +7,8 @@ from math import comb, factorial, prod
 import numpy as np
 
 from elvis.converters.unit import UNIT
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
 

@@ -16,10 +16,10 @@ import numpy as np
 from elvis.converters.gmsh_data import MAGIC, Contents, Scheme, Section, beginning, scan
 from elvis.converters.gmsh_mesh import Functions, Group, Mesh, read_mesh
 from elvis.converters.names import components
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.files import leading
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.files.plain import leading
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.recognition import found_instead
 

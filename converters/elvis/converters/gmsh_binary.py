@@ -11,7 +11,7 @@ from collections.abc import Callable
 from mmap import mmap
 from pathlib import Path
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 
 #: the integers that begin a section of version 4.1, and those that begin its blocks
 _HEAD, _BLOCK = "4Q", "3iQ"

@@ -16,9 +16,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.shapes import Shape
 
 MAGIC = b"$MeshFormat"
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from elvis.converters.exporting import Cell, Export, Piece, Target, moved
 from elvis.converters.gmsh_mesh import CORNERS, session
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.mesh import Mesh
-from elvis.formats.output import replacing
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.files.output import replacing
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
 
 _FAMILIES = {
     Shape.SEGMENT: "Line",

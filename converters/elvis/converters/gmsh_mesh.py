@@ -15,11 +15,11 @@ import numpy as np
 from elvis.converters.gmsh_binary import check
 from elvis.converters.gmsh_data import MAGIC, Contents
 from elvis.converters.trial import attempt
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.quadrature import gauss
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import native_points, space_values, tensor_nodes
 

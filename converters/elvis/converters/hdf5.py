@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import check_plain
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import check_plain
 from elvis.formats.nektar.heaps import check_heaps
 from elvis.formats.nektar.stored_hdf5 import check_attribute, check_stored, check_strings
 

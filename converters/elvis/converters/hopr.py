@@ -15,10 +15,10 @@ import numpy as np
 
 from elvis.converters.hdf5 import attribute, attributes, floats, holds, ints, number, opened, require, text, texts
 from elvis.converters.subcells import SubCells
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.quadrature import gauss, lobatto
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.quadrature import gauss, lobatto
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis
 

@@ -19,9 +19,9 @@ from elvis.converters.mfem_files import check_mesh, is_field, is_mesh, named_att
 from elvis.converters.mfem_pieces import Piece, Source, is_stream, pieces
 from elvis.converters.names import components
 from elvis.converters.unit import UNIT
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.projection.vertices import clusters
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from elvis.converters.trial import attempt
-from elvis.formats.arrays import Floats
-from elvis.formats.errors import FormatError
-from elvis.formats.files import content, leading
+from elvis.core.arrays import Floats
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import content, leading
 from elvis.plugins.conversion import DOUBLE, EIGHT_DIGITS
 
 #: number of vertices by the number of a geometry

@@ -13,7 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from elvis.converters.mfem_files import first_line, header_end, is_mesh, load
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 
 #: first words of streams with functions and without; ``keys`` follow the numbers of some
 _STREAM = re.compile(r"(?:parallel +(\d+) +(\d+)\s+)?(solution|v?fem[23]d_gf_data(?:_keys)?|mesh)\s*")

@@ -11,20 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from elvis.converters.hdf5 import holds
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.files.plain import leading
+from elvis.core.geometry import map_names
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import Composite, Mesh
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.shapes import Shape
 from elvis.formats import read
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Expansion
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.files import leading
-from elvis.formats.geometry import map_names
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.mesh import Composite, Mesh
 from elvis.formats.nektar.sources import GZIP_SIGNATURE, HDF5_SIGNATURE
-from elvis.formats.patch import Patch, patches
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.evaluation import evaluate
-from elvis.formats.polynomials.expansion import mode_count
-from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 
 _ROOT = re.compile(rb"<NEKTAR[\s>/]")

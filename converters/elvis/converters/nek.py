@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, other_file, read_boundaries, read_header
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.files import content, leading
-from elvis.formats.polynomials.quadrature import lobatto
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.files.plain import content, leading
+from elvis.core.polynomials.quadrature import lobatto
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, SourceField
 from elvis.plugins.nodal import NodalBasis, tensor_nodes
 from elvis.plugins.recognition import found_instead

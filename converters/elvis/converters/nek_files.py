@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import leading
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import leading
 
 MAGIC, MESH_MAGIC, _HEADER, _MESH_HEADER = b"#std", b"#v00", 132, 80
 

@@ -19,10 +19,10 @@ from elvis.converters.names import components
 from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, export
 from elvis.converters.ngsolve_files import is_mesh, sampled
 from elvis.converters.unit import UNIT
-from elvis.formats.archives import Archive, names_in
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.files import leading
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.files.archives import Archive, names_in
+from elvis.core.files.plain import leading
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
 

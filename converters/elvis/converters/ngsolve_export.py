@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.unit import UNIT
-from elvis.formats.arrays import Floats, Ints, frozen_floats
-from elvis.formats.errors import ElvisError
-from elvis.formats.output import replacing
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.quadrature import gauss, lobatto
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import replacing
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.quadrature import gauss, lobatto
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import space_size, space_values
 

@@ -21,10 +21,10 @@ import numpy as np
 
 from elvis.converters.ngsolve_export import samples
 from elvis.converters.trial import attempt
-from elvis.formats.archives import Archive
-from elvis.formats.arrays import Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.files import content, leading
+from elvis.core.arrays import Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.files.archives import Archive
+from elvis.core.files.plain import content, leading
 from elvis.plugins.discovery import EXTRA
 
 #: spaces that can be named
@@ -56,7 +56,7 @@ import json
 from pathlib import Path
 import ngsolve
 from elvis.converters.ngsolve_files import in_library
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 bound()
 try:
     in_library(json.loads(Path(sys.argv[1]).read_text()))

@@ -17,10 +17,10 @@ import numpy as np
 from elvis.converters import pyfr_old
 from elvis.converters.hdf5 import floats, holds, ints, opened, require, texts
 from elvis.converters.pyfr_old import Values
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.stored_hdf5 import check_attribute
-from elvis.formats.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
 

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elvis.converters.hdf5 import require, text
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.polynomials.quadrature import gauss, lobatto
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.quadrature import gauss, lobatto
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]

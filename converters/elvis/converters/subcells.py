@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary
 from elvis.plugins.nodal import NodalBasis
 

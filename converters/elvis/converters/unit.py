@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.shapes import Shape
 
 _SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
 _BASE = tuple((*corner, 0) for corner in _SQUARE)

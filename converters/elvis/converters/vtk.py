@@ -16,10 +16,10 @@ from elvis.converters.names import components
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, kind_of, other_kind, read
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.polynomials.quadrature import lobatto
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.quadrature import lobatto
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Converter, Elements, Option, SourceField
 
 #: cells whose edges tell where the nodes lie, and the share of an edge that a node may be off

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.collapse import collapse
-from elvis.formats.polynomials.quadrature import lobatto
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.collapse import collapse
+from elvis.core.polynomials.quadrature import lobatto
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis
 

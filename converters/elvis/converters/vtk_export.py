@@ -10,10 +10,10 @@ import numpy as np
 from elvis.converters.exporting import Cell, Export, Piece, Target, moved
 from elvis.converters.vtk_cells import LAGRANGE, Kind
 from elvis.converters.vtk_cells import Cell as VtkCell
-from elvis.formats.arrays import Floats
-from elvis.formats.errors import ElvisError
-from elvis.formats.output import write_text
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import write_text
+from elvis.core.shapes import Shape
 from elvis.plugins.nodal import space_size
 
 _TYPES = {shape: number for number, shape in LAGRANGE.items()}

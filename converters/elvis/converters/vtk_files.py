@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.trial import attempt
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import DEFLATE_RATIO, check_plain, content, leading
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import DEFLATE_RATIO, check_plain, content, leading
 from elvis.plugins.recognition import found_instead
 
 #: how much of a file tells what it is
@@ -49,7 +49,7 @@ _TRIAL = """
 from pathlib import Path
 from vtkmodules import vtkIOLegacy, vtkIOXML
 from elvis.converters.vtk_files import kind_of, read_one
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 bound()
 for name in sys.argv[1:]:
     with suppress(FormatError):

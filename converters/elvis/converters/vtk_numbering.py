@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.converters.vtk_cells import Cell
-from elvis.formats.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints
 
 #: nodes are near their places where they are that much nearer than they would be otherwise
 _NEARER = 0.5

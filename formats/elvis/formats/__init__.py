@@ -12,12 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from elvis.formats.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
-    from elvis.formats.errors import ElvisError, FormatError
-    from elvis.formats.mesh import Composite, Curves, Entities, Mesh
-    from elvis.formats.polynomials.bases import Basis
+    from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
+    from elvis.core.errors import ElvisError, FormatError
+    from elvis.core.mesh import Composite, Curves, Entities, Mesh
+    from elvis.core.polynomials.bases import Basis
+    from elvis.core.shapes import Shape
     from elvis.formats.reading import read
-    from elvis.formats.shapes import Shape
     from elvis.formats.writing import write
 
 __all__ = [
@@ -40,18 +40,18 @@ __all__ = [
 ]
 
 _MODULES = {
-    "dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
-    "errors": ("ElvisError", "FormatError"),
-    "mesh": ("Composite", "Curves", "Entities", "Mesh"),
-    "polynomials.bases": ("Basis",),
-    "reading": ("read",),
-    "shapes": ("Shape",),
-    "writing": ("write",),
+    "elvis.core.dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
+    "elvis.core.errors": ("ElvisError", "FormatError"),
+    "elvis.core.mesh": ("Composite", "Curves", "Entities", "Mesh"),
+    "elvis.core.polynomials.bases": ("Basis",),
+    "elvis.core.shapes": ("Shape",),
+    "elvis.formats.reading": ("read",),
+    "elvis.formats.writing": ("write",),
 }
 
 
 def __getattr__(name: str) -> object:
     for module, names in _MODULES.items():
         if name in names:
-            return getattr(import_module(f"elvis.formats.{module}"), name)
+            return getattr(import_module(module), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,9 +7,9 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError, FormatError
-from elvis.formats.mesh import Mesh
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.mesh import Mesh
 from elvis.formats.nektar import expansions, fields, fields_hdf5, fields_xml, geometry_hdf5, geometry_xml, hdf5, xml
 from elvis.formats.nektar.assembly import assemble
 from elvis.formats.nektar.metadata import time_of

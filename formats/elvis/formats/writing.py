@@ -8,15 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import Outputs, check_places
 from elvis.formats.nektar import fields_output, geometry_hdf5_output, geometry_output
 from elvis.formats.nektar.domain import with_domain
 from elvis.formats.nektar.expansions_output import completed_rules, write_rules
 from elvis.formats.nektar.metadata import time_of
 from elvis.formats.nektar.output_xml import document, write_metadata
 from elvis.formats.nektar.sections_output import OutputSection, output_sections
-from elvis.formats.output import Outputs, check_places
 
 MeshFormat = Literal["compressed", "text", "hdf5"]
 FieldFormat = Literal["xml", "hdf5"]

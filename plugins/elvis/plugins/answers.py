@@ -11,16 +11,16 @@ from typing import Any, cast
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.columns import Columns
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.boxes import BoxTree
-from elvis.formats.mapping.margins import TOLERANCE
-from elvis.formats.mapping.tangents import duals
-from elvis.formats.norms import AXES, Norm
-from elvis.formats.polynomials.cubature import Cubature, field_cubature
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.quantities import Expression
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.errors import ElvisError
+from elvis.core.files.columns import Columns
+from elvis.core.mapping.boxes import BoxTree
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.tangents import duals
+from elvis.core.norms import AXES, Norm
+from elvis.core.polynomials.cubature import Cubature, field_cubature
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.quantities import Expression
 from elvis.plugins.examining import Examiner, checked
 from elvis.plugins.opening import Opened, open_files
 from elvis.plugins.registry import load

@@ -4,7 +4,7 @@ A converter is a subclass of `Converter`.  It says which files it opens, lists b
 evaluates both at reference points.  Projection, numbering, curves, continuity, error measurement and file formats are
 the project's.
 
-Reference points come in the coordinates of `elvis.formats.shapes`, [-1, 1] each way, with local vertices in that order.
+Reference points come in the coordinates of `elvis.core.shapes`, [-1, 1] each way, with local vertices in that order.
 A block whose source uses other coordinates declares a ``frame``; the points then come in the source's.
 """
 
@@ -17,10 +17,10 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Homogeneous
-from elvis.formats.mesh import Mesh
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Homogeneous
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
 
 #: relative spacing of float64, float32 and of text with eight digits
 DOUBLE, SINGLE, EIGHT_DIGITS = 2.0**-52, 2.0**-23, 1e-8

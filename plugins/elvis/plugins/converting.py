@@ -10,12 +10,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from elvis.formats.arrays import Ints, frozen_floats, frozen_ints
-from elvis.formats.dataset import Block, Dataset, Field
-from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import MAP_FIELDS
-from elvis.formats.mesh import Mesh
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Ints, frozen_floats, frozen_ints
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import MAP_FIELDS
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves

@@ -9,8 +9,8 @@ from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.files import check_plain_or_folder
+from elvis.core.errors import ElvisError
+from elvis.core.files.plain import check_plain_or_folder
 from elvis.plugins.conversion import Converter, Option
 from elvis.plugins.recognition import found_instead
 from elvis.plugins.registry import PluginError, plugins

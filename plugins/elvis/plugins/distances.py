@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Ints
-from elvis.formats.distances import Surface
-from elvis.formats.distances.pieces import Pieces
-from elvis.formats.distances.search import EQUAL
+from elvis.core.arrays import Ints
+from elvis.core.distances import Surface
+from elvis.core.distances.pieces import Pieces
+from elvis.core.distances.search import EQUAL
 
 Buffers = dict[str, NDArray[Any]]
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples, check_samples, notes, probes
 

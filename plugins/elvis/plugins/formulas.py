@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.errors import ElvisError
-from elvis.formats.quantities.attributes import is_constant, target_of
-from elvis.formats.quantities.expression import Expression
-from elvis.formats.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
+from elvis.core.arrays import Floats
+from elvis.core.errors import ElvisError
+from elvis.core.quantities.attributes import is_constant, target_of
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
 
 _FUNCTIONS: Mapping[str, str] = {
     "step": "before",

@@ -16,7 +16,7 @@ def plugins(as_json: bool) -> None:
 
     A plugin that does not load is listed with the reason; the others work all the same.
     """
-    from elvis.formats.terminal import print_table
+    from elvis.core.terminal import print_table
 
     rows = list(_rows())
     if as_json:

@@ -9,14 +9,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.dataset import Expansion
-from elvis.formats.errors import ElvisError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.polynomials.collapse import collapse
-from elvis.formats.polynomials.expansion import mode_count, values
-from elvis.formats.polynomials.jacobi import jacobi
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.dataset import Expansion
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.collapse import collapse
+from elvis.core.polynomials.expansion import mode_count, values
+from elvis.core.polynomials.jacobi import jacobi
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 
 #: interpolation that loses more digits than this is refused

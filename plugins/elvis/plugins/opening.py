@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.files import check_plain_or_folder
+from elvis.core.errors import ElvisError
+from elvis.core.files.plain import check_plain_or_folder
 from elvis.plugins.discovery import defined_in
 from elvis.plugins.registry import PluginError, plugins
 from elvis.plugins.source import VolumeSource

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 
 #: group of entry points -> what one of them names
 GROUPS = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from elvis.formats.relative import allowed, scale
+from elvis.core.relative import allowed, scale
 
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13

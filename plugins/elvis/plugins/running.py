@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.terminal import one_line
+from elvis.core.errors import ElvisError
+from elvis.core.terminal import one_line
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.registry import Plugin, PluginError, plugins
 

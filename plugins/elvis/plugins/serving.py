@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.distances import surface_of
-from elvis.formats.errors import ElvisError
-from elvis.formats.quantities import Expression, Names
-from elvis.formats.quantities.attributes import from_ideal, target_of
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.distances import surface_of
+from elvis.core.errors import ElvisError
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.attributes import from_ideal, target_of
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
 from elvis.plugins.joining import joined
@@ -26,7 +26,7 @@ from elvis.plugins.volume import Part, Quantity, Shown, Solution, Volume
 def volume_of(data: Dataset | Opened, quantities: Sequence[str]) -> Volume:
     """The elements that have the first quantity, each with all of them.
 
-    quantities  fields, expressions or ready-made quantities (see `elvis.formats.quantities`); every part has them by
+    quantities  fields, expressions or ready-made quantities (see `elvis.core.quantities`); every part has them by
                 these names in ``Part.quantities``, and the first as its own field
 
     ElvisError for what names no quantity.

@@ -1,6 +1,6 @@
 """Elements of a runtime plugin in NumPy: where a part says its shape and gives `Part.evaluate`, all else follows.
 
-Points are those of the shape in `elvis.formats.shapes`, whatever coordinates the plugin takes.
+Points are those of the shape in `elvis.core.shapes`, whatever coordinates the plugin takes.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.distances import Surface, nearest, surface_of
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.tangents import duals
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.attributes import from_ideal, target_of
-from elvis.formats.quantities.functions import function
-from elvis.formats.quantities.tree import Node, folded
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.distances import Surface, nearest, surface_of
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.tangents import duals
+from elvis.core.quantities import Expression
+from elvis.core.quantities.attributes import from_ideal, target_of
+from elvis.core.quantities.functions import function
+from elvis.core.quantities.tree import Node, folded
+from elvis.core.shapes import Shape
 from elvis.plugins.volume import Part, Volume
 
 #: attributes of elements that need nothing but the map
@@ -137,7 +137,7 @@ def _surface(target: str) -> Surface:
 
 
 def _attribute(name: str, twin: Twin, rows: Ints, jacobians: Callable[[], Floats]) -> Floats | float:
-    """What is known of elements by themselves (`elvis.formats.quantities.attributes`)."""
+    """What is known of elements by themselves (`elvis.core.quantities.attributes`)."""
     if name == "element":
         return twin.part.element_ids[rows].astype(np.float64)
     if name == "shape":

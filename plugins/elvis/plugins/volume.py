@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.shapes import Shape
 
 if TYPE_CHECKING:
     from elvis.plugins.faces import Faces

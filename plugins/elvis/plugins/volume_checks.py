@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.plugins.registry import PluginError
 from elvis.plugins.volume import Part, Volume
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats
-from elvis.formats.relative import allowed
+from elvis.core.arrays import Bools, Floats
+from elvis.core.relative import allowed
 from elvis.reference.metrics import Place, extent, not_narrow, value_errors, value_range, worst
 from elvis.reference.record import Record
 from elvis.renderer.frame import Status

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.reference.hits import Hits
 from elvis.reference.record import Record
 from elvis.renderer.palette import Palette

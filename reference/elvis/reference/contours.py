@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.reference.extras import needed
 from elvis.reference.record import Record
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 
 
 class MissingExtraError(ElvisError):

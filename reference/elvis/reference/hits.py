@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.frame import Status
 
 

@@ -14,15 +14,15 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.boxes import element_boxes
-from elvis.formats.mapping.inverse import Status as Verdict
-from elvis.formats.mapping.locate import Location, Locator
-from elvis.formats.mapping.margins import TOLERANCE
-from elvis.formats.mapping.pointwise import values
-from elvis.formats.patch import Patch, patches
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.boxes import element_boxes
+from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.locate import Location, Locator
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.pointwise import values
+from elvis.core.patch import Patch, patches
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import dimension_of
 from elvis.reference.places import owners, polish
@@ -39,7 +39,7 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene has a plane.
 
     Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
-    A point within 1e-10 of the border of elements (`elvis.formats.mapping.margins`) is ambiguous and goes to the one
+    A point within 1e-10 of the border of elements (`elvis.core.mapping.margins`) is ambiguous and goes to the one
     of lowest global id.  What a plugin has opened is drawn where it describes its elements in NumPy.
     Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.core.arrays import Floats
 from elvis.reference.hits import Hits
 from elvis.renderer.scene import Style, Vector
 from elvis.renderer.view import View

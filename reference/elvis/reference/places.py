@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.mapping.inverse import Status as Verdict
-from elvis.formats.mapping.locate import Location, Locator
-from elvis.formats.mapping.margins import TOLERANCE
-from elvis.formats.mapping.pointwise import positions_and_jacobians
-from elvis.formats.mapping.tangents import duals
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Floats
+from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.locate import Location, Locator
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.pointwise import positions_and_jacobians
+from elvis.core.mapping.tangents import duals
+from elvis.core.patch import Patch
 from elvis.reference.twins import TwinPatch
 
 

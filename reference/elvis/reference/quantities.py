@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset, Expansion
-from elvis.formats.mapping.boxes import Boxes, element_boxes
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.evaluation import evaluate, evaluate_at_with_gradients
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.sampling import Evaluator
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset, Expansion
+from elvis.core.mapping.boxes import Boxes, element_boxes
+from elvis.core.patch import Patch
+from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
+from elvis.core.quantities import Expression
+from elvis.core.quantities.sampling import Evaluator
 from elvis.renderer.frame import Frame
 from elvis.renderer.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
 

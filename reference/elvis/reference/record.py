@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.archives import Archive
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.output import replacing
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.archives import Archive
+from elvis.core.files.output import replacing
 from elvis.renderer.frame import Frame
 
 #: channels and their dimensions beyond height and width

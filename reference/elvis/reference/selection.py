@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.orientation import first_face_row
-from elvis.formats.mesh import Composite, Mesh
-from elvis.formats.patch import Patch
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.orientation import first_face_row
+from elvis.core.mesh import Composite, Mesh
+from elvis.core.patch import Patch
+from elvis.core.shapes import Shape
 from elvis.reference.solids import faces_of, heights
 from elvis.renderer.errors import SceneError
 

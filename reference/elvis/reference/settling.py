@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.bounding import quantity_range
+from elvis.core.dataset import Dataset
+from elvis.core.quantities import Expression
+from elvis.core.quantities.bounding import quantity_range
 from elvis.plugins.opening import Opened
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Drawing, Frame

@@ -11,13 +11,13 @@ from functools import cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mapping.margins import facets
-from elvis.formats.mapping.orientation import face_shape
-from elvis.formats.mapping.pointwise import positions_and_jacobians
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.evaluation import evaluate, evaluate_at_with_gradients
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.margins import facets
+from elvis.core.mapping.orientation import face_shape
+from elvis.core.mapping.pointwise import positions_and_jacobians
+from elvis.core.patch import Patch
+from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
+from elvis.core.shapes import Shape
 from elvis.reference.baseline.templates import Template, drawn_out, template
 from elvis.reference.twins import TwinPatch
 
@@ -87,7 +87,7 @@ def faces_of(patch: Patch) -> tuple[Face, ...]:
 
 
 def margins_of(patch: Patch, points: Floats) -> Floats:
-    """(n,) how far inside an element reference points (n, 3) lie, as `elvis.formats.mapping.margins` has it."""
+    """(n,) how far inside an element reference points (n, 3) lie, as `elvis.core.mapping.margins` has it."""
     return np.asarray(heights(bounds(patch.shape, bool(patch.periods)), points).min(axis=1))
 
 

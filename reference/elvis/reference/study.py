@@ -8,11 +8,11 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.memory import free_memory
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.memory import free_memory
+from elvis.core.patch import Patch
 from elvis.plugins.serving import dimension_of
 from elvis.reference.bars import Bar, bars
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance

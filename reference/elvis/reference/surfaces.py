@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.files import check_plain
+from elvis.core.arrays import Floats
+from elvis.core.files.plain import check_plain
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import MissingExtraError, needed
 from elvis.renderer.errors import SceneError

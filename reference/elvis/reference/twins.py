@@ -7,12 +7,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mapping.inverse import Status
-from elvis.formats.mapping.margins import TOLERANCE, drawn_in, margins
-from elvis.formats.mapping.tangents import duals
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.interpolation import modified
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.inverse import Status
+from elvis.core.mapping.margins import TOLERANCE, drawn_in, margins
+from elvis.core.mapping.tangents import duals
+from elvis.core.patch import Patch
+from elvis.core.polynomials.interpolation import modified
 from elvis.plugins.twins import Twin
 from elvis.reference.baseline.templates import template
 

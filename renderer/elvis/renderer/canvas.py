@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
-from elvis.formats.memory import free_memory
+from elvis.core.arrays import Floats
+from elvis.core.memory import free_memory
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Drawing, Frame, Status, whole
 from elvis.renderer.pixels import NOBODY

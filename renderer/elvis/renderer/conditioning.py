@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.frame import Status
 from elvis.renderer.view import PlaneView, View
 

@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.formats.mapping.tangents import duals
-from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.mapping.tangents import duals
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.shapes import Shape
 from elvis.plugins.native.bending import changes, derived, net_of_xi
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.examining import examine

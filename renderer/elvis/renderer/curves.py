@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.boxes import Boxes
-from elvis.formats.mapping.pointwise import positions
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.sampling import Evaluator
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.boxes import Boxes
+from elvis.core.mapping.pointwise import positions
+from elvis.core.quantities import Expression
+from elvis.core.quantities.sampling import Evaluator
 from elvis.renderer.errors import SceneError
 from elvis.renderer.fitting import automatic, missed, surrounding
 from elvis.renderer.frame import Drawing, Frame, Legend, Status

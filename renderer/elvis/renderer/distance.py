@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.core.arrays import Floats
 from elvis.plugins.volume import Part, Quantity
 from elvis.renderer.hits import Hits
 from elvis.renderer.layer import Layer

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 
 
 class DeviceError(ElvisError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.loaded import Loaded
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.plugins.faces import Faces
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.frame import Status

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats
-from elvis.formats.mapping.boxes import Boxes
+from elvis.core.arrays import Bools, Floats
+from elvis.core.mapping.boxes import Boxes
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Camera, Plane, Scene
 from elvis.renderer.view import fitted, named

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.distances.files import renamed
-from elvis.formats.output import Outputs
+from elvis.core.arrays import Floats, Ints
+from elvis.core.distances.files import renamed
+from elvis.core.files.output import Outputs
 from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.renderer.scene import Scene, Vector
 from elvis.renderer.view import PlaneView, View

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Ints
+from elvis.core.arrays import Bools, Ints
 from elvis.plugins.volume import Part
 from elvis.renderer.pixels import NOBODY, Pixels, settle
 from elvis.renderer.proof import proved

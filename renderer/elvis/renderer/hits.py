@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.distances.files import corners_of
+from elvis.core.arrays import Floats, Ints
+from elvis.core.distances.files import corners_of
 from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
 from elvis.renderer.scene.surfaces import Solid
 from elvis.renderer.view import View

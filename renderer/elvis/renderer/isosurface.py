@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.renderer.conditioning import misplaced
 from elvis.renderer.device import STAND_IN, Buffer, Kernel
 from elvis.renderer.errors import SceneError

@@ -16,7 +16,7 @@ from contextlib import ExitStack, suppress
 from hashlib import sha256
 from pathlib import Path
 
-from elvis.formats.scratch import scratch
+from elvis.core.files.scratch import scratch
 from elvis.renderer.kernel_database import DatabaseError, content, fill
 
 #: how a file begins; then come the SHA-256 of all that follows, the length of the key in two bytes, key and kernel

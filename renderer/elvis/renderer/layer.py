@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.renderer.frame import Status
 from elvis.renderer.pixels import NOBODY, Pixels
 from elvis.renderer.view import PlaneView

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.device import ROWS, Buffer, Device, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.gaps import beside, pairs

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
+from elvis.core.arrays import Floats
 from elvis.plugins.volume import Part, Volume
 from elvis.renderer.device import Buffer, Device
 from elvis.renderer.fitting import surrounding

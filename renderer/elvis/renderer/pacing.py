@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
+from elvis.core.arrays import Floats
 
 #: seconds that a dispatch is meant to take at most
 AIM = 0.2

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
-from elvis.formats.files import check_plain
+from elvis.core.arrays import Floats
+from elvis.core.files.plain import check_plain
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import Transfer
 

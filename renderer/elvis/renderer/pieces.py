@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.orientation import chunks
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
 from elvis.renderer.view import View
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mapping.boxes import BoxTree
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.boxes import BoxTree
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Status

@@ -11,11 +11,11 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import map_names
-from elvis.formats.quantities import Expression
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import map_names
+from elvis.core.quantities import Expression
 from elvis.plugins.examining import checked
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.output import Outputs, replacing
+from elvis.core.files.output import Outputs, replacing
 from elvis.renderer.errors import SceneError
 from elvis.renderer.frame import Frame, Status
 from elvis.renderer.png import write_png

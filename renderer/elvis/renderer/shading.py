@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.errors import ElvisError
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.errors import ElvisError
 from elvis.renderer.compositing import Coats
 from elvis.renderer.conditioning import uncertainties
 from elvis.renderer.contour_proof import ContourProof

@@ -8,9 +8,9 @@ from itertools import permutations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.polynomials.bernstein import bernstein_values
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.polynomials.bernstein import bernstein_values
+from elvis.core.shapes import Shape
 from elvis.plugins.faces.nets import FaceSpace
 from elvis.renderer.pieces import Pieces
 

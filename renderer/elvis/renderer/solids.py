@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.conditioning import MOST, doubted, uncertainties
 from elvis.renderer.frame import Status
 from elvis.renderer.hits import Hits, hits

@@ -8,13 +8,13 @@ from functools import cache, cached_property, partial
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.judging.validity import Verdict, validity
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.bounding import quantity_range
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.quantities import Expression
+from elvis.core.quantities.bounding import quantity_range
+from elvis.core.shapes import Shape
+from elvis.core.validity.validity import Verdict, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, frozen_floats
-from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, frozen_floats
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.shapes import Shape
 from elvis.renderer.conditioning import misplaced
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.loaded import Loaded

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats
+from elvis.core.arrays import Floats
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.hits import Hits, hits, outside, ray_depths
 from elvis.renderer.scene import Clip, Implicit, Plane, TriangleMesh, unit
 from elvis.renderer.scene.surfaces import Solid

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import Coats
 from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.errors import SceneError

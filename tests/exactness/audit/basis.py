@@ -1,13 +1,13 @@
 """The Modified bases in any arithmetic, written from their definition (Karniadakis and Sherwin, 2005, chapter 3).
 
-Shares no line with `elvis.formats.polynomials`, but for the order in which modes are stored, so that tables in
+Shares no line with `elvis.core.polynomials`, but for the order in which modes are stored, so that tables in
 fractions or in extended precision say what coefficients in a file mean.
 """
 
 import numpy as np
 
-from elvis.formats.polynomials.expansion import mode_indices
-from elvis.formats.shapes import Shape
+from elvis.core.polynomials.expansion import mode_indices
+from elvis.core.shapes import Shape
 
 
 def jacobi(n, alpha, z):

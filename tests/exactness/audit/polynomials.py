@@ -8,9 +8,9 @@ from math import log2
 import numpy as np
 
 from audit import basis
-from elvis.formats.dataset import Block
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
+from elvis.core.dataset import Block
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
 
 #: modes each way, and what polynomials must be multiplied by to have dyadic Modified coefficients, on every shape
 MULTIPLES = {2: 1, 3: 1, 4: 1, 5: 15, 6: 315, 8: 4729725}

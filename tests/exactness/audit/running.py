@@ -8,8 +8,8 @@ import numpy as np
 
 from audit.families import FAMILIES
 from audit.judging import Count
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as reference
 from elvis.renderer import Renderer, Scene, SceneError

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from audit.polynomials import X, Y, Z, exact_block
-from elvis.formats.dataset import Dataset, Field
-from elvis.formats.geometry import geometry
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.mesh import Mesh
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid, mixed_plane, mixed_volume
+from elvis.core.dataset import Dataset, Field
+from elvis.core.geometry import geometry
+from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid, mixed_plane, mixed_volume
 
 #: borders of elements, in straight coordinates: nearer to them neighbours are as right
 BORDER = 1e-9

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis.core.shapes import Shape
+from elvis.core.summary import summary
+from elvis.core.testing import curved, one_element
 from elvis.formats import Dataset, ElvisError, read, write
-from elvis.formats.shapes import Shape
-from elvis.formats.summary import summary
-from elvis.formats.testing import curved, one_element
 from elvis.plugins.command import elvis as group
 
 
@@ -152,8 +152,8 @@ def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
     """HDF5 holds any text; tables show it harmless, JSON whole."""
     from dataclasses import replace
 
+    from elvis.core.testing import approximated, grid
     from elvis.formats import Dataset, Shape, write
-    from elvis.formats.testing import approximated, grid
 
     name = "u\x1b]0;title\x07\x1b[2J"
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))

@@ -49,7 +49,7 @@ def test_norms_of_quantities_are_their_integrals(nektar, elvis):
 def test_the_norm_of_a_constant_is_not_the_volume_which_is_told(nektar, elvis, monkeypatch, text, is_told):
     """A cube of edge 2."""
     told = []
-    monkeypatch.setattr("elvis.formats.terminal.warn", told.append)
+    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
     channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
     found = json.loads(elvis("norms", "--json", *channel, "--field", text))
     if is_told:

@@ -2,7 +2,7 @@
 
 import click
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 
 
 @click.command("hello", short_help="Greet.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from elvis.formats.dataset import Dataset
+    from elvis.core.dataset import Dataset
     from elvis.plugins.conversion import Option
     from elvis.plugins.converting import Conversion
     from elvis.plugins.discovery import Candidate
@@ -138,8 +138,8 @@ def _convert(
     **options: Any,
 ) -> None:
     """Convert, report, and write where the errors are in bounds."""
-    from elvis.formats.errors import ElvisError
-    from elvis.formats.terminal import print_json
+    from elvis.core.errors import ElvisError
+    from elvis.core.terminal import print_json
 
     _check_places(output, kind, files, overwrite)
     conversion = _converted(files, **options)
@@ -157,8 +157,8 @@ def _convert(
 
 def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: bool) -> None:
     """ElvisError where an output can't be written, is an input or of another mesh; before any long work."""
-    from elvis.formats.errors import ElvisError
-    from elvis.formats.output import check_places
+    from elvis.core.errors import ElvisError
+    from elvis.core.files.output import check_places
     from elvis.formats.reading import named_files
     from elvis.formats.writing import companions
 
@@ -174,10 +174,10 @@ def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: b
 
 def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent: bool) -> None:
     """Write the files; those of an earlier conversion that these would not replace are refused, or removed."""
+    from elvis.core.errors import ElvisError
+    from elvis.core.files.output import Outputs
+    from elvis.core.terminal import say, stage
     from elvis.formats import write
-    from elvis.formats.errors import ElvisError
-    from elvis.formats.output import Outputs
-    from elvis.formats.terminal import say, stage
     from elvis.formats.writing import companions
 
     fields, data = companions(output)
@@ -207,7 +207,7 @@ def _converted(
     **options: Any,
 ) -> Conversion:
     """The converted data; options that begin with ``converter_`` are the converter's."""
-    from elvis.formats.terminal import stage
+    from elvis.core.terminal import stage
     from elvis.plugins.converting import Settings
     from elvis.plugins.converting import convert as convert_source
     from elvis.plugins.discovery import chosen, in_file, installed, with_defaults
@@ -228,7 +228,7 @@ def _converted(
 
 
 def _print_report(report: Report) -> None:
-    from elvis.formats.terminal import print_table, say
+    from elvis.core.terminal import print_table, say
     from elvis.plugins.report import HEADERS
 
     counts = ", ".join(f"{count} {label}" for label, count in report.elements.items())
@@ -239,7 +239,7 @@ def _print_report(report: Report) -> None:
 
 
 def _print_list() -> None:
-    from elvis.formats.terminal import print_table
+    from elvis.core.terminal import print_table
     from elvis.plugins.discovery import installed
 
     print_table(("name", "reads", "state", "keeps", "loses"), [_row(candidate) for candidate in installed()])

@@ -11,7 +11,7 @@ from elvis.formats.commands.arguments import overwrite_option
 
 if TYPE_CHECKING:
     from elvis.converters.exporting import Export, Loss
-    from elvis.formats.dataset import Dataset
+    from elvis.core.dataset import Dataset
 
 EPILOG = """\b
 Examples:
@@ -49,8 +49,8 @@ def export(
     An element becomes one cell, of the lowest order that holds its map and its fields, up to order 10 in VTK and 9 in
     Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.
     """
+    from elvis.core.files.output import check_places
     from elvis.formats.commands.arguments import field_names, read_data
-    from elvis.formats.output import check_places
 
     if output.suffix not in (".vtu", ".msh"):
         raise click.BadParameter(f"expected a name ending in .vtu or .msh, found {output}", param_hint="'-o'")
@@ -90,7 +90,7 @@ def _require(module: str, package: str) -> None:
     """ElvisError, naming what brings it, where a package is missing."""
     from importlib.util import find_spec
 
-    from elvis.formats.errors import ElvisError
+    from elvis.core.errors import ElvisError
     from elvis.plugins.discovery import EXTRA
 
     if find_spec(module) is None:
@@ -101,8 +101,8 @@ def _require(module: str, package: str) -> None:
 
 def _report(found: Export, path: Path, bound: float | None, as_json: bool) -> None:
     """Print what was lost; ElvisError where that is more than allowed."""
-    from elvis.formats.errors import ElvisError
-    from elvis.formats.terminal import print_json, print_table
+    from elvis.core.errors import ElvisError
+    from elvis.core.terminal import print_json, print_table
 
     if as_json:
         facts = [

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
-    from elvis.formats.arrays import Floats
-    from elvis.formats.columns import Columns
-    from elvis.formats.dataset import Dataset
-    from elvis.formats.norms import Norm
-    from elvis.formats.quantities import Expression
+    from elvis.core.arrays import Floats
+    from elvis.core.dataset import Dataset
+    from elvis.core.files.columns import Columns
+    from elvis.core.norms import Norm
+    from elvis.core.quantities import Expression
 
 Triple = tuple[float, float, float]
 
@@ -70,7 +70,7 @@ def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None =
 
 def opened(paths: Sequence[Path], plugin: str | None) -> Answers | None:
     """What a runtime plugin answers about the files, None where none opens them; ``elvis`` itself knows the plugins."""
-    from elvis.formats.terminal import warn
+    from elvis.core.terminal import warn
 
     ask = getattr(click.get_current_context().find_root().obj, "ask", None)
     found: Answers | None = ask(paths, plugin, warn) if ask else None
@@ -115,8 +115,8 @@ def triples(text: str, count: int) -> tuple[Triple, ...]:
 
 def read_data(paths: Iterable[Path]) -> Dataset:
     """The dataset in these files, read with a word on the terminal."""
+    from elvis.core.terminal import stage
     from elvis.formats import read
-    from elvis.formats.terminal import stage
 
     files = tuple(paths)
     with stage(f"reading {', '.join(file.name for file in files)}"):
@@ -136,7 +136,7 @@ def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
 
 def expressions(dataset: Dataset, texts: Sequence[str] | None) -> tuple[Expression, ...]:
     """The quantities, or all fields for None; ElvisError for what names no quantity of the dataset."""
-    from elvis.formats.quantities import Expression, Names
+    from elvis.core.quantities import Expression, Names
 
     names = Names.of(dataset)
     return tuple(Expression.parse(text, names) for text in (names.fields if texts is None else texts))

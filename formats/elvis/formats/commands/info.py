@@ -19,9 +19,9 @@ from elvis.formats.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from elvis.formats.dataset import Dataset
-    from elvis.formats.judging.finding import Finding
-    from elvis.formats.quantities import Expression
+    from elvis.core.dataset import Dataset
+    from elvis.core.quantities import Expression
+    from elvis.formats.strict.finding import Finding
 
 Facts = dict[str, Any]
 
@@ -68,7 +68,7 @@ def info(
     with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
     --field adds the certified range of any quantity. What runtime plugins open is sampled where they give no bounds.
     """
-    from elvis.formats.terminal import stage
+    from elvis.core.terminal import stage
 
     many = None if everything else _MANY
     if strict and jacobian:
@@ -87,7 +87,7 @@ def info(
     if jacobian:
         _prove(dataset, as_json, many)
         return
-    from elvis.formats.summary import summary
+    from elvis.core.summary import summary
 
     with stage("measuring"):
         facts = summary(dataset)
@@ -100,7 +100,7 @@ def info(
 
 def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:
     """Print facts as JSON or as tables."""
-    from elvis.formats.terminal import print_json
+    from elvis.core.terminal import print_json
 
     if as_json:
         print_json(facts)
@@ -110,7 +110,7 @@ def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:
 
 def _print_opened(facts: Facts) -> None:
     """Print what a runtime plugin says of its data."""
-    from elvis.formats.terminal import print_table
+    from elvis.core.terminal import print_table
 
     rows = [("plugin", f"{facts['plugin']}: {facts['format']}"), ("dimension", str(facts["dimension"]))]
     rows += [("elements", f"{count} {kind}") for kind, count in facts["elements"].items()]
@@ -129,7 +129,7 @@ def _range(dataset: Dataset, expression: Expression) -> Facts | None:
     """The bounds of a quantity and what is attained; None where it has no values."""
     from dataclasses import asdict
 
-    from elvis.formats.quantities.bounding import quantity_range
+    from elvis.core.quantities.bounding import quantity_range
 
     found = quantity_range(dataset, expression)
     return None if found is None else asdict(found)
@@ -137,8 +137,8 @@ def _range(dataset: Dataset, expression: Expression) -> Facts | None:
 
 def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
     """What distances are measured to: how many faces, and whether they are closed, so that distances have a sign."""
-    from elvis.formats.distances import surface_of
-    from elvis.formats.quantities.attributes import target_of
+    from elvis.core.distances import surface_of
+    from elvis.core.quantities.attributes import target_of
 
     targets = {target for each in asked for name in each.attributes if (target := target_of(name)) is not None}
     found = {target: surface_of(dataset, target) for target in sorted(targets)}
@@ -147,9 +147,9 @@ def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
 
 def _check(data: tuple[Path, ...], as_json: bool) -> None:
     """Print the rules that the files break; ElvisError where some of these are required."""
-    from elvis.formats.errors import ElvisError
-    from elvis.formats.judging.strict import findings
-    from elvis.formats.terminal import print_json, say, stage
+    from elvis.core.errors import ElvisError
+    from elvis.core.terminal import print_json, say, stage
+    from elvis.formats.strict import findings
 
     with stage("checking"):
         found = findings(*data)
@@ -168,7 +168,7 @@ def _check(data: tuple[Path, ...], as_json: bool) -> None:
 
 
 def _print_findings(title: str, found: Sequence[Finding]) -> None:
-    from elvis.formats.terminal import one_line, say
+    from elvis.core.terminal import one_line, say
 
     if found:
         say("\n".join([title, *(f"  {one_line(str(each))}" for each in found)]))
@@ -176,9 +176,9 @@ def _print_findings(title: str, found: Sequence[Finding]) -> None:
 
 def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
     """Print the verdict on the Jacobian of every element; ElvisError where one is not positive for certain."""
-    from elvis.formats.errors import ElvisError
-    from elvis.formats.judging.validity import Verdict, validity, verdicts
-    from elvis.formats.terminal import print_json, print_table, say, stage
+    from elvis.core.errors import ElvisError
+    from elvis.core.terminal import print_json, print_table, say, stage
+    from elvis.core.validity.validity import Verdict, validity, verdicts
 
     with stage("proving"):
         found = validity(dataset)
@@ -217,7 +217,7 @@ def _listed_row(row: Facts) -> tuple[object, ...]:
 
 def _print(facts: Facts, many: int | None) -> None:
     """Print the facts as tables, lists of more than ``many`` cut with a word."""
-    from elvis.formats.terminal import print_table
+    from elvis.core.terminal import print_table
 
     maps = [_expansion_row(expansion) for expansion in facts["geometry"]["expansions"]]
     fields = [_field_row(field) for field in facts["fields"]]

@@ -19,7 +19,7 @@ from elvis.formats.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from elvis.formats.norms import Norm
+    from elvis.core.norms import Norm
 
 EPILOG = """\b
 Examples:
@@ -43,9 +43,9 @@ def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, pl
     integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
     are refined until they agree.
     """
-    from elvis.formats.norms import norms as norms_of
-    from elvis.formats.norms import quantity_norm
-    from elvis.formats.terminal import print_json, print_table, stage
+    from elvis.core.norms import norms as norms_of
+    from elvis.core.norms import quantity_norm
+    from elvis.core.terminal import print_json, print_table, stage
 
     answers = opened(data, plugin)
     dataset = None if answers else read_data(data)
@@ -67,9 +67,9 @@ def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, pl
 
 def _tell_measure(quantities: tuple[str, ...], found: Mapping[str, Norm]) -> None:
     """Say of the first constant what its norm is, and what was probably asked for: the volume."""
-    from elvis.formats.errors import ElvisError
-    from elvis.formats.quantities import Expression, Names
-    from elvis.formats.terminal import warn
+    from elvis.core.errors import ElvisError
+    from elvis.core.quantities import Expression, Names
+    from elvis.core.terminal import warn
 
     for text in quantities:
         try:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from elvis.core.errors import ElvisError
 from elvis.formats.commands.arguments import (
     Parsed,
     Triple,
@@ -24,15 +25,14 @@ from elvis.formats.commands.arguments import (
     read_data,
     triples,
 )
-from elvis.formats.errors import ElvisError
 
 if TYPE_CHECKING:
-    from elvis.formats.arrays import Floats
-    from elvis.formats.columns import Columns
+    from elvis.core.arrays import Floats
+    from elvis.core.dataset import Dataset
+    from elvis.core.files.columns import Columns
+    from elvis.core.files.nrrd import Grid
+    from elvis.core.quantities import Expression
     from elvis.formats.commands.arguments import Answers
-    from elvis.formats.dataset import Dataset
-    from elvis.formats.nrrd import Grid
-    from elvis.formats.quantities import Expression
 
 _COLUMNS = ("point", "x", "y", "z", "element", "status")
 
@@ -123,8 +123,8 @@ def probe(
     and fields are nan; status is 0 outside, 1 inside, 3 where the search failed. Where a field jumps between elements,
     --all shows the value of each. A grid's values alone are written, of one field or the components of a vector.
     """
-    from elvis.formats.columns import csv_lines, write_columns
-    from elvis.formats.terminal import visible
+    from elvis.core.files.columns import csv_lines, write_columns
+    from elvis.core.terminal import visible
 
     if output is not None:
         _check_output(output, (grid or box) is not None, inputs(data, plugin, points), overwrite)
@@ -144,8 +144,8 @@ def probe(
 
 def _check_output(output: Path, is_grid: bool, read: list[Path], overwrite: bool) -> None:
     """ElvisError where the file can't be written, before any long work."""
-    from elvis.formats.columns import check_suffix
-    from elvis.formats.output import check_places
+    from elvis.core.files.columns import check_suffix
+    from elvis.core.files.output import check_places
 
     if not is_grid:
         check_suffix(output)
@@ -161,7 +161,7 @@ def _places(
     counts: tuple[int, ...] | None,
 ) -> Floats:
     """(n, 3) the points asked for; usage error unless there is just one way."""
-    from elvis.formats.queries import points_in_table, points_on_line, points_on_plane
+    from elvis.core.queries import points_in_table, points_on_line, points_on_plane
 
     if sum(way is not None for way in (points, line, plane)) != 1:
         raise click.UsageError("expected one of --points, --line, --plane and --grid", click.get_current_context())
@@ -184,9 +184,9 @@ def _source(data: tuple[Path, ...], plugin: str | None) -> Answers | Dataset:
 
 def _columns(source: Answers | Dataset, places: Floats, texts: list[str] | None, every: bool) -> Columns:
     """The table: what was asked, what was found, and one column a quantity."""
-    from elvis.formats.dataset import Dataset
-    from elvis.formats.quantities.sampling import Sampler
-    from elvis.formats.terminal import stage
+    from elvis.core.dataset import Dataset
+    from elvis.core.quantities.sampling import Sampler
+    from elvis.core.terminal import stage
 
     if not isinstance(source, Dataset):
         quantities = _checked(source.expressions(texts))
@@ -213,7 +213,7 @@ def _write_grid(
     """Write the values at the points of a grid, some planes after others."""
     import numpy as np
 
-    from elvis.formats.nrrd import write_nrrd
+    from elvis.core.files.nrrd import write_nrrd
 
     if counts is None or output is None or not alone:
         raise click.UsageError("expected --grid with -o NAME.nrrd, and no other points", click.get_current_context())
@@ -237,10 +237,10 @@ def _write_grid(
 
 def _grid(source: Answers | Dataset, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
     """The grid in a box, by default that of the data; ElvisError where several points would be at one place."""
-    from elvis.formats.dataset import Dataset
-    from elvis.formats.geometry import geometry
-    from elvis.formats.nrrd import Grid
-    from elvis.formats.summary import box as box_of
+    from elvis.core.dataset import Dataset
+    from elvis.core.files.nrrd import Grid
+    from elvis.core.geometry import geometry
+    from elvis.core.summary import box as box_of
 
     if box is None:
         found = box_of(source, geometry(source)) if isinstance(source, Dataset) else source.facts(())["box"]
@@ -266,7 +266,7 @@ def _tell(columns: Columns) -> None:
         return
     import numpy as np
 
-    from elvis.formats.mapping.inverse import Status
+    from elvis.core.mapping.inverse import Status
 
     point, status = columns["point"], columns["status"]
     counts = [len(np.unique(point[status == state])) for state in (Status.INSIDE, Status.OUTSIDE, Status.FAILED)]

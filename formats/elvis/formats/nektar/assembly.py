@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.errors import FormatError
-from elvis.formats.mesh import Composite, Curves, Entities, Mesh
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.errors import FormatError
+from elvis.core.mesh import Composite, Curves, Entities, Mesh
+from elvis.core.polynomials.points import PointsType
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.lookup import Lookup
 from elvis.formats.nektar.raw import RawCurves, RawGeometry
-from elvis.formats.polynomials.points import PointsType
-from elvis.formats.shapes import Shape
 
 #: dimension of what the tags name that stand for no one shape
 _DIMENSIONS = {"V": 0, "E": 1, "F": 2}

@@ -8,10 +8,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.counts import check_bases
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.shapes import Shape
 
 FOURIER = frozenset({Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM})
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Ints
+from elvis.core.errors import FormatError
 from elvis.formats.nektar import idlist
 from elvis.formats.nektar.idlist import IdList
 from elvis.formats.nektar.raw import RawComposite

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Ints
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
 
 #: more modes in one direction than any solver uses; a bound on what a damaged file can ask for
 MOST_MODES = 1024

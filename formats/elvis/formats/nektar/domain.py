@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from elvis.formats.mesh import Composite, Mesh
+from elvis.core.mesh import Composite, Mesh
 
 
 def with_domain(mesh: Mesh) -> Mesh:

@@ -10,9 +10,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.formats.dataset import ExpansionRule
-from elvis.formats.errors import FormatError
-from elvis.formats.mesh import Mesh
+from elvis.core.dataset import ExpansionRule
+from elvis.core.errors import FormatError
+from elvis.core.mesh import Mesh
 from elvis.formats.nektar.composites import composite_ids
 from elvis.formats.nektar.expressions import evaluate
 from elvis.formats.nektar.idlist import IdList

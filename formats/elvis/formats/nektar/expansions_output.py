@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.dataset import Dataset, Expansion, ExpansionRule
-from elvis.formats.mesh import Mesh
+from elvis.core.dataset import Dataset, Expansion, ExpansionRule
+from elvis.core.mesh import Mesh
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.idlist import format_ids
 from elvis.formats.nektar.output_xml import Writer
 from elvis.formats.nektar.sections_output import OutputSection, joined
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.shapes import Shape
 
 _DEFAULT_MODES, _DEFAULT_FIELDS = 4, ("u",)
 _BASIS_LABELS = frozenset(basis.label for basis in Basis)

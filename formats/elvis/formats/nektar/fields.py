@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.dataset import Block, Expansion, Field
-from elvis.formats.errors import FormatError
-from elvis.formats.mesh import Mesh
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.dataset import Block, Expansion, Field
+from elvis.core.errors import FormatError
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.lookup import Lookup
 from elvis.formats.nektar.partition import first_rows
 from elvis.formats.nektar.sections import Piece, Section, pieces
-from elvis.formats.shapes import Shape
 
 #: coefficients that two files give for one element may differ by rounding, relative to the greatest
 _SAME = 1e-9

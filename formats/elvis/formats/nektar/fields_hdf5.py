@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Ints
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.bases import Basis
 from elvis.formats.nektar import hdf5
 from elvis.formats.nektar.basis_numbers import TODAY, Numbering, numbering
 from elvis.formats.nektar.fields_xml import list_of_ints
 from elvis.formats.nektar.sections import Section, Space, read_shape, read_space
-from elvis.formats.polynomials.bases import Basis
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]

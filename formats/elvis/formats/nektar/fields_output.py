@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.formats.errors import ElvisError
+from elvis.core.errors import ElvisError
 from elvis.formats.nektar.hdf5_output import created
 from elvis.formats.nektar.idlist import format_ids
 from elvis.formats.nektar.output_xml import COMPRESSED, Writer

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
 from elvis.formats.nektar import idlist, numbers
 from elvis.formats.nektar.expansions import split
 from elvis.formats.nektar.geometry_xml import is_compressed

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
 from elvis.formats.nektar.payload import decode
 from elvis.formats.nektar.raw import RawCurves
 from elvis.formats.nektar.xml import Element, located

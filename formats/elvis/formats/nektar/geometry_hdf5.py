@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.mesh import MEMBERS
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.mesh import MEMBERS
+from elvis.core.shapes import Shape
 from elvis.formats.nektar import hdf5
 from elvis.formats.nektar.composites import composite_ids, parse_tokens
 from elvis.formats.nektar.geometry_compressed import owned
 from elvis.formats.nektar.idlist import IdList
 from elvis.formats.nektar.raw import RawComposite, RawCurves, RawGeometry
-from elvis.formats.shapes import Shape
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
-from elvis.formats.errors import ElvisError
-from elvis.formats.mesh import Curves, Mesh
+from elvis.core.arrays import Ints
+from elvis.core.errors import ElvisError
+from elvis.core.mesh import Curves, Mesh
 from elvis.formats.nektar.composites import format_tokens
 from elvis.formats.nektar.domain import written_composites
 from elvis.formats.nektar.geometry_hdf5 import NAMES

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mesh import Curves, Entities, Mesh
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mesh import Curves, Entities, Mesh
+from elvis.core.polynomials.points import PointsType
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.composites import format_tokens
 from elvis.formats.nektar.domain import written_composites
 from elvis.formats.nektar.idlist import format_ids
 from elvis.formats.nektar.output_xml import COMPRESSED, Writer
-from elvis.formats.polynomials.points import PointsType
-from elvis.formats.shapes import Shape
 
 _ROWS_AT_ONCE = 1 << 16
 

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.points import PointsType
 from elvis.formats.nektar import numbers
 from elvis.formats.nektar.raw import RawCurves
 from elvis.formats.nektar.xml import Element
-from elvis.formats.polynomials.points import PointsType
 
 #: tag of a curve -> the attribute that names its edge or face
 _ENTITY = {"E": "EDGEID", "F": "FACEID"}

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mesh import MEMBERS
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mesh import MEMBERS
+from elvis.core.shapes import Shape
 from elvis.formats.nektar import composites, geometry_compressed, geometry_text
 from elvis.formats.nektar.expressions import evaluate
 from elvis.formats.nektar.payload import ENCODING
 from elvis.formats.nektar.raw import RawCurves, RawGeometry
 from elvis.formats.nektar.xml import Element, located
-from elvis.formats.shapes import Shape
 
 
 def dimensions(geometry: Element) -> tuple[int, int]:

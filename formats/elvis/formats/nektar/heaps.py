@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 
 _SIGNATURE = b"GCOL\x01\x00\x00\x00"
 _HEADER, _LEAST, _STEP = 16, 4096, 1 << 20

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Ints
+from elvis.core.errors import FormatError
 from elvis.formats.nektar import numbers
 
 _ALLOWED = b"0123456789,- \t\r\n"

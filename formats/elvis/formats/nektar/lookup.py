@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Bools, Ints
+from elvis.core.errors import FormatError
 
 _AT_ONCE = 1 << 17
 

@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
 from elvis.formats.nektar.xml import Buffer
 
 Number = TypeVar("Number", np.float64, np.int64)

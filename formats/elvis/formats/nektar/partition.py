@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Ints
+from elvis.core.errors import FormatError
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.idlist import IdList
 from elvis.formats.nektar.raw import RawComposite, RawCurves, RawGeometry
-from elvis.formats.shapes import Shape
 
 
 def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.errors import FormatError
-from elvis.formats.files import DEFLATE_RATIO
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import DEFLATE_RATIO
 from elvis.formats.nektar.sources import ALWAYS_ALLOWED, GREATEST_RATIO
 
 ENCODING = "B64Z-LittleEndian"

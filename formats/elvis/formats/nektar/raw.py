@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.idlist import IdList
-from elvis.formats.shapes import Shape
 
 #: a composite before its ids are compared with the mesh: id, tokens (tag letter, list), name
 RawComposite = tuple[int, tuple[tuple[str, IdList], ...], str | None]

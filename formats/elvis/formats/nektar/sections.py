@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Expansion, Homogeneous
-from elvis.formats.errors import FormatError
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion, Homogeneous
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.basis_numbers import FOURIER
 from elvis.formats.nektar.counts import check_bases, coefficient_counts
 from elvis.formats.nektar.expansions import split
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.shapes import Shape
 
 _SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")
 _ROWS_AT_ONCE = 1 << 14

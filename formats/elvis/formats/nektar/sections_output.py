@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Block, Dataset, Expansion, Homogeneous
-from elvis.formats.errors import ElvisError
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Block, Dataset, Expansion, Homogeneous
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
 
 
 @dataclass(eq=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import zlib
 from pathlib import Path
 
-from elvis.formats.errors import FormatError
-from elvis.formats.files import check_plain, content
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import check_plain, content
 from elvis.formats.nektar.xml import Buffer, begins_like_xml
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elvis.formats.errors import FormatError
-from elvis.formats.files import DEFLATE_RATIO
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import DEFLATE_RATIO
 from elvis.formats.nektar.strings_hdf5 import attribute_data, check_lengths
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 
 _DESCRIPTOR = 16
 _PREFIX = 16

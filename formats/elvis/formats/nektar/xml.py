@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
-from elvis.formats.errors import FormatError
+from elvis.core.errors import FormatError
 
 Buffer: TypeAlias = bytes | bytearray
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.orientation import face_shape
-from elvis.formats.polynomials.bernstein import bernstein_values
-from elvis.formats.relative import allowed, scale
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.orientation import face_shape
+from elvis.core.polynomials.bernstein import bernstein_values
+from elvis.core.relative import allowed, scale
+from elvis.core.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.native import frames
 from elvis.plugins.faces.nets import FaceSpace, face_space, polynomial, sampled

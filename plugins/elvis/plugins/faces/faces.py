@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.errors import ElvisError
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.errors import ElvisError
 from elvis.plugins.faces.nets import FaceSpace
 
 

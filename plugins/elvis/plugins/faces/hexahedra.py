@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock
 from elvis.plugins.faces.native import frames
 from elvis.plugins.faces.nets import Images, face_space, sampled
@@ -19,7 +19,7 @@ from elvis.plugins.projection.vertices import clusters, merging_tolerance
 class Hexahedra:
     """The hexahedra of one part.
 
-    vertices  (n, 8) numbers of the corners, in the order of `elvis.formats.shapes`; see `vertices_at`
+    vertices  (n, 8) numbers of the corners, in the order of `elvis.core.shapes`; see `vertices_at`
     degree    of the maps in each direction
     images    what the maps do
     unit      whether reference coordinates lie in [0, 1]^3; else in [-1, 1]^3

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.polynomials.bernstein import bernstein_space
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.expansion import values
+from elvis.core.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.hexahedra import Hexahedra, hexahedron_faces, vertices_at
 from elvis.plugins.faces.native import frames

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.geometry import GeometryBlock, geometry
-from elvis.formats.mapping.orientation import face_shape, first_face_row
-from elvis.formats.mesh import Mesh
-from elvis.formats.polynomials.bernstein import bernstein_space
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.mapping.orientation import face_shape, first_face_row
+from elvis.core.mesh import Mesh
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.expansion import values
+from elvis.core.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled
 

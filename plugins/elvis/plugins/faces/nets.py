@@ -1,6 +1,6 @@
 """Bernstein nets of face maps: how they are found, bounded, differentiated and cut into pieces.
 
-A net holds homogeneous control points (w x, w y, w z, w) in the order of `elvis.formats.polynomials.bernstein`, over
+A net holds homogeneous control points (w x, w y, w z, w) in the order of `elvis.core.polynomials.bernstein`, over
 the reference triangle or the reference square.
 """
 
@@ -13,11 +13,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats
-from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.quadrature import gauss
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
 
 #: rows (n,) of elements and reference points (k, 3) to homogeneous world points (n, k, 4): w x, w y, w z, w
 Images: TypeAlias = Callable[[Ints, Floats], Floats]

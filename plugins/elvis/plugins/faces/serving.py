@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
 from elvis.plugins.faces.derived import derived_faces
 from elvis.plugins.faces.faces import Faces
 from elvis.plugins.faces.lines import line_faces

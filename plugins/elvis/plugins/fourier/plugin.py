@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.archives import Archive, names_in
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.output import replacing
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.archives import Archive, names_in
+from elvis.core.files.output import replacing
+from elvis.core.shapes import Shape
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, Shown, boxes_between
 

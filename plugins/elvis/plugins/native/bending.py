@@ -17,20 +17,20 @@ from itertools import product
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.formats.mapping.orientation import chunks
-from elvis.formats.mapping.tangents import duals
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.bernstein import (
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.tangents import duals
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,
     bernstein_space,
     bernstein_values,
     gradient_nets,
 )
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.expansion import values_and_gradients
-from elvis.formats.shapes import Shape
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import values_and_gradients
+from elvis.core.shapes import Shape
 
 #: greatest b of a map that counts as affine
 _AFFINE = 1e-9

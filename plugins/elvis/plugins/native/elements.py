@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.dataset import Homogeneous
-from elvis.formats.mapping.boxes import element_boxes
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
-from elvis.formats.quantities import Expression, pointwise
-from elvis.formats.quantities.attributes import Attributes, from_ideal, is_constant
-from elvis.formats.quantities.cells import Cells
-from elvis.formats.quantities.levels import same_level
-from elvis.formats.quantities.tree import Node
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.dataset import Homogeneous
+from elvis.core.mapping.boxes import element_boxes
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
+from elvis.core.quantities import Expression, pointwise
+from elvis.core.quantities.attributes import Attributes, from_ideal, is_constant
+from elvis.core.quantities.cells import Cells
+from elvis.core.quantities.levels import same_level
+from elvis.core.quantities.tree import Node
+from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
 from elvis.plugins.native.rounding import expression_rounding, field_rounding

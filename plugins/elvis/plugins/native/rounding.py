@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.dataset import Expansion
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
-from elvis.formats.quantities.cells import Cells
-from elvis.formats.quantities.functions import function
-from elvis.formats.quantities.intervals import Interval, number
-from elvis.formats.quantities.tree import Node, folded
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Expansion
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
+from elvis.core.quantities.cells import Cells
+from elvis.core.quantities.functions import function
+from elvis.core.quantities.intervals import Interval, number
+from elvis.core.quantities.tree import Node, folded
+from elvis.core.shapes import Shape
 
 #: unit roundoff of 64-bit floats
 UNIT = 2.0**-53

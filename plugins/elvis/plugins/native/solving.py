@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.inverse import Status, invert
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.inverse import Status, invert
+from elvis.core.patch import Patch
 from elvis.plugins.native.bending import bends
 from elvis.plugins.volume import Solution
 

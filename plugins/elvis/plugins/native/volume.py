@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.patch import Patch, patches
-from elvis.formats.polynomials.bernstein import BernsteinSpace
-from elvis.formats.quantities import Expression
-from elvis.formats.quantities.attributes import Attributes
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.bernstein import BernsteinSpace
+from elvis.core.quantities import Expression
+from elvis.core.quantities.attributes import Attributes
 from elvis.plugins.native.elements import Elements, field_space, map_space
 from elvis.plugins.volume import Part
 

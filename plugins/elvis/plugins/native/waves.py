@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Homogeneous
-from elvis.formats.polynomials.bases import Basis
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Homogeneous
+from elvis.core.polynomials.bases import Basis
 
 
 def waves(found: Homogeneous) -> Floats:
     """(m, directions, 4) each mode's half turns a unit of zeta, factors of cosine and sine, and shift of zeta.
 
     Mode 2k is cos(k pi (zeta + 1)), mode 2k + 1 is -sin(k pi (zeta + 1)), the single-mode family has k = 1, the half
-    modes are cos(pi zeta) and -sin(pi zeta), as in `elvis.formats.polynomials.factors.fourier`.
+    modes are cos(pi zeta) and -sin(pi zeta), as in `elvis.core.polynomials.factors.fourier`.
     """
     numbers = (found.y_ids, found.z_ids)[-len(found.bases) :]
     return np.stack([_line(basis, np.asarray(own)) for basis, own in zip(found.bases, numbers, strict=True)], axis=1)

@@ -7,9 +7,9 @@ from math import comb
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.polynomials.bernstein import BernsteinSpace
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.polynomials.bernstein import BernsteinSpace
+from elvis.core.shapes import Shape
 
 
 @lru_cache(maxsize=64)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import content, leading
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import content, leading
+from elvis.core.shapes import Shape
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector
 from elvis.plugins.nurbs.numbering import EDGES, numbered
 
@@ -59,7 +59,7 @@ class PatchMesh:
     def sides(self) -> dict[str, list[tuple[Ints, int]]]:
         """For each attribute of the boundary numbers (n,) of elements, and which of their faces lie on it.
 
-        Faces are numbered as in `elvis.formats.shapes`.
+        Faces are numbered as in `elvis.core.shapes`.
         """
         found: dict[str, list[tuple[Ints, int]]] = {}
         for attribute, *corners in self.boundary.tolist():

@@ -21,15 +21,15 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.files import content, leading
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import content, leading
 from elvis.plugins.faces import vertices_at
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector
 from elvis.plugins.nurbs.mesh import side_elements
 
 FORMAT, _VERSION = "elvis-nurbs", 1
-#: numbers of the faces of a hexahedron (`elvis.formats.shapes`) by name
+#: numbers of the faces of a hexahedron (`elvis.core.shapes`) by name
 _SIDES = {"z-": 0, "y-": 1, "x+": 2, "y+": 3, "x-": 4, "z+": 5}
 
 

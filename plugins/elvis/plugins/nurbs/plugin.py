@@ -10,10 +10,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import FormatError
-from elvis.formats.polynomials.quadrature import gauss, gll
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.polynomials.quadrature import gauss, gll
+from elvis.core.shapes import Shape
 from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
 from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes
 from elvis.plugins.nurbs.knots import HIGHEST

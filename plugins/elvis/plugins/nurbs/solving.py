@@ -11,14 +11,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.inverse import Status, invert
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.polynomials.quadrature import gauss
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.inverse import Status, invert
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
 from elvis.plugins.native.bending import bent
 from elvis.plugins.nurbs.bezier import bernstein
 from elvis.plugins.volume import Solution

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.polynomials.evaluation import evaluate
-from elvis.formats.relative import allowed
-from elvis.formats.terminal import track
+from elvis.core.arrays import Floats, Ints
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.relative import allowed
+from elvis.core.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points

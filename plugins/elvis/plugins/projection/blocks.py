@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Expansion
-from elvis.formats.polynomials.collapse import collapse
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion
+from elvis.core.polynomials.collapse import collapse
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Elements
 from elvis.plugins.nodal import orthonormal
 from elvis.plugins.projection.frames import affine, affine_between, orders, source_points

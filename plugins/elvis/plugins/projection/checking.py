@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.cubature import COLLAPSE
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.cubature import COLLAPSE
+from elvis.core.shapes import Shape
 
 #: points inside, in all and at least and at most an element
 _IN_ALL, _LEAST, _MOST = 1 << 15, 12, 1000

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.mapping.orientation import chunks, first_face_row
-from elvis.formats.mesh import Curves, Mesh
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.expansion import mode_indices, values
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.polynomials.points import PointsType, nodes, triangle_nodes
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.mapping.orientation import chunks, first_face_row
+from elvis.core.mesh import Curves, Mesh
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import mode_indices, values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.points import PointsType, nodes, triangle_nodes
+from elvis.core.shapes import Shape
 from elvis.plugins.projection.traces import Skins
 
 _LINE = PointsType.LOBATTO_LEGENDRE

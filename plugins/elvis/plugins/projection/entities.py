@@ -11,11 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Ints, frozen_ints
-from elvis.formats.mapping.solids import volume_modes
-from elvis.formats.polynomials.expansion import mode_indices
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Ints, frozen_ints
+from elvis.core.mapping.solids import volume_modes
+from elvis.core.polynomials.expansion import mode_indices
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
 
 
 @dataclass(frozen=True, eq=False)

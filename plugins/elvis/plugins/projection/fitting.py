@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_ints
-from elvis.formats.dataset import Expansion
-from elvis.formats.polynomials.expansion import mode_count, mode_indices
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.terminal import track
+from elvis.core.arrays import Floats, Ints, frozen_ints
+from elvis.core.dataset import Expansion
+from elvis.core.polynomials.expansion import mode_count, mode_indices
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.operators import Operator, best, conforming

@@ -12,10 +12,10 @@ from itertools import permutations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, frozen_floats
-from elvis.formats.errors import ElvisError
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.shapes import Shape
 
 
 def _is_even(order: tuple[int, ...]) -> bool:

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Ints, frozen_ints
-from elvis.formats.mesh import Composite, Mesh
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Ints, frozen_ints
+from elvis.core.mesh import Composite, Mesh
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.frames import orders

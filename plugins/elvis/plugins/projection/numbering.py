@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Ints
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Ints
+from elvis.core.shapes import Shape
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.vertices import connected_labels
 

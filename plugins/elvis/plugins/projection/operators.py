@@ -14,14 +14,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats
-from elvis.formats.dataset import Expansion
-from elvis.formats.errors import ElvisError
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.polynomials.cubature import COLLAPSE
-from elvis.formats.polynomials.expansion import mode_count, mode_indices, values
-from elvis.formats.polynomials.quadrature import gauss
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.dataset import Expansion
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.cubature import COLLAPSE
+from elvis.core.polynomials.expansion import mode_count, mode_indices, values
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
 from elvis.plugins.projection.entities import entities
 
 #: shapes that are products, with the directions of each factor

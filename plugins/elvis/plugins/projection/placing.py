@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.tangents import determinants, duals
-from elvis.formats.polynomials.evaluation import evaluate_with_gradients
-from elvis.formats.terminal import track
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.tangents import determinants, duals
+from elvis.core.polynomials.evaluation import evaluate_with_gradients
+from elvis.core.terminal import track
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count
 from elvis.plugins.projection.fitting import Fitted

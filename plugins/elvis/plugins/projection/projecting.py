@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.formats.dataset import Dataset
-from elvis.formats.mesh import Mesh
+from elvis.core.dataset import Dataset
+from elvis.core.mesh import Mesh
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.adaptivity import adapted, bounds_of, raised
 from elvis.plugins.projection.blocks import NativeBlock

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError
 from elvis.plugins.conversion import Converter, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
-from elvis.formats.mapping.orientation import first_face_row, polygon_vertices
-from elvis.formats.mesh import Mesh
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Ints
+from elvis.core.mapping.orientation import first_face_row, polygon_vertices
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
 
 
 class Sides:

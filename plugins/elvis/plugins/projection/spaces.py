@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from elvis.formats.shapes import Shape
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Elements, PyramidSpace, SourceField
 
 #: orders up to which pyramids are held by the native one of the same order (Bergot's; collapsed tensor products that

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.connectivity import connected
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.mesh import Entities, Mesh
-from elvis.formats.polynomials.expansion import values_and_gradients
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import Entities, Mesh
+from elvis.core.polynomials.expansion import values_and_gradients
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Converter, Elements
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.entities import entities

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.orientation import chunks, face_shape, face_turns, first_face_row, polygon_vertices, turned
-from elvis.formats.mesh import Mesh
-from elvis.formats.polynomials.expansion import mode_indices
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.orientation import chunks, face_shape, face_turns, first_face_row, polygon_vertices, turned
+from elvis.core.mesh import Mesh
+from elvis.core.polynomials.expansion import mode_indices
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.entities import edge_places, face_grid
 

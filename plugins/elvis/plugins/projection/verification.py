@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.geometry import GeometryBlock, parts
-from elvis.formats.mapping.tangents import determinants
-from elvis.formats.polynomials.evaluation import evaluate, evaluate_with_gradients
-from elvis.formats.shapes import Shape
-from elvis.formats.terminal import track
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.geometry import GeometryBlock, parts
+from elvis.core.mapping.tangents import determinants
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.core.shapes import Shape
+from elvis.core.terminal import track
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count
 from elvis.plugins.projection.fitting import Fitted

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 
 #: corners closer than this share of the nearest pair of corners of an element may be one vertex
 _SHARE = 1e-3

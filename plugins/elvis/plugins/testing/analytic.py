@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mapping.orientation import local_vertices
-from elvis.formats.mesh import Mesh
-from elvis.formats.polynomials.expansion import values
-from elvis.formats.polynomials.interpolation import modified
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import rotated
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import Mesh
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
+from elvis.core.testing import rotated
 from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.projection.entities import entities
 from elvis.plugins.projection.frames import PROPER

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.polynomials.bernstein import bernstein_values
+from elvis.core.arrays import Floats, Ints
+from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins.examining import Examiner
 from elvis.plugins.faces import FaceBlock, Faces
 from elvis.plugins.volume import Volume

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
 from elvis.formats import read, write
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset
 from elvis.plugins.conversion import Converter, Elements
 from elvis.plugins.converting import Conversion, Settings, convert
 from elvis.plugins.discovery import with_defaults

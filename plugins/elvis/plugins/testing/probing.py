@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.pointwise import positions, values
-from elvis.formats.patch import patches
-from elvis.formats.sampling import Sampler
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.pointwise import positions, values
+from elvis.core.patch import patches
+from elvis.core.sampling import Sampler
 from elvis.plugins.converting import Conversion
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.plugins import volume_checks
 from elvis.plugins.examining import Examiner
 from elvis.plugins.faces import faces_of

@@ -8,10 +8,10 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.patch import Patch
 from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_meshes
 from elvis.reference.baseline.probing import Probe
 from elvis.reference.baseline.sections import boundary, section

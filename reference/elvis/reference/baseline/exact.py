@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.formats.arrays import Ints
-from elvis.formats.dataset import Dataset
-from elvis.formats.mapping.pointwise import positions
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Ints
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.pointwise import positions
+from elvis.core.patch import Patch
 from elvis.reference.baseline.drawing import Baseline
 from elvis.reference.baseline.mesh import LinearMesh, joined
 from elvis.reference.baseline.sections import section

@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.errors import ElvisError
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError
+from elvis.core.patch import Patch
 from elvis.reference.baseline.templates import Template, pulling
 from elvis.reference.quantities import Corners
 from elvis.reference.solids import cells_of, spread

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.output import replacing
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import replacing
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import needed
 

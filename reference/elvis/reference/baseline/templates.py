@@ -13,8 +13,8 @@ from functools import cache
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.shapes import Shape
 
 #: a vertex of a child: the midpoint of two vertices of its parent, which may be the same
 _Midpoints = tuple[tuple[int, int], ...]

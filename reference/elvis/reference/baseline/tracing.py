@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import needed
 from elvis.reference.hits import Hits, turned

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.clipping import clipped
 from elvis.reference.composing import Fog

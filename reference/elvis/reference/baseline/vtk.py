@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
 from elvis.reference.baseline.drawing import layers_of
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer

@@ -92,7 +92,7 @@ def compare(
     A scene is given as for elvis render: by a scene file, or DATA and options.  Two records that elvis render has
     written as .npz are compared with one another, the first held for true.
     """
-    from elvis.formats.terminal import print_json, say
+    from elvis.core.terminal import print_json, say
     from elvis.reference.report.summary import summary
     from elvis.reference.report.writing import check_folder, plain, write_report
     from elvis.renderer.scene.tables import input_files
@@ -126,8 +126,8 @@ def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None)
 
 def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
     """The exact picture of a scene against linear ones; ``output`` is to hold the scene."""
+    from elvis.core.terminal import stage
     from elvis.formats.commands.arguments import read_data
-    from elvis.formats.terminal import stage
     from elvis.reference.study import compare_scene
     from elvis.renderer import SceneError
     from elvis.renderer.commands.composing import composed
@@ -149,7 +149,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
 
 def _check(require: str | None, study: Study) -> None:
     """ElvisError where the picture must be exact and isn't, or nothing says so."""
-    from elvis.formats.errors import ElvisError
+    from elvis.core.errors import ElvisError
     from elvis.reference.report.verdict import failure
 
     if require is None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from elvis.formats.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.reference.contours import crossings
 from elvis.reference.metrics import STEPS, Place, not_narrow, value_errors
 from elvis.reference.record import Record

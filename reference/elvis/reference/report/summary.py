@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from elvis.formats.dataset import Expansion
+from elvis.core.dataset import Expansion
 from elvis.reference.bars import Bar
 from elvis.reference.report.verdict import is_right, verdict
 from elvis.reference.study import Rival, Study

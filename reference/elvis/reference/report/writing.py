@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from elvis.formats.errors import ElvisError
-from elvis.formats.output import Outputs, check_folder_place, check_inputs
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import Outputs, check_folder_place, check_inputs
 from elvis.reference.baseline.saving import FORMATS, save_mesh
 from elvis.reference.report.page import page
 from elvis.reference.report.summary import summary, times

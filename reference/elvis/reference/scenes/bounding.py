@@ -14,11 +14,11 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.dataset import Expansion
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.collapse import uncollapse
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion
+from elvis.core.patch import Patch
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.shapes import Shape
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.reference.solids import spread

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mapping.margins import TOLERANCE
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.patch import Patch
 from elvis.reference.scenes.ways import Ways, followed, places, points_of
 from elvis.reference.solids import margins_of
 from elvis.renderer.view import View

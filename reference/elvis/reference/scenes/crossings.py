@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.patch import Patch
 from elvis.reference.hits import Hits, turned
 from elvis.reference.quantities import Quantities
 from elvis.renderer.frame import Status

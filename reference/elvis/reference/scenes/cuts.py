@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.mapping.inverse import Status as Verdict
-from elvis.formats.mapping.locate import Location, Locator
-from elvis.formats.mapping.margins import TOLERANCE
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.locate import Location, Locator
+from elvis.core.mapping.margins import TOLERANCE
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings

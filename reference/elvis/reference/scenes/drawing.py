@@ -10,11 +10,11 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats
-from elvis.formats.dataset import Dataset
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.locate import Locator
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Bools, Floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.locate import Locator
+from elvis.core.patch import Patch
 from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped, unsure
 from elvis.reference.composing import Fog, Layer, colored, is_lit, record

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.margins import TOLERANCE
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.patch import Patch
 from elvis.reference.baseline.templates import pulling, template
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.margins import TOLERANCE
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.patch import Patch
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.bounding import candidates, degree_along
 from elvis.reference.scenes.courses import followed_through

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.patch import Patch
 from elvis.reference.solids import placed
 
 #: a function of elements ``rows`` (n,) and reference points (n, 3): values (n,) and derivatives (n, 3)

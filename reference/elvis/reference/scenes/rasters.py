@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.view import View
 
 #: pairs of a triangle and a pixel that are looked at together

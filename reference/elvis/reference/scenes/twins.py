@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.dataset import Expansion
-from elvis.formats.errors import ElvisError
-from elvis.formats.mapping.boxes import Boxes, BoxTree
-from elvis.formats.mapping.inverse import Status
-from elvis.formats.mapping.locate import Location, Locator
-from elvis.formats.mapping.margins import margins
-from elvis.formats.patch import Patch
-from elvis.formats.quantities import Expression
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Expansion
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.boxes import Boxes, BoxTree
+from elvis.core.mapping.inverse import Status
+from elvis.core.mapping.locate import Location, Locator
+from elvis.core.mapping.margins import margins
+from elvis.core.patch import Patch
+from elvis.core.quantities import Expression
 from elvis.plugins.faces import Faces, faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of
@@ -31,7 +31,7 @@ _BATCH = 1 << 13
 
 
 class TwinLocator(Locator):
-    """The elements of some patches, ready to be found; as `elvis.formats.mapping.locate.Locator`."""
+    """The elements of some patches, ready to be found; as `elvis.core.mapping.locate.Locator`."""
 
     def __init__(self, patches: Sequence[TwinPatch]) -> None:
         self.patches = tuple(patches)

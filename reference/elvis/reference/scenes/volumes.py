@@ -14,9 +14,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.formats.arrays import Floats, Ints
-from elvis.formats.patch import Patch
-from elvis.formats.polynomials.quadrature import gauss
+from elvis.core.arrays import Floats, Ints
+from elvis.core.patch import Patch
+from elvis.core.polynomials.quadrature import gauss
 from elvis.reference.clipping import clipped
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.cuts import surface_hits

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.formats.arrays import Bools, Floats, Ints
-from elvis.formats.mapping.locate import Locator
-from elvis.formats.patch import Patch
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.locate import Locator
+from elvis.core.patch import Patch
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.newton import inverses

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.formats.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 
 #: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN where there are none
 Along = Callable[[Ints, Floats], Floats]

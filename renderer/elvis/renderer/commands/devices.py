@@ -15,7 +15,7 @@ Examples:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def devices(as_json: bool) -> None:
     """List the devices that can draw, and the one that --device auto takes."""
-    from elvis.formats.terminal import print_json, print_table
+    from elvis.core.terminal import print_json, print_table
     from elvis.plugins.registry import plugins
     from elvis.renderer.adapters import ADVICE, adapters, choose
 

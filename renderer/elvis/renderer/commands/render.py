@@ -145,8 +145,8 @@ def render(
 
 def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
     """Errors about outputs, before any long work."""
+    from elvis.core.files.output import check_places
     from elvis.formats.commands.arguments import inputs
-    from elvis.formats.output import check_places
     from elvis.renderer.saving import check_suffix
     from elvis.renderer.scene.files import check_scene_suffix, scene_text
     from elvis.renderer.scene.tables import input_files
@@ -164,8 +164,8 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 
 def _frame(scene: Scene) -> Frame:
     """Read the data, or let a runtime plugin open them, and draw them."""
+    from elvis.core.terminal import progress, warn
     from elvis.formats.commands.arguments import read_data
-    from elvis.formats.terminal import progress, warn
     from elvis.plugins.opening import open_files
     from elvis.renderer import SceneError
     from elvis.renderer import render as draw
@@ -182,8 +182,8 @@ def _write(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
     """All files at once: pictures, numbers as JSON, and the scene with the camera and size that were found."""
     import json
 
-    from elvis.formats.output import Outputs, write_text
-    from elvis.formats.terminal import warn
+    from elvis.core.files.output import Outputs, write_text
+    from elvis.core.terminal import warn
     from elvis.renderer.scene.files import write_scene
 
     left_out: tuple[str, ...] = ()
@@ -201,7 +201,7 @@ def _write(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
 
 def _report(frame: Frame) -> None:
     """Warnings; on a terminal also what is known of the pixels."""
-    from elvis.formats.terminal import warn
+    from elvis.core.terminal import warn
 
     counts = frame.counts()
     if counts["failed"]:

@@ -14,8 +14,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from elvis.formats.files import check_plain
-from elvis.formats.output import Outputs, write_text
+from elvis.core.files.output import Outputs, write_text
+from elvis.core.files.plain import check_plain
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.permissions import check_permitted, check_texts, forbidden
 from elvis.renderer.scene.tables import Table, scene_of, table_of

@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from elvis.formats.arrays import Floats
+from elvis.core.arrays import Floats
 from elvis.renderer.errors import SceneError
 
 Vector: TypeAlias = tuple[float, float, float]

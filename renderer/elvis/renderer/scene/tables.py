@@ -10,7 +10,7 @@ from sys import float_info
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from elvis.formats.distances.files import named_files, renamed
+from elvis.core.distances.files import named_files, renamed
 from elvis.renderer.errors import SceneError
 from elvis.renderer.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
 from elvis.renderer.scene.surfaces import (

@@ -12,7 +12,7 @@ from audit.cases import Case, exact
 from audit.judging import counted_as
 from audit.polynomials import Y
 from audit.worlds import world
-from elvis.formats.shapes import Shape
+from elvis.core.shapes import Shape
 from elvis.renderer import Camera, Contours, CutSurface, Plane, Style
 from elvis.renderer.frame import Status
 

@@ -13,8 +13,8 @@ from audit.judging import counted_as, judge
 from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import Rays, Truth, joined, surface_roots
 from audit.worlds import BORDER, world
-from elvis.formats.judging.validity import Verdict, validity
-from elvis.formats.mapping.orientation import local_vertices
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.validity.validity import Verdict, validity
 from elvis.renderer import Faces
 from elvis.renderer.frame import Status
 

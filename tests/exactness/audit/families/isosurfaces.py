@@ -14,7 +14,7 @@ from audit.judging import judge
 from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import Rays, Truth, in_domain, joined, surface_roots
 from audit.worlds import world
-from elvis.formats.shapes import Shape
+from elvis.core.shapes import Shape
 from elvis.renderer import Isosurface
 
 #: forms phi by name, and the sum of their gradient's components

@@ -7,8 +7,8 @@ import numpy as np
 from audit.cases import Case, exact, random_polynomial, tolerance
 from audit.judging import counted_as
 from audit.worlds import BORDER, margins, world
-from elvis.formats.mapping.inverse import Status as Verdict
-from elvis.formats.sampling import sample
+from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.sampling import sample
 from elvis.renderer.frame import Status
 
 #: exponents of two of the distances from borders; 0 is on them

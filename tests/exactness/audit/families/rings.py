@@ -15,8 +15,8 @@ from audit.families.cuts import NORMALS, plane_roots
 from audit.judging import judge
 from audit.truths import Rays, Truth, joined, surface_roots
 from audit.worlds import BORDER, World
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import Opened
 from elvis.renderer import Faces, Isosurface, Plane

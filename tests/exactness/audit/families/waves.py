@@ -11,11 +11,11 @@ from audit.judging import judge
 from audit.polynomials import exact_block
 from audit.truths import Rays, Truth
 from audit.worlds import BORDER, world
-from elvis.formats.arrays import frozen_floats
-from elvis.formats.dataset import Block, Dataset, Field, Homogeneous
-from elvis.formats.geometry import geometry
-from elvis.formats.polynomials.bases import Basis
-from elvis.formats.shapes import Shape
+from elvis.core.arrays import frozen_floats
+from elvis.core.dataset import Block, Dataset, Field, Homogeneous
+from elvis.core.geometry import geometry
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
 from elvis.renderer import Plane
 
 

@@ -1,0 +1,134 @@
+"""Whether the pictures are what they were: every record and every image, byte by byte.
+
+    python benchmarks/unchanged.py before/                      draw the gallery, the demo and 20 shared data sets
+    python benchmarks/unchanged.py after/ --against before/     draw them again, in another tree, and compare
+
+The pictures are small: the gallery and the demo at a fifth of their size.  Exit status 1 where one differs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+SHARED = ROOT.parent / "shared" / "data" / "nektar"
+ELVIS = Path(sys.executable).with_name("elvis")
+SIZE = "180x150"
+ISO = ["--camera", "iso"]
+
+GALLERY = sorted(path.stem for path in (ROOT / "examples" / "scenes").glob("*.toml"))
+#: pictures of the generated data: name of the data, options
+DEMO = {
+    "cylinder": ("cylinder", ["--field", "Cp", "--colormap", "turbo"]),
+    "bend": ("bend", ["--plane", "0,0,0:0,0,1"]),
+    "bend-across": ("bend", ["--plane", "1.4,1.4,0:-1,1,0"]),
+    "blocks": ("blocks", ["--plane", "1.5,0.5,0.45:0.1,0.2,1"]),
+    "blocks-faces": ("blocks", ["--faces", "all", "--mesh-lines", *ISO]),
+}
+FLAT = (
+    *("bfs_tq7", "bfs_tq7_hdf5", "cyl_mixorder", "gen_quadface_2d", "helmholtz_tq", "interptest", "kova_varp"),
+    *("nodal_triquad", "quad4", "taylor_q8"),
+)
+SOLID = (
+    *("chan3d_tet", "gen_allelem_n4", "gen_allelem_ortho", "gen_allelem_var_h5", "gen_hex_xscale", "gen_pipe_curved"),
+    *("gen_pyr_curved", "gen_tet_p8_nekg2", "hex_c0", "prismhex_wss"),
+)
+
+
+def pictures() -> Iterator[tuple[str, list[str]]]:
+    """Names of pictures, and the arguments of ``elvis render`` that draw them."""
+    for name in GALLERY:
+        yield f"gallery-{name}", [f"examples/scenes/{name}.toml", "--size", SIZE, "--samples", "1"]
+    for name, (data, options) in DEMO.items():
+        yield f"demo-{name}", [f"out/data/{data}.xml", f"out/data/{data}.fld", *options, "--size", SIZE]
+    for name in FLAT:
+        yield f"{name}-lines", [*files_of(name), "--contours", "7", "--mesh-lines", "--size", SIZE]
+    for name in SOLID:
+        yield from solid_pictures(name)
+
+
+def solid_pictures(name: str) -> Iterator[tuple[str, list[str]]]:
+    """A cut, the boundary, an isosurface and a volume of 3D data, all of the field that varies most."""
+    files = files_of(name)
+    described = subprocess.run([ELVIS, "info", *files, "--json"], check=True, capture_output=True, text=True)
+    facts = json.loads(described.stdout)
+    field = max(facts["fields"], key=lambda item: item["range"]["upper"] - item["range"]["lower"])
+    box = facts["geometry"]["box"]
+    middle = (np.array(box["lower"]) + np.array(box["upper"])) / 2
+    low, high = field["range"]["lower"], field["range"]["upper"]
+    levels = low + (high - low) * np.array([0.2, 0.5, 0.6, 0.9])
+    size = ["--size", SIZE, "--field", field["name"]]
+    place = ",".join(f"{number:.6g}" for number in middle)
+    fog = f"{levels[0]:.6g}:0,{levels[2]:.6g}:{5 / np.ptp([box['lower'], box['upper']]):.6g},{levels[3]:.6g}:0"
+
+    yield f"{name}-cut", [*files, *size, "--plane", f"{place}:0.1,0.2,1"]
+    yield f"{name}-faces", [*files, *size, "--faces", "all", "--mesh-lines", "--contours", "5", *ISO]
+    yield f"{name}-isosurface", [*files, *size, f"--isosurface={levels[1]:.6g},{levels[2]:.6g}", *ISO]
+    yield f"{name}-volume", [*files, *size, f"--volume={fog}", *ISO]
+
+
+def files_of(name: str) -> list[str]:
+    """Mesh and field files of shared data."""
+    kept = (".xml", ".fld", ".chk", ".rst")
+    return [str(path) for path in sorted((SHARED / name).iterdir()) if path.suffix in kept]
+
+
+def main() -> int:
+    """Draw all pictures; where asked, compare them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="where records and images go")
+    parser.add_argument("--against", type=Path, help="a folder that an earlier run has made")
+    parser.add_argument("--only", default="", help="names that hold this text")
+    arguments = parser.parse_args()
+    folder = arguments.folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    make_data()
+    chosen = [(name, options) for name, options in pictures() if arguments.only in name]
+    for name, options in chosen:
+        draw(folder / name, options)
+    if arguments.against is None:
+        return 0
+    different = [name for name, _ in chosen if not same(folder / name, arguments.against / name)]
+    for name in different:
+        print(f"{name} differs")
+    print(f"{len(chosen) - len(different)} of {len(chosen)} pictures are what they were, byte by byte")
+    return 1 if different or not chosen else 0
+
+
+def make_data() -> None:
+    """The generated data, where they are not there yet."""
+    made = {"generate.py": ROOT / "out" / "data" / "blocks.fld", "cases.py": ROOT / "out" / "cases" / "twist.fld"}
+    for script, last in made.items():
+        if not last.exists():
+            subprocess.run([sys.executable, f"examples/{script}", last.parent], cwd=ROOT, check=True)
+
+
+def draw(place: Path, options: list[str]) -> None:
+    """Draw one picture as PNG and as its record."""
+    start = perf_counter()
+    written = ["-o", f"{place}.png", "-o", f"{place}.npz", "--overwrite"]
+    subprocess.run([ELVIS, "render", *options, *written], cwd=ROOT, check=True)
+    print(f"{place.name}: {perf_counter() - start:.1f} s", flush=True)
+
+
+def same(one: Path, other: Path) -> bool:
+    """Whether image and record are equal in all bytes; a record's file also holds the time when it was written."""
+    if Path(f"{one}.png").read_bytes() != Path(f"{other}.png").read_bytes():
+        return False
+    with np.load(f"{one}.npz") as here, np.load(f"{other}.npz") as there:
+        return here.files == there.files and all(
+            here[name].dtype == there[name].dtype and here[name].tobytes() == there[name].tobytes()
+            for name in here.files
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,12 @@
+"""The finite element core: what every format, plugin and picture is made of; it knows none of them.
+
+mesh, dataset, geometry, patch   what there is: vertices, elements, curves, fields
+polynomials                      bases, expansions, quadrature, Bernstein bounds
+mapping                          from reference coordinates to the world and back, point location
+quantities                       expressions, derivatives, certified bounds
+distances                        distances to curved boundaries and triangle meshes
+validity                         whether the map of an element folds, proved
+norms, sampling, queries         numbers that are asked of a dataset
+files, terminal, memory, errors  files that are read and written safely, messages, limits
+testing                          datasets made on the spot
+"""

@@ -1,0 +1,102 @@
+"""Fields and datasets in memory: coefficients in arrays by block of like elements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field as default
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mesh import Mesh
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
+
+
+@dataclass(frozen=True)
+class Homogeneous:
+    """Fourier directions beside the modal ones (quasi-3D data; format notes 3 and 5).
+
+    bases    one Fourier-like basis for each direction
+    lengths  of the periodic directions: (LZ,) or (LY, LZ)
+    y_ids, z_ids  Fourier mode number of each plane (1D; y_ids empty) or line (2D), in data order
+    strips   ids of the strips, empty where there are none
+    """
+
+    bases: tuple[Basis, ...]
+    lengths: tuple[float, ...]
+    z_ids: tuple[int, ...]
+    y_ids: tuple[int, ...] = ()
+    strips: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """The polynomial space of a block: factor bases and number of modes (degree + 1) in each direction of the shape.
+
+    With homogeneous directions, coefficients are ordered plane (or line) first, modal index fastest.
+    """
+
+    shape: Shape
+    bases: tuple[Basis, ...]
+    modes: tuple[int, ...]
+    homogeneous: Homogeneous | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Elements of one expansion.
+
+    element_ids   (n,)    global ids
+    coefficients  (n, m)  in the order of format notes 4
+    """
+
+    expansion: Expansion
+    element_ids: Ints
+    coefficients: Floats
+
+    def __len__(self) -> int:
+        return len(self.element_ids)
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A scalar field; ``continuous`` is None where the file doesn't say."""
+
+    name: str
+    blocks: tuple[Block, ...]
+    continuous: bool | None = None
+
+
+@dataclass(frozen=True)
+class ExpansionRule:
+    """An entry of the EXPANSIONS section: how a solver would discretise composites (format notes 3).
+
+    kind    MODIFIED, GLL_LAGRANGE, …; or comma-separated bases in the long form
+    modes   number of modes, one for all directions or one for each
+    points  number of quadrature points in each direction, empty where the default holds
+    """
+
+    composites: tuple[int, ...]
+    kind: str
+    modes: tuple[int, ...]
+    fields: tuple[str, ...] = ()
+    points: tuple[int, ...] = ()
+    point_types: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """A mesh with its fields, time and metadata (free key/text pairs, as in the file)."""
+
+    mesh: Mesh
+    fields: tuple[Field, ...] = ()
+    time: float | None = None
+    metadata: Mapping[str, str] = default(default_factory=dict)
+    expansions: tuple[ExpansionRule, ...] = ()
+
+    def field(self, name: str) -> Field:
+        """The field of this name; KeyError where there is none."""
+        for candidate in self.fields:
+            if candidate.name == name:
+                return candidate
+        raise KeyError(name)

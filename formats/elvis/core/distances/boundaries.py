@@ -1,0 +1,125 @@
+"""The boundaries of a dataset: faces of volumes and edges of plane elements, by name, as polynomials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.distances.pieces import WHOLE, Pieces
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import Mesh
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
+
+#: what stands for all outer faces
+ALL = "all"
+_KINDS = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Faces of one kind and degree.
+
+    pieces    each face as one piece, numbered from 0
+    vertices  (n, corners) rows of the mesh's vertices at the corners of `pieces`
+    """
+
+    pieces: Pieces
+    vertices: Ints
+
+
+def boundaries(mesh: Mesh) -> dict[str, Ints]:
+    """Composites of the elements' sides by name and by id: rows of faces of volumes, or of edges of plane elements."""
+    if mesh.dimension < 2:
+        return {}
+    tags, shapes = (
+        (("E", "S"), (Shape.SEGMENT,)) if mesh.dimension == 2 else (("F", "T", "Q"), tuple(_KINDS.values())[1:])
+    )
+    every = np.concatenate([mesh.of(shape).ids for shape in shapes])
+    found: dict[str, Ints] = {}
+    for composite in mesh.composites:
+        ids = [own for tag, own in composite.parts if tag in tags]
+        if ids:
+            rows = np.flatnonzero(np.isin(every, np.concatenate(ids)))
+            found.update({name: rows for name in (composite.name, str(composite.id)) if name})
+    return found
+
+
+def faces_of(dataset: Dataset, name: str) -> list[Faces]:
+    """The faces of a boundary, or all outer ones; those that belong to two elements once.
+
+    ElvisError where there are none, and for lines.
+    """
+    mesh, known = dataset.mesh, boundaries(dataset.mesh)
+    if mesh.dimension < 2:
+        raise ElvisError("expected 2D or 3D data, found lines, which have no boundary faces")
+    if name != ALL and name not in known:
+        raise ElvisError(f"there is no boundary {name!r}; there are {', '.join((ALL, *known))}")
+    blocks = geometry(dataset)
+    members = [_members(mesh, block) for block in blocks]
+    sides = np.bincount(np.concatenate([np.empty(0, np.int64), *(own.reshape(-1) for own in members)]))
+    wanted = sides == 1
+    if name != ALL:
+        wanted = np.isin(np.arange(len(sides)), known[name])
+    found = [faces for block, own in zip(blocks, members, strict=True) for faces in _taken(mesh, block, own, wanted)]
+    if not found:
+        raise ElvisError(f"expected a boundary with faces of the data's elements, found none in {name!r}")
+    return found
+
+
+def _members(mesh: Mesh, block: GeometryBlock) -> Ints:
+    """(n, sides) rows of the sides of the block's elements: faces, triangles first, or edges."""
+    return np.asarray(mesh.of(block.expansion.shape).members[_rows(mesh, block)])
+
+
+def _rows(mesh: Mesh, block: GeometryBlock) -> Ints:
+    ids = mesh.of(block.expansion.shape).ids
+    order = np.argsort(ids)
+    return np.asarray(order[np.searchsorted(ids, block.element_ids, sorter=order)])
+
+
+def _taken(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Iterator[Faces]:
+    """The wanted sides of a block's elements, which then are wanted no more."""
+    shape = block.expansion.shape
+    vertices = local_vertices(mesh, shape)[_rows(mesh, block)]
+    for number, local in enumerate(shape.edges if shape.dimension == 2 else shape.faces):
+        entity, first = np.unique(members[:, number], return_index=True)
+        rows = first[wanted[entity]]
+        wanted[members[rows, number]] = False
+        if len(rows):
+            coefficients, outer = _coefficients(block, rows, local), np.full(len(rows), WHOLE[len(local)])
+            yield Faces(Pieces(len(local), coefficients, np.arange(len(rows)), outer), vertices[rows][:, list(local)])
+
+
+def _coefficients(block: GeometryBlock, rows: Ints, local: tuple[int, ...]) -> Floats:
+    """(n, m, k, 3) the maps of elements ``rows`` on one of their sides, as in Pieces."""
+    kind, shape = _KINDS[len(local)], block.expansion.shape
+    degree = max(1, *bernstein_space(block.expansion).degrees)
+    nodes = gauss(degree + 1)[0]
+    grid = np.stack(np.meshgrid(*[nodes] * kind.dimension), axis=-1).reshape(-1, kind.dimension)
+    points = uncollapse(kind, grid)
+    origin, along, across = (shape.vertices[corner] for corner in (local[0], local[1], local[-1]))
+    images = origin + (1 + points[:, :1]) / 2 * (along - origin)
+    if kind.dimension == 2:
+        images = images + (1 + points[:, 1:]) / 2 * (across - origin)
+
+    # powers s^i t^j of the space, fitted at as many points or more
+    i, j = (power.reshape(-1) for power in np.meshgrid(np.arange(degree + 1), np.arange(degree + 1)))
+    space = j == 0 if kind is Shape.SEGMENT else i + j <= degree if kind is Shape.TRIANGLE else i >= 0
+    s, t = points[:, 0], points[:, -1]
+    powers = s[:, None] ** i[space] * (t[:, None] ** j[space] if kind.dimension == 2 else 1.0)
+    basis = values(block.expansion, images)
+    world = np.einsum("ndm,km->nkd", block.coefficients[rows], basis, optimize=True)
+    found = np.zeros((len(rows), (degree + 1) ** 2, 3))
+    found[:, np.flatnonzero(space)] = np.linalg.pinv(powers) @ world
+    square = found.reshape(len(rows), degree + 1, degree + 1, 3)
+    return np.ascontiguousarray(square[:, :1] if kind is Shape.SEGMENT else square)

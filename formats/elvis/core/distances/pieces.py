@@ -1,0 +1,162 @@
+"""Parts of faces as polynomials of two coordinates, over a line, a triangle or a square.
+
+kind      corners  points
+line      2        (-1, 0), (1, 0)
+triangle  3        (-1, -1), (1, -1), (-1, 1)
+square    4        (-1, -1), (1, -1), (1, 1), (-1, 1)
+
+Side k runs from corner k to the next one; those of a line are its two ends.  A part of a domain lies at a + h s, with
+s a point of the whole: of a triangle's four parts three have the size h = 1/2 and one has -1/2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb, perm
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+
+CORNERS: Mapping[int, Floats] = {
+    2: frozen_floats([[-1, 0], [1, 0]]),
+    3: frozen_floats([[-1, -1], [1, -1], [-1, 1]]),
+    4: frozen_floats([[-1, -1], [1, -1], [1, 1], [-1, 1]]),
+}
+#: `Pieces.outer` of whole faces
+WHOLE: Mapping[int, int] = {corners: 17 * ((1 << corners) - 1) for corners in CORNERS}
+#: derivatives that `Pieces.bounds` has bounds of: how often along the first and along the second coordinate
+BOUNDED = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+#: parts that a piece may bend by and still count as nearly flat
+_FLAT = 0.04
+_DEEPEST, _MOST = 7, 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Pieces of one kind and degree.
+
+    corners       2, 3 or 4, see the head of this module
+    coefficients  (n, m, k, 3) of the powers s^i t^j, i < k and j < m: [.., j, i, :]
+    face          (n,) number of the face that each is a part of
+    outer         (n,) bits: whether side k (bit k) and corner k (bit 4 + k) lie on the border of the face
+    """
+
+    corners: int
+    coefficients: Floats
+    face: Ints
+    outer: Ints
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the pieces are lines and triangles, straight ones."""
+        return self.corners < 4 and self.coefficients.shape[2] == 2
+
+    def at(self, points: Floats, rows: Ints, along: int = 0, across: int = 0) -> Floats:
+        """(n, 3) positions at points (n, 2) of pieces ``rows`` (n,), or derivatives: how often along s and t."""
+        s, t = points.T
+        m, k = self.coefficients.shape[1:3]
+        powers_s = np.stack([perm(i, along) * s ** max(i - along, 0) for i in range(k)], axis=1)
+        powers_t = np.stack([perm(j, across) * t ** max(j - across, 0) for j in range(m)], axis=1)
+        return np.asarray(np.einsum("njix,ni,nj->nx", self.coefficients[rows], powers_s, powers_t, optimize=True))
+
+    @property
+    def vertices(self) -> Floats:
+        """(n, corners, 3) where the corners lie."""
+        rows = np.arange(len(self))
+        return np.stack([self.at(np.tile(corner, (len(self), 1)), rows) for corner in CORNERS[self.corners]], axis=1)
+
+    @property
+    def bounds(self) -> Floats:
+        """(n, 10) greatest lengths of the derivatives `BOUNDED`, and how far the piece may be from its linear part."""
+        size = np.linalg.norm(self.coefficients, axis=3)
+        m, k = size.shape[1:]
+        columns = [np.einsum("nji,j,i->n", size, _falling(m, b), _falling(k, a)) for a, b in BOUNDED]
+        return np.stack([*columns, np.where(self._linear, 0.0, size).sum(axis=(1, 2))], axis=1)
+
+    @property
+    def boxes(self) -> Floats:
+        """(n, 6) low and high corners of boxes that hold the pieces."""
+        linear = np.where(self._linear[:, :, None], self.coefficients, 0.0)
+        bend = np.abs(self.coefficients - linear).sum(axis=(1, 2))
+        vertices = Pieces(self.corners, linear, self.face, self.outer).vertices
+        return np.concatenate([vertices.min(axis=1) - bend, vertices.max(axis=1) + bend], axis=1)
+
+    @property
+    def _linear(self) -> Bools:
+        """(m, k) which powers are no more than linear."""
+        m, k = self.coefficients.shape[1:3]
+        return np.asarray(np.add.outer(np.arange(m), np.arange(k)) < 2)
+
+    def flattened(self, first: int = 0) -> Pieces:
+        """The pieces, cut until each is nearly flat; faces are numbered from ``first``."""
+        done: list[Pieces] = []
+        rest = Pieces(self.corners, self.coefficients, self.face + first, self.outer)
+        for _ in range(_DEEPEST):
+            bend = rest.bounds[:, 9]
+            linear = np.linalg.norm(rest.coefficients[:, 0, 1], axis=1)
+            if self.corners > 2:
+                linear += np.linalg.norm(rest.coefficients[:, 1, 0], axis=1)
+            bent = bend > _FLAT * linear
+            done.append(rest.taken(np.flatnonzero(~bent)))
+            if not bent.any() or sum(map(len, done)) + 4 * bent.sum() > _MOST:
+                return _joined([*done, rest.taken(np.flatnonzero(bent))])
+            rest = rest.taken(np.flatnonzero(bent)).parts()
+        return _joined([*done, rest])
+
+    def taken(self, rows: Ints) -> Pieces:
+        """Some of the pieces."""
+        return Pieces(self.corners, self.coefficients[rows], self.face[rows], self.outer[rows])
+
+    def parts(self) -> Pieces:
+        """The parts of all pieces."""
+        m, k = self.coefficients.shape[1:3]
+        made = []
+        for number, (middle, half) in enumerate(divided(self.corners)):
+            s, t = _moved(k, middle[0], half), _moved(m, middle[1], half)
+            coefficients = np.einsum("njix,ia,jb->nbax", self.coefficients, s, t, optimize=True)
+            made.append(Pieces(self.corners, coefficients, self.face, self._outer_of(number)))
+        return _joined(made)
+
+    def _outer_of(self, number: int) -> Ints:
+        """(n,) `outer` of a part: those of a whole's corner keep it and half of its sides; new corners lie on sides."""
+        n = self.corners
+        side, corner = ([self.outer >> (shift + k) & 1 for k in range(n)] for shift in (0, 4))
+        if n == 2:
+            return np.asarray((side[number] | corner[number] << 4) << number)
+        if number == n:
+            return np.asarray(sum(side[(k + 1) % n] << (4 + k) for k in range(n)))
+        ahead, back = (number + 1) % n, (number - 1) % n
+        sides = side[number] << number | side[back] << back
+        return np.asarray(sides | (corner[number] << number | side[number] << ahead | side[back] << back) << 4)
+
+
+@lru_cache(maxsize=8)
+def divided(corners: int) -> tuple[tuple[Floats, float], ...]:
+    """The parts of a domain: middle (2,) and size of each, as a and h at the head of this module."""
+    found = [(0.5 * corner, 0.5) for corner in CORNERS[corners]]
+    return (*found, (np.array([-0.5, -0.5]), -0.5)) if corners == 3 else tuple(found)
+
+
+@lru_cache(maxsize=256)
+def _moved(count: int, middle: float, half: float) -> Floats:
+    """(count, count) from coefficients of powers of s to those of r, s = middle + half r; from the right."""
+    return frozen_floats(
+        [[comb(i, a) * middle ** (i - a) * half**a if a <= i else 0.0 for a in range(count)] for i in range(count)]
+    )
+
+
+def _falling(count: int, times: int) -> Floats:
+    """i (i - 1) … for every power i."""
+    return np.array([perm(i, times) for i in range(count)], np.float64)
+
+
+def _joined(pieces: list[Pieces]) -> Pieces:
+    """Pieces of one kind as one."""
+    arrays = zip(*((each.coefficients, each.face, each.outer) for each in pieces), strict=True)
+    return Pieces(pieces[0].corners, *map(np.concatenate, arrays))

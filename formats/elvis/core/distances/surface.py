@@ -1,0 +1,104 @@
+"""A surface that distances are measured to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import ALL, boundaries, faces_of
+from elvis.core.distances.files import SUFFIXES, triangles_of
+from elvis.core.distances.pieces import WHOLE, Pieces
+from elvis.core.distances.sides import is_closed, sides_of_faces, sides_of_triangles
+from elvis.core.mapping.boxes import BoxTree, outward
+
+#: pieces in a leaf of the tree
+LEAF = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Pieces of faces.
+
+    groups     by kind and degree; faces are numbered through all groups
+    sides      (faces, 2) the signs that distances have before and behind each face: both 1 where it is not closed
+    is_closed  whether distances have a sign
+    encloses   whether all points of the data are inside or on it
+    is_planar  whether it is made of curves in the plane z = 0, the third coordinate of points being of no account
+    """
+
+    groups: Sequence[Pieces]
+    sides: Ints
+    is_closed: bool
+    encloses: bool = False
+    is_planar: bool = False
+
+    @property
+    def faces(self) -> int:
+        """Number of faces."""
+        return len(self.sides)
+
+    @cached_property
+    def boxes(self) -> Floats:
+        """(n, 6) low and high corners of boxes that hold the pieces, group after group."""
+        return frozen_floats(np.concatenate([group.boxes for group in self.groups]))
+
+    @cached_property
+    def corners(self) -> tuple[Floats, Ints]:
+        """Triangles (3 n, 3) between the corners of all pieces, and the piece (n,) that each belongs to."""
+        triangles: list[Floats] = []
+        pieces: list[Ints] = []
+        for group, first in zip(self.groups, np.cumsum([0, *map(len, self.groups)]), strict=False):
+            for k in range(1, max(group.corners - 1, 2)):
+                triangles.append(group.vertices[:, [0, k, min(k + 1, group.corners - 1)]])
+                pieces.append(first + np.arange(len(group)))
+        return frozen_floats(np.concatenate(triangles).reshape(-1, 3)), frozen_ints(np.concatenate(pieces))
+
+    @cached_property
+    def scale(self) -> float:
+        """The greatest coordinate or extent, which rounding errors are parts of."""
+        low, high = self.boxes[:, :3].min(axis=0), self.boxes[:, 3:].max(axis=0)
+        return float(max(np.abs(low).max(), np.abs(high).max(), np.linalg.norm(high - low)))
+
+    @cached_property
+    def tree(self) -> BoxTree:
+        """The hierarchy over `boxes`."""
+        return BoxTree.build(outward(self.boxes[:, :3], self.boxes[:, 3:], 1e-9), LEAF)
+
+
+def surface_of(dataset: Dataset | None, target: str) -> Surface:
+    """The surface that a name means: a boundary of the dataset, ``all`` of its outer faces, or a file of triangles.
+
+    ElvisError where there is none such, with those that there are.
+    """
+    if dataset is None or (target.lower().endswith(SUFFIXES) and target not in boundaries(dataset.mesh)):
+        return _from_file(target)
+    return _from_boundary(dataset, target)
+
+
+def _from_file(name: str) -> Surface:
+    points, triangles = triangles_of(name)
+    corners = points[triangles]
+    coefficients = np.zeros((len(triangles), 2, 2, 3))
+    coefficients[:, 0, 0] = (corners[:, 1] + corners[:, 2]) / 2
+    coefficients[:, 0, 1] = (corners[:, 1] - corners[:, 0]) / 2
+    coefficients[:, 1, 0] = (corners[:, 2] - corners[:, 0]) / 2
+    pieces = Pieces(3, coefficients, np.arange(len(triangles)), np.full(len(triangles), WHOLE[3]))
+    closed = is_closed([triangles])
+    sides = sides_of_triangles(points, triangles) if closed else np.ones((len(triangles), 2), np.int64)
+    return Surface((pieces,), frozen_ints(sides), closed)
+
+
+def _from_boundary(dataset: Dataset, name: str) -> Surface:
+    found = faces_of(dataset, name)
+    first = np.cumsum([0, *(len(faces.vertices) for faces in found)])
+    pieces = [faces.pieces.flattened(start) for faces, start in zip(found, first, strict=False)]
+    loops = [faces.vertices for faces in found]
+    planar = dataset.mesh.space == 2
+    closed = (planar or dataset.mesh.dimension == 3) and is_closed(loops)
+    sides = sides_of_faces(loops, pieces) if closed else np.ones((first[-1], 2), np.int64)
+    return Surface(tuple(pieces), frozen_ints(sides), closed, closed and name == ALL, planar)

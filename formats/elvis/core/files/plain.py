@@ -1,0 +1,64 @@
+"""Plain files: a device or a pipe may have no end, so none is opened to be read."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from elvis.core.errors import FormatError
+
+#: no deflate stream holds more than this many bytes for each of its own
+DEFLATE_RATIO = 1032
+
+_OTHERS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def check_plain(path: str | Path) -> None:
+    """FormatError unless the path, or what it links to, is a plain file."""
+    found = _other(path)
+    if found is not None:
+        raise FormatError(found, file=path)
+
+
+def check_plain_or_folder(path: str | Path) -> None:
+    """As `check_plain`, for what may be a folder."""
+    if not Path(path).is_dir():
+        check_plain(path)
+
+
+def leading(path: str | Path, count: int) -> bytes:
+    """The first bytes, ``count`` at most, of a plain file; none where it is no plain file or can't be read."""
+    if _other(path) is not None:
+        return b""
+    try:
+        with open(path, "rb") as file:
+            return file.read(count)
+    except OSError:
+        return b""
+
+
+def content(path: str | Path) -> bytes:
+    """All bytes of a plain file; FormatError where it is none or can't be read."""
+    check_plain(path)
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", file=path) from error
+
+
+def _other(path: str | Path) -> str | None:
+    """What is wrong with a path that isn't a plain file, None where it is one."""
+    try:
+        kind = stat.S_IFMT(os.stat(path).st_mode)
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name that holds a zero byte
+        return "there is no such file"
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    return None if kind == stat.S_IFREG else f"expected a file, found {_OTHERS.get(kind, 'something else')}"

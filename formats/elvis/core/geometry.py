@@ -1,0 +1,188 @@
+"""The geometry mapping of a dataset: which polynomials carry each element into the world (format notes 2.4).
+
+The map of an element is an expansion of its three coordinates, put together from its vertices, edges and faces; or it
+is given as fields of the dataset, named by the metadata key ``GeometryMap``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.dataset import Dataset, Expansion
+from elvis.core.errors import FormatError
+from elvis.core.mapping.orientation import chunks, solid_vertices
+from elvis.core.mapping.skeleton import Skeleton
+from elvis.core.mapping.solids import solid_modes, solid_orders
+from elvis.core.polynomials.expansion import mode_count, mode_indices
+from elvis.core.polynomials.grouping import Group, grouped
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.shapes import Shape
+
+#: fields that hold the mapping where the metadata names none
+MAP_FIELDS = ("map_x", "map_y", "map_z")
+
+#: elements put together at once, so that intermediate arrays stay small
+_CHUNK = 1 << 13
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryBlock:
+    """The mapping of elements of one expansion.
+
+    element_ids   (n,)       global ids
+    coefficients  (n, 3, m)  of the world coordinates; those beyond the mesh's space are zero
+    """
+
+    expansion: Expansion
+    element_ids: Ints
+    coefficients: Floats
+
+    def __len__(self) -> int:
+        return len(self.element_ids)
+
+    def taken(self, which: Ints) -> Floats:
+        """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
+        return np.asarray(self.coefficients[which])
+
+
+def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
+    """The mapping of every element in the domain, by shape; straight elements apart from curved ones.
+
+    Straight elements come in the lowest-order Modified expansion, curved ones in the Modified expansion their edges and
+    faces need.  Elements that the fields of ``GeometryMap`` hold come last, in those fields' expansion.  FormatError,
+    naming the element, for a mesh that breaks the rules of the format.
+    """
+    return tuple(part if isinstance(part, GeometryBlock) else part.block() for part in parts(dataset))
+
+
+def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
+    """As `geometry`, but what follows from the mesh alone is put together only when it is asked for."""
+    mapped = tuple(_mapped(dataset))
+    ids = dataset.mesh.domain_ids()
+    for block in mapped:
+        ids = np.setdiff1d(ids, block.element_ids, assume_unique=True)
+    if not len(ids):
+        return mapped
+    skeleton = Skeleton(dataset.mesh)
+    shapes = dataset.mesh.elements
+    return (*(part for shape in shapes for part in _assembled(skeleton, shape, ids)), *mapped)
+
+
+def map_names(dataset: Dataset) -> tuple[str, ...]:
+    """The names of the fields that give the map, none where the mesh alone does."""
+    if "GeometryMap" not in dataset.metadata:
+        return ()
+    return tuple(name.strip() for name in dataset.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
+
+
+def _mapped(dataset: Dataset) -> Iterator[GeometryBlock]:
+    """Blocks of the elements whose mapping is given as fields."""
+    names = map_names(dataset)
+    if not names:
+        return
+    present = {field.name: field.blocks for field in dataset.fields}
+    if len(names) > 3 or not present.keys() >= set(names):
+        found = f"{', '.join(names)} among {', '.join(present) or 'no fields'}"
+        raise FormatError(f"expected up to three fields of the dataset as geometry map, found {found}")
+    held = [np.concatenate([block.element_ids for block in present[name]] or [np.empty(0, np.int64)]) for name in names]
+    for group in grouped(np.intersect1d(dataset.mesh.domain_ids(), np.concatenate(held)), [present[n] for n in names]):
+        yield _stacked(names, group)
+
+
+def _stacked(names: tuple[str, ...], group: Group) -> GeometryBlock:
+    """The coordinates of a group of elements as one block, coordinates without a field zero."""
+    expansion, columns = group.expansions[0], group.coefficients
+    if expansion is None or expansion.homogeneous or set(group.expansions) != {expansion}:
+        found = f"other expansions for element {group.element_ids[0]}"
+        raise FormatError(
+            f"expected one expansion, and not a Fourier one, for all of {', '.join(names)}, found {found}"
+        )
+    coefficients = np.zeros((len(group.element_ids), 3, mode_count(expansion)))
+    for coordinate, column in enumerate(columns):
+        coefficients[:, coordinate] = column
+    return GeometryBlock(expansion, frozen_ints(group.element_ids), frozen_floats(coefficients))
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """The mapping of elements of one expansion, to be put together from the vertices, edges and faces of the mesh.
+
+    rows      (n,) of the elements among all of their shape
+    vertices  (m, n_vertices) of all elements of the shape
+    """
+
+    skeleton: Skeleton
+    expansion: Expansion
+    rows: Ints
+    vertices: Ints
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def element_ids(self) -> Ints:
+        """(n,) global ids."""
+        return frozen_ints(self.skeleton.mesh.of(self.expansion.shape).ids[self.rows])
+
+    def taken(self, which: Ints) -> Floats:
+        """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
+        assemble = _straight if max(self.expansion.modes) == 2 else _CURVED[self.expansion.shape.dimension]
+        rows = self.rows[which]
+        coefficients = np.empty((len(rows), 3, mode_count(self.expansion)))
+        for part in chunks(len(rows), _CHUNK):
+            coefficients[part] = assemble(self.skeleton, self.expansion, rows[part], self.vertices[rows[part]])
+        return coefficients
+
+    def block(self) -> GeometryBlock:
+        """All of it."""
+        return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.taken(np.arange(len(self)))))
+
+
+def _assembled(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assembly]:
+    """The elements of a shape with ids among the sorted ``wanted``, one part for each set of orders."""
+    entities, vertices = skeleton.mesh.of(shape), _vertices(skeleton, shape)
+    chosen = np.flatnonzero(np.isin(entities.ids, wanted))
+    if len(chosen) and not skeleton.curved:
+        yield Assembly(skeleton, modified(shape, (2,) * shape.dimension), chosen, vertices)
+    if len(chosen) == 0 or not skeleton.curved:
+        return
+    orders, which = np.unique(_orders(skeleton, shape, vertices)[chosen], axis=0, return_inverse=True)
+    for number, modes in enumerate(orders.tolist()):
+        yield Assembly(skeleton, modified(shape, tuple(modes)), chosen[which.reshape(-1) == number], vertices)
+
+
+def _vertices(skeleton: Skeleton, shape: Shape) -> Ints:
+    if shape.dimension == 1:
+        return skeleton.mesh.of(shape).members
+    return skeleton.faces[shape] if shape.dimension == 2 else solid_vertices(skeleton.mesh, shape, skeleton.faces)
+
+
+def _orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
+    """(n, d) numbers of modes of the elements of a shape; 2 where they are straight."""
+    if shape.dimension == 1:
+        return skeleton.edge_orders()
+    return skeleton.face_orders(shape) if shape.dimension == 2 else solid_orders(skeleton, shape, vertices)
+
+
+def _straight(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
+    """Vertices alone: the mode of a vertex is 0 in directions where it lies at -1, and 1 at +1."""
+    modes = (expansion.shape.vertices > 0).astype(np.int64)
+    order = [int(np.flatnonzero((modes == mode).all(axis=1))[0]) for mode in mode_indices(expansion)]
+    return skeleton.vertices[vertices[:, order]].transpose(0, 2, 1)
+
+
+def _segment(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
+    return skeleton.edge_modes(rows, expansion.modes[0])
+
+
+def _face(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
+    modes = max(expansion.modes)
+    p, q = mode_indices(expansion).T
+    return skeleton.face_modes(expansion.shape, rows, modes)[:, :, p * modes + q]
+
+
+_CURVED = {1: _segment, 2: _face, 3: solid_modes}

@@ -1,0 +1,178 @@
+"""A bounding volume hierarchy over conservative boxes of elements, for the host and, as plain arrays, for devices.
+
+Layout, which device code may rely on.  The tree is complete and binary, in heap order: node 0 is the root, the children
+of node i are 2 i + 1 and 2 i + 2, and with L leaves (a power of two) the leaves are the last L of 2 L - 1 nodes.  Leaf
+j, node L - 1 + j, holds the elements ``order[j * leaf : (j + 1) * leaf]``, fewer or none at the end.  A box is six
+32-bit floats, lower corner then upper corner, rounded outwards; an empty one has its lower corner at +inf, its upper
+corner at -inf.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.orientation import chunks
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
+
+Boxes = NDArray[np.float32]
+
+#: part of their diagonal by which boxes are enlarged, so that points within tolerance of an element are in its box
+MARGIN = 1e-9
+
+_EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)
+#: numbers in an intermediate array
+_BATCH = 1 << 21
+
+
+def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
+    """(n, 6) boxes that hold each element of a patch: the range of the Bernstein coefficients of its mapping.
+
+    margin  part of its diagonal by which a box is larger all round
+    Along homogeneous axes a box spans one period, from 0 to the length.
+    """
+    result = np.empty((len(patch), 6), np.float32)
+    count = 3 * bernstein_space(patch.geometry).count
+    for part in chunks(len(patch), max(1, _BATCH // count)):
+        with np.errstate(invalid="ignore", over="ignore"):
+            net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[part])
+        low, high = net.min(axis=2), net.max(axis=2)
+        for axis, length in patch.periods:
+            low[:, axis], high[:, axis] = 0.0, length
+        result[part] = outward(low, high, margin)
+    return result
+
+
+def outward(low: Floats, high: Floats, margin: float) -> Boxes:
+    """Boxes a little larger than the corners (n, 3), whatever the rounding; empty beyond the range of 32-bit floats."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        extra = margin * np.sqrt(3) * (high - low).max(axis=1, keepdims=True)
+        inner = np.concatenate([low - extra, high + extra], axis=1)
+        box = inner.astype(np.float32)
+    box[:, :3] = np.where(box[:, :3] > inner[:, :3], np.nextafter(box[:, :3], np.float32(-np.inf)), box[:, :3])
+    box[:, 3:] = np.where(box[:, 3:] < inner[:, 3:], np.nextafter(box[:, 3:], np.float32(np.inf)), box[:, 3:])
+    box[~np.isfinite(box).all(axis=1)] = _EMPTY
+    return box
+
+
+@dataclass(frozen=True, eq=False)
+class BoxTree:
+    """The hierarchy; see the layout at the head of this module.
+
+    boxes  (n, 6)        float32, of the elements
+    order  (n,)          uint32, elements in the order of the leaves
+    nodes  (2 L - 1, 6)  float32
+    leaf                 elements of a leaf
+    """
+
+    boxes: Boxes
+    order: NDArray[np.uint32]
+    nodes: Boxes
+    leaf: int
+
+    @staticmethod
+    def build(boxes: Boxes, leaf: int = 4) -> BoxTree:
+        """The tree over ``boxes`` (n, 6), elements sorted along a space-filling curve of their centres."""
+        count = len(boxes)
+        leaves = 1 << max(0, -(-count // leaf) - 1).bit_length()
+        order = np.argsort(_morton(boxes), kind="stable").astype(np.uint32)
+        padded = np.tile(_EMPTY, (leaves * leaf, 1))
+        padded[:count] = boxes[order]
+        nodes = np.empty((2 * leaves - 1, 6), np.float32)
+
+        # leaves first, then every level over the one below
+        level = padded.reshape(leaves, leaf, 6)
+        while len(level):
+            here = nodes[len(level) - 1 : 2 * len(level) - 1]
+            here[:, :3], here[:, 3:] = level[:, :, :3].min(axis=1), level[:, :, 3:].max(axis=1)
+            level = here.reshape(-1, 2, 6) if len(level) > 1 else level[:0]
+        return BoxTree(boxes, order, nodes, leaf)
+
+    @staticmethod
+    def over(patches: Sequence[Patch], leaf: int = 4, margin: float = MARGIN) -> BoxTree:
+        """The tree over all elements of some patches, numbered patch after patch."""
+        boxes = [element_boxes(patch, margin) for patch in patches]
+        return BoxTree.build(np.concatenate([np.empty((0, 6), np.float32), *boxes]), leaf)
+
+    @property
+    def leaves(self) -> int:
+        """L, a power of two."""
+        return (len(self.nodes) + 1) // 2
+
+    def candidates(self, points: Floats) -> tuple[Ints, Ints]:
+        """All pairs of a point (n, 3) and an element whose box holds it: point numbers and elements, (k,) each.
+
+        Sorted by point, then by element.
+        """
+        none = np.empty(0, np.int64)
+        point, element = map(np.concatenate, zip((none, none), *self.candidate_batches(points), strict=True))
+        order = np.lexsort((element, point))
+        return point[order], element[order]
+
+    def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
+        """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are looked at together."""
+        depth = self.leaves.bit_length() - 1
+        stack = _split(0, np.arange(len(points)), np.zeros(len(points), np.int64), size)
+        while stack:
+            level, point, node = stack.pop()
+            held = _holds(self.nodes, node, points, point)
+            point, node = point[held], node[held]
+            if level == depth:
+                yield self._in_leaves(points, point, node)
+            elif len(point):
+                children = 2 * node[:, None] + np.array([1, 2])
+                stack += _split(level + 1, np.repeat(point, 2), children.reshape(-1), size)
+
+    def _in_leaves(self, points: Floats, point: Ints, node: Ints) -> tuple[Ints, Ints]:
+        slots = (node[:, None] - (self.leaves - 1)) * self.leaf + np.arange(self.leaf)
+        point, slots = np.repeat(point, self.leaf), slots.reshape(-1)
+        inside = slots < len(self.order)
+        point, element = point[inside], self.order[slots[inside]].astype(np.int64)
+        held = _holds(self.boxes, element, points, point)
+        return point[held], element[held]
+
+
+def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, Ints, Ints]]:
+    return [(level, point[part], node[part]) for part in chunks(len(point), size)]
+
+
+def _holds(boxes: Boxes, rows: Ints, points: Floats, point: Ints) -> Bools:
+    """(k,) whether box ``rows`` (k,) holds point number ``point`` (k,)."""
+    box, where = boxes[rows].T, points[point].T
+    sides: list[Bools] = [(box[axis] <= where[axis]) & (where[axis] <= box[axis + 3]) for axis in range(3)]
+    return sides[0] & sides[1] & sides[2]
+
+
+def _morton(boxes: Boxes) -> NDArray[np.uint64]:
+    """(n,) 63-bit places of the centres along a Z-shaped curve through all of them."""
+    finite = np.isfinite(boxes).all(axis=1, keepdims=True)
+    corners = np.where(finite, boxes, 0).astype(np.float64)
+    centres = (corners[:, :3] + corners[:, 3:]) / 2
+    if not len(centres):
+        return np.empty(0, np.uint64)
+    low, high = centres.min(axis=0), centres.max(axis=0)
+    width = np.where(high > low, high - low, 1.0)
+    cells = ((centres - low) / width * (2**21 - 1)).astype(np.uint64)
+    x, y, z = (_spread(cells[:, axis]) << np.uint64(axis) for axis in range(3))
+    return np.asarray(x | y | z)
+
+
+def _spread(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The 21 low bits with two zeros after each."""
+    for shift, mask in _SPREAD:
+        bits = np.bitwise_and(np.bitwise_or(bits, np.left_shift(bits, np.uint64(shift))), np.uint64(mask))
+    return bits
+
+
+_SPREAD = (
+    (32, 0x001F00000000FFFF),
+    (16, 0x001F0000FF0000FF),
+    (8, 0x100F00F00F00F00F),
+    (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)

@@ -1,0 +1,205 @@
+"""The inverse of the mapping: from world points to the reference coordinates of given elements.
+
+First by Newton's method, from a guess by the map's linear part, with elements left out early that cannot hold the
+point: their Bernstein net, and so the element, lies to one side of it.  Where Newton's method finds no root inside and
+the map isn't affine, `enclosure` searches the whole element and proves what it says.
+
+Homogeneous directions are left aside here: points have coordinate 0 along them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.mapping.enclosure import search
+from elvis.core.mapping.margins import TOLERANCE, heights, margins
+from elvis.core.mapping.newton import Targets, newton
+from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.tangents import duals
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import values, values_and_gradients
+from elvis.core.shapes import Shape
+
+#: residual of a root, in parts of the element's size; some units in the last place of the coordinates add to it
+RESIDUAL = 1e-13
+
+#: at most the ratio of an element's size to that of the net round it
+_NET = 0.25
+
+#: how far points may lie off an element that is a curve or surface, in parts of its size
+DISTANCE = 1e-6
+
+#: rounding allowed for when elements are left out, in reference coordinates
+_SIDE = 1e-9
+_BATCH = 1 << 21
+_AFFINE = (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON)
+
+
+class Status(IntEnum):
+    """What is known of a point and an element; the numbers are those of pictures."""
+
+    OUTSIDE = 0
+    INSIDE = 1
+    UNCERTAIN = 2  # Newton's method found no root inside, which proves nothing
+    FAILED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Roots:
+    """Answers for n pairs of a point and an element.
+
+    reference  (n, d)  coordinates, NaN unless inside
+    margin     (n,)    least height over the element's facets, 0 on its boundary (`margins`); NaN unless inside
+    status     (n,)    of `Status`
+    """
+
+    reference: Floats
+    margin: Floats
+    status: NDArray[np.uint8]
+
+    @staticmethod
+    def none(count: int, dimension: int) -> Roots:
+        """As many pairs of which nothing is inside."""
+        reference, margin = np.full((count, dimension), np.nan), np.full(count, np.nan)
+        return Roots(reference, margin, np.full(count, Status.OUTSIDE, np.uint8))
+
+    def part(self, chosen: Ints) -> Roots:
+        """Some of the answers, as a copy."""
+        return Roots(self.reference[chosen], self.margin[chosen], self.status[chosen])
+
+    def put(self, chosen: Ints, answers: Roots) -> None:
+        """Write answers in the places ``chosen``."""
+        self.reference[chosen], self.margin[chosen], self.status[chosen] = (
+            answers.reference,
+            answers.margin,
+            answers.status,
+        )
+
+
+def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distance: float = DISTANCE) -> Roots:
+    """Where the world points (n, 3) are in the elements ``rows`` (n,) of a patch.
+
+    A point is inside where its reference coordinates have a margin of at least -1e-10 and map to it with a residual of
+    1e-13 of the element's size (on a curve or surface: lie within ``distance`` of it).  FAILED is what even the search
+    cannot decide.  Without ``prove`` pairs that need the search are UNCERTAIN.
+    """
+    roots = Roots.none(len(rows), patch.shape.dimension)
+    for part in chunks(len(rows), max(256, _BATCH // patch.geometry_coefficients[:1].size)):
+        chosen, distinct = np.arange(part.start, part.stop), _Elements(patch, np.unique(rows[part]), distance)
+        _first_pass(distinct, rows[part], points[part], chosen, roots)
+    if prove:
+        decide(patch, rows, points, roots, distance)
+    return roots
+
+
+def decide(patch: Patch, rows: Ints, points: Floats, roots: Roots, distance: float = DISTANCE) -> None:
+    """Search the elements of all pairs that are UNCERTAIN, and write the answers into ``roots``."""
+    which = np.flatnonzero(roots.status == Status.UNCERTAIN)
+    elements = _Elements(patch, np.unique(rows[which]), distance)
+    reference, found, undecided = search(elements.targets(rows[which], points[which]))
+    roots.status[which] = np.select([found, undecided], [Status.INSIDE, Status.FAILED], Status.OUTSIDE)
+    roots.reference[which], roots.margin[which] = reference, margins(patch.shape, reference)
+
+
+def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, roots: Roots) -> None:
+    """Leave out what can't be, try Newton's method on the rest; answers go to the rows ``chosen`` of ``roots``."""
+    guess = elements.guess(rows, points)
+    possible = elements.may_hold(rows, guess)
+    chosen, targets = chosen[possible], elements.targets(rows[possible], points[possible])
+    outside = _try(elements.patch.shape, targets, guess[possible], chosen, roots) & elements.is_affine
+    roots.status[chosen[outside]] = Status.OUTSIDE
+
+    # a second try from nearby where the linear part misled the first
+    again = roots.status[chosen] == Status.UNCERTAIN
+    chosen, targets = chosen[again], targets.part(again)
+    _try(elements.patch.shape, targets, elements.nearest(targets.rows, targets.points), chosen, roots)
+
+
+def _try(shape: Shape, targets: Targets, starts: Floats, chosen: Ints, roots: Roots) -> Bools:
+    """Newton's method; what it finds inside goes to the rows ``chosen`` of ``roots``.
+
+    Returns (n,) whether it converged elsewhere.
+    """
+    reference, converged, root = newton(targets, starts)
+    margin = margins(shape, reference)
+    inside = root & (margin >= -TOLERANCE)
+    roots.status[chosen] = np.where(inside, Status.INSIDE, Status.UNCERTAIN)
+    roots.reference[chosen[inside]], roots.margin[chosen[inside]] = reference[inside], margin[inside]
+    return converged & ~inside
+
+
+class _Elements:
+    """Facts about distinct elements ``rows`` (u,), sorted, of a patch.
+
+    size    (u,)  diagonal of the box round the Bernstein net; magnitude (u,) greatest coordinate
+    centre        of the reference shape, its image (u, 3) and dual tangents (u, 3, d) there
+    lowest  (u, k) least height of the net over each facet, seen through the linear part of the map
+    """
+
+    def __init__(self, patch: Patch, rows: Ints, distance: float) -> None:
+        self.patch, self.rows, self._distance = patch, rows, distance
+        self._side = _SIDE if patch.shape.dimension == 3 else _SIDE + 2 * distance
+        self.is_affine = patch.shape in _AFFINE and bernstein_space(patch.geometry).degrees == (1,)
+        coefficients = patch.geometry_coefficients[rows]
+        net = bernstein_coefficients(patch.geometry, coefficients)
+        self.size = np.linalg.norm(np.ptp(net, axis=2), axis=1)
+        self.magnitude = np.abs(net).max(axis=(1, 2), initial=0)
+
+        # the linear part of the map at the centre, and the net seen through it
+        self.centre = patch.shape.vertices.mean(axis=0)
+        modes, slopes = values_and_gradients(patch.geometry, self.centre[None])
+        self.image = coefficients @ modes[0]
+        self.duals = duals(coefficients @ slopes[0].T)
+        seen = self._seen(net - self.image[:, :, None])
+        above = heights(patch.shape, seen.reshape(-1, patch.shape.dimension))
+        self.lowest = above.reshape(*seen.shape[:2], above.shape[1]).min(axis=1)
+
+    def _seen(self, offsets: Floats) -> Floats:
+        """(u, k, d) reference coordinates, by the linear part, of points at ``offsets`` (u, 3, k) from the image."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(self.centre + np.einsum("uci,uck->uki", self.duals, offsets))
+
+    def targets(self, rows: Ints, points: Floats) -> Targets:
+        """The points (n, 3) as targets in the elements ``rows`` (n,), which are among these."""
+        place = np.searchsorted(self.rows, rows)
+        precision = np.maximum(_NET * RESIDUAL * self.size, 16 * np.finfo(float).eps * self.magnitude)[place]
+        distance = self._distance * self.size[place] if self.patch.shape.dimension < 3 else precision
+        return Targets(self.patch, rows, points, precision, np.maximum(distance, precision))
+
+    def guess(self, rows: Ints, points: Floats) -> Floats:
+        """(n, d) reference coordinates of the points by the linear part of the map."""
+        place = np.searchsorted(self.rows, rows)
+        offsets = points - self.image[place]
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(self.centre + np.einsum("nci,nc->ni", self.duals[place], offsets))
+
+    def nearest(self, rows: Ints, points: Floats) -> Floats:
+        """(n, d) for each point the one of some reference points that is mapped nearest to it."""
+        lattice = _lattice(self.patch.shape)
+        modes, best = values(self.patch.geometry, lattice).T, np.empty(len(rows), np.int64)
+        for part in chunks(len(rows), max(1, _BATCH // (3 * len(lattice)))):
+            images = self.patch.geometry_coefficients[rows[part]] @ modes
+            best[part] = ((images - points[part, :, None]) ** 2).sum(axis=1).argmin(axis=1)
+        return lattice[best]
+
+    def may_hold(self, rows: Ints, guess: Floats) -> Bools:
+        """(n,) whether the guesses don't lie beyond all of the net of their element on some side."""
+        lowest = self.lowest[np.searchsorted(self.rows, rows)]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(~(heights(self.patch.shape, guess) < lowest - self._side).any(axis=1))
+
+
+@cache
+def _lattice(shape: Shape) -> Floats:
+    """(k, d) reference points all over a shape, its vertices among them."""
+    line = np.array([-1.0, -0.8, 0.0, 0.8, 1.0])
+    eta = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+    return frozen_floats(np.unique(uncollapse(shape, eta), axis=0))

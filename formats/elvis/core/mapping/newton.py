@@ -1,0 +1,104 @@
+"""Newton's method for the inverse of the mapping, damped, for many points at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.margins import drawn_in
+from elvis.core.mapping.tangents import duals
+from elvis.core.patch import Patch
+from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
+
+#: how far iterates may leave the element, as a margin
+_SLACK = 0.25
+_ITERATIONS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """World points to be found, each in one element of a patch.
+
+    rows       (n,)    rows of the patch
+    points     (n, 3)  world coordinates
+    precision  (n,)    length of a last Newton step, measured in the world
+    distance   (n,)    greatest distance of a point from its image: more than the precision off curves and surfaces only
+    """
+
+    patch: Patch
+    rows: Ints
+    points: Floats
+    precision: Floats
+    distance: Floats
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def part(self, chosen: Ints | Bools) -> Targets:
+        """Some of the targets."""
+        precision, distance = self.precision[chosen], self.distance[chosen]
+        return Targets(self.patch, self.rows[chosen], self.points[chosen], precision, distance)
+
+
+def newton(targets: Targets, starts: Floats) -> tuple[Floats, Bools, Bools]:
+    """The nearest reference points found (n, d), whether the method converged there (n,), and to a root (n,).
+
+    starts  (n, d)  first guesses
+    Steps are quartered where they don't bring the image nearer; iterates are kept near the element; what makes no
+    headway is given up.  On a curve or surface it converges to the foot of the point (Gauss-Newton), which is a root
+    where it is near.
+    """
+    state = _State(targets, starts)
+    for _ in range(_ITERATIONS):
+        if not len(state.active):
+            break
+        state.advance()
+    converged = state.change <= targets.precision
+    root = (converged & (state.distance <= targets.distance)) | (state.distance <= targets.precision)
+    return state.best, converged, root
+
+
+class _State:
+    """Iterates of all targets; ``active`` are those still under way.
+
+    best      (n, d)  nearest point so far, with its distance (n,), the Newton step (n, d) from it and that step's
+                      length in the world, change (n,)
+    damping   (n,)    part of the step to be tried
+    idle      (n,)    steps in succession that hardly helped
+    """
+
+    def __init__(self, targets: Targets, starts: Floats) -> None:
+        count = len(targets)
+        self.targets, self.active = targets, np.arange(count)
+        self.best = self._near(starts)
+        self.distance, self.change = np.full((2, count), np.inf)
+        self.step, self.damping, self.idle = np.zeros_like(starts), np.ones(count), np.zeros(count, np.int64)
+
+    def _near(self, points: Floats) -> Floats:
+        return drawn_in(self.targets.patch.shape, points, _SLACK)
+
+    def advance(self) -> None:
+        """One evaluation for every active target: accept the trial or shorten the step."""
+        active = self.active
+        trial = self._near(self.best[active] + self.damping[active, None] * self.step[active])
+        patch, targets = self.targets.patch, self.targets.part(active)
+        world, slopes = evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, targets.rows, trial)
+        gap = targets.points - world
+        distance = np.linalg.norm(gap, axis=1)
+        nearer = distance < self.distance[active]
+        self._accept(active[nearer], trial[nearer], gap[nearer], distance[nearer], slopes[nearer])
+        self.damping[active[~nearer]] /= 4
+        near = (self.change[active] <= targets.precision) | (self.distance[active] <= targets.precision / 4)
+        self.active = active[~near & (self.damping[active] > 1e-4) & (self.idle[active] < 4)]
+
+    def _accept(self, rows: Ints, trial: Floats, gap: Floats, distance: Floats, slopes: Floats) -> None:
+        hardly = distance > 0.8 * self.distance[rows]
+        self.idle[rows] = np.where(hardly, self.idle[rows] + 1, 0)
+        self.best[rows], self.distance[rows], self.damping[rows] = trial, distance, 1.0
+        with np.errstate(invalid="ignore", over="ignore"):
+            step = np.einsum("nci,nc->ni", duals(slopes), gap)
+            self.change[rows] = np.linalg.norm(np.einsum("nci,ni->nc", slopes, step), axis=1)
+            longest = np.abs(step).max(axis=1, keepdims=True, initial=1.0)
+            self.step[rows] = step / longest

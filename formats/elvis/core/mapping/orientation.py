@@ -1,0 +1,203 @@
+"""Which way round the entities of an element lie: its local vertices and the turns of its faces.
+
+Format notes 1.4 and 2.3.  Files tie elements to faces and faces to edges; local vertices follow from what these share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
+
+#: entities handled at once, so that intermediate arrays stay small
+CHUNK = 1 << 16
+
+#: corners of a face's own frame, in the order of its vertices
+_CORNERS = Shape.QUADRILATERAL.vertices.astype(np.int64)
+
+
+def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
+    """Slices that cover ``range(count)``, ``size`` at a time."""
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def local_vertices(mesh: Mesh, shape: Shape) -> Ints:
+    """(n, n_vertices) vertex rows of all entities of a shape, in the local order of `Shape`.
+
+    FormatError, naming the entity, where edges don't close to a polygon or faces not to the shape, and where a
+    triangle's collapsed vertex isn't where its volume element has it.
+    """
+    if shape.dimension == 1:
+        return mesh.of(shape).members
+    if shape.dimension == 2:
+        return polygon_vertices(mesh, shape)
+    return solid_vertices(mesh, shape, {s: polygon_vertices(mesh, s) for s in Shape.of_dimension(2)})
+
+
+def face_shape(local: tuple[int, ...]) -> Shape:
+    """The shape of a face given by its local vertices."""
+    return Shape.TRIANGLE if len(local) == 3 else Shape.QUADRILATERAL
+
+
+def first_face_row(mesh: Mesh, shape: Shape) -> int:
+    """Where the rows of triangles or of quadrilaterals begin among all faces."""
+    return 0 if shape is Shape.TRIANGLE else len(mesh.of(Shape.TRIANGLE))
+
+
+def label(mesh: Mesh, shape: Shape, row: int) -> str:
+    """What messages call an entity, e.g. ``tetrahedron 12``: its shape and global id."""
+    return f"{shape.label.lower()} {mesh.of(shape).ids[row]}"
+
+
+def require(
+    holds: Bools, mesh: Mesh, shape: Shape, rows: slice | Ints, expected: str, found: str, facts: Ints | None = None
+) -> None:
+    """FormatError naming the first of the entities ``rows`` for which ``holds`` (n, …) is not all true.
+
+    ``found`` tells what is there instead; a ``{}`` in it stands for the fact (n, …) of that entity.
+    """
+    if holds.all():
+        return
+    first = int(np.argmin(holds.reshape(len(holds), -1).all(axis=1)))
+    row = rows.start + first if isinstance(rows, slice) else rows[first]
+    fact = "" if facts is None else " ".join(map(str, np.ravel(facts[first])))
+    raise FormatError(f"expected {expected}, found {found.format(fact)}", place=label(mesh, shape, row))
+
+
+def polygon_vertices(mesh: Mesh, shape: Shape) -> Ints:
+    """(n, k) vertex rows of all triangles or quadrilaterals: `local_vertices`."""
+    members = mesh.of(shape).members
+    result = np.empty_like(members)
+    for part in chunks(len(members)):
+        result[part] = _closed(mesh, shape, part)
+    return result
+
+
+def _closed(mesh: Mesh, shape: Shape, part: slice) -> Ints:
+    """(n, k) vertices: the end of edge j that isn't shared with edge j + 1 is local vertex j."""
+    ends = mesh.of(Shape.SEGMENT).members[mesh.of(shape).members[part]]
+    following = np.roll(ends, -1, axis=1)
+    shared = (ends[:, :, :, None] == following[:, :, None, :]).any(axis=3)
+    one_shared = shared[:, :, 0] != shared[:, :, 1]
+    vertices = np.where(shared[:, :, 0], ends[:, :, 1], ends[:, :, 0])
+
+    # the shared end must then be the next vertex, or the edges run away from one another
+    meeting = np.where(shared[:, :, 0], ends[:, :, 0], ends[:, :, 1])
+    closed = one_shared & (meeting == np.roll(vertices, -1, axis=1))
+    found = "edges from and to vertices {}"
+    require(closed, mesh, shape, part, "edges that form a closed polygon", found, mesh.vertex_ids[ends])
+    return vertices
+
+
+def solid_vertices(mesh: Mesh, shape: Shape, polygons: Mapping[Shape, Ints]) -> Ints:
+    """(n, n_vertices) vertex rows of all volume elements of a shape: `local_vertices`.
+
+    polygons  `polygon_vertices` of the triangles and of the quadrilaterals
+    """
+    result = np.empty((len(mesh.of(shape)), len(shape.vertices)), np.int64)
+    for part in chunks(len(result)):
+        faces = _solid_faces(mesh, shape, part, polygons)
+        result[part] = _corners(mesh, shape, part, faces)
+        _check_faces(mesh, shape, part, result[part], faces)
+    return result
+
+
+def _corners(mesh: Mesh, shape: Shape, part: slice, faces: list[Ints]) -> Ints:
+    """(n, n_vertices) vertices: local vertex j is what the faces around it have in common."""
+    result = np.empty((len(faces[0]), len(shape.vertices)), np.int64)
+    for j in range(len(shape.vertices)):
+        around = [face for face, local in zip(faces, shape.faces, strict=True) if j in local]
+        matches: list[Bools] = [(around[0][:, :, None] == face[:, None, :]).any(axis=2) for face in around]
+        common = np.logical_and.reduce(matches)
+        counts = common.sum(axis=1)
+        expected = f"faces that share one vertex as local vertex {j}"
+        require(counts == 1, mesh, shape, part, expected, "{} shared", counts)
+        result[:, j] = around[0][common]
+    return result
+
+
+def _solid_faces(mesh: Mesh, shape: Shape, part: slice, polygons: Mapping[Shape, Ints]) -> list[Ints]:
+    """For each local face the (n, 3 or 4) vertices of the file's face, in the face's own order."""
+    faces: list[Ints] = []
+    for local, rows in zip(shape.faces, mesh.of(shape).members[part].T, strict=True):
+        kind, other = ("triangle", "quadrilateral") if len(local) == 3 else ("quadrilateral", "triangle")
+        table, first = polygons[face_shape(local)], first_face_row(mesh, face_shape(local))
+        fits = (rows >= first) & (rows < first + len(table))
+        require(fits, mesh, shape, part, f"a {kind} as local face {len(faces)}", f"a {other}")
+        faces.append(table[rows - first])
+    return faces
+
+
+def _check_faces(mesh: Mesh, shape: Shape, part: slice, vertices: Ints, faces: list[Ints]) -> None:
+    """FormatError unless every face has the vertices of its place, triangles with the same collapsed vertex."""
+    ids = mesh.vertex_ids
+    for number, (local, face) in enumerate(zip(shape.faces, faces, strict=True)):
+        wanted = vertices[:, list(local)]
+        same = np.sort(wanted, axis=1) == np.sort(face, axis=1)
+        expected = f"local face {number} to hold local vertices {local}"
+        require(same, mesh, shape, part, expected, "one with vertices {}", ids[face])
+        if len(local) == 3:
+            collapsed = wanted[:, 2] == face[:, 2]
+            expected = f"local face {number} to be collapsed at local vertex {local[2]}"
+            require(collapsed, mesh, shape, part, expected, "vertex {}", ids[face[:, 2]])
+
+
+def face_turns(vertices: Ints, face: Ints) -> Ints:
+    """(n,) how each face lies in its element: the ``turn`` of `turned`.
+
+    vertices  (n, 3 or 4)  local vertices of the element in the order F0, F1, F2(, F3) of its face
+    face      (n, 3 or 4)  the same vertices in the face's own order
+    """
+    first: Ints = np.argmax(face == vertices[:, :1], axis=1)
+    if face.shape[1] == 3:
+        return first
+    second: Ints = np.argmax(face == vertices[:, 1:2], axis=1)
+    return np.where((second - first) % 4 == 3, 2 * first + 1, 2 * first)
+
+
+def transposed(turns: Ints) -> Bools:
+    """(n,) whether axis A of the element lies along axis B of the quadrilateral face."""
+    return np.isin(turns % 4, (1, 2))
+
+
+@cache
+def turned(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
+    """How the Modified modes of a turned face follow from those in its own frame.
+
+    Mode (p, q) of the element's face, both below ``modes`` and flattened to p * modes + q, is ``sign`` (modes^2,) times
+    mode ``index`` (modes^2,) of the face's own.  Quadrilaterals (four corners) have eight turns: 2 F0 + 1 where the
+    element runs the other way round, with F0 the place of the element's first vertex in the face's list; triangles two.
+    """
+    p, q = np.divmod(np.arange(modes * modes), modes)
+    if corners == 3:
+        return _turned_triangle(p, q, modes) if turn else (p * modes + q, np.ones(modes * modes))
+
+    # the axes of the element's face, F0 to F1 and F0 to F3, seen in the face's own frame
+    first, backwards = divmod(turn, 2)
+    origin, along, across = (_CORNERS[(first + step) % 4] for step in ((0, 3, 1) if backwards else (0, 1, 3)))
+    (own_p, sign_p), (own_q, sign_q) = _reversed(p, sum(along - origin) < 0), _reversed(q, sum(across - origin) < 0)
+    index = own_q * modes + own_p if along[0] == origin[0] else own_p * modes + own_q
+    return index, sign_p * sign_q
+
+
+def _reversed(p: Ints, backwards: bool) -> tuple[Ints, Floats]:
+    """Modified_A modes read the other way: 0 and 1 change places, mode p >= 2 has sign (-1)^p."""
+    if not backwards:
+        return p, np.ones(len(p))
+    return np.where(p < 2, 1 - p, p), np.where(p < 2, 1.0, (-1.0) ** p)
+
+
+def _turned_triangle(p: Ints, q: Ints, modes: int) -> tuple[Ints, Floats]:
+    """The two edges that meet in the collapsed vertex change places, and edge v0v1 is read the other way."""
+    collapsed, left, right = (p == 0) & (q == 1), p == 0, p == 1
+    own_p = np.select([collapsed, left, right], [0, 1, 0], p)
+    own_q = np.select([collapsed, left & (q > 1), right & (q > 0)], [1, q - 1, q + 1], q)
+    valid = p + q < modes
+    index = np.where(valid, own_p * modes + own_q, p * modes + q)
+    return index, np.where(p < 2, 1.0, (-1.0) ** p)

@@ -1,0 +1,80 @@
+"""What a patch holds at reference points, an element for each point.
+
+rows    (n,)    rows of the patch
+points  (n, D)  reference coordinates: those of the shape, then one zeta in [-1, 1] for each homogeneous direction
+
+World coordinates of homogeneous directions follow from the lengths: z = LZ (1 + zeta)/2, with two of them also
+y = LY (1 + zeta)/2 (format notes 3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion
+from elvis.core.errors import ElvisError
+from elvis.core.mapping import tangents
+from elvis.core.patch import Patch
+from elvis.core.polynomials.evaluation import evaluate_at, evaluate_at_with_gradients
+from elvis.core.polynomials.expansion import dimension
+
+
+def positions(patch: Patch, rows: Ints, points: Floats) -> Floats:
+    """(n, 3) world coordinates."""
+    plane = np.asarray(points, np.float64)[:, : patch.shape.dimension]
+    world = evaluate_at(patch.geometry, patch.geometry_coefficients, rows, plane)
+    for i, (axis, length) in enumerate(patch.periods):
+        world[:, axis] = length * (1 + points[:, patch.shape.dimension + i]) / 2
+    return world
+
+
+def jacobians(patch: Patch, rows: Ints, points: Floats) -> Floats:
+    """(n, 3, D) derivatives of the world coordinates in the reference coordinates."""
+    return positions_and_jacobians(patch, rows, points)[1]
+
+
+def positions_and_jacobians(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+    """World coordinates (n, 3) and their derivatives in the reference coordinates (n, 3, D)."""
+    own = patch.shape.dimension
+    plane = np.asarray(points, np.float64)[:, :own]
+    world, slopes = evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, rows, plane)
+    result = np.zeros((*slopes.shape[:2], patch.dimension))
+    result[:, :, :own] = slopes
+    for i, (axis, length) in enumerate(patch.periods):
+        world[:, axis] = length * (1 + points[:, own + i]) / 2
+        result[:, axis, own + i] = length / 2
+    return world, result
+
+
+def determinants(patch: Patch, rows: Ints, points: Floats) -> Floats:
+    """(n,) Jacobian determinant; signed for volumes and for elements of a plane, else length or area."""
+    matrix = jacobians(patch, rows, points)
+    if patch.dimension == 3 or not patch.is_flat:
+        return tangents.determinants(matrix)
+    return matrix[:, 0, 0] if patch.dimension == 1 else np.linalg.det(matrix[:, :2])
+
+
+def values(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
+    """(n,) values of field number ``field`` of the patch; ElvisError where the patch lacks it."""
+    expansion, coefficients = _field(patch, field)
+    return evaluate_at(expansion, coefficients, rows, points[:, : dimension(expansion)])
+
+
+def gradients(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
+    """(n, 3) gradient of a field in world coordinates, tangential to a curve or surface.
+
+    Not finite where the Jacobian is singular; ElvisError where the patch lacks the field.
+    """
+    expansion, coefficients = _field(patch, field)
+    own = points[:, : dimension(expansion)]
+    slopes = evaluate_at_with_gradients(expansion, coefficients, rows, own)[1]
+    duals = tangents.duals(jacobians(patch, rows, points))[:, :, : slopes.shape[1]]
+    return np.asarray(np.einsum("nci,ni->nc", duals, slopes))
+
+
+def _field(patch: Patch, field: int) -> tuple[Expansion, Floats]:
+    expansion, coefficients = patch.fields[field], patch.coefficients[field]
+    if expansion is None or coefficients is None:
+        raise ElvisError(f"expected a patch with field {field}, found none for element {patch.element_ids[0]}")
+    return expansion, coefficients

@@ -1,0 +1,163 @@
+"""The edges and faces of a mesh as Modified modes: the first two steps of the geometry mapping (format notes 2.4).
+
+Coefficients of a face are kept by mode (p, q) in a square, flattened; zero where the face has no such mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+from elvis.core.mapping.orientation import first_face_row, label, polygon_vertices, require
+from elvis.core.mesh import Curves, Mesh
+from elvis.core.polynomials.interpolation import interpolation, nodes_along
+from elvis.core.polynomials.points import PointsType
+from elvis.core.shapes import Shape
+
+_FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
+
+#: where each edge of a face starts in its natural direction, and the mode (p, q) of its mode k >= 2; j is k - 1
+_EDGES: Mapping[Shape, tuple[tuple[int, str, str], ...]] = {
+    Shape.TRIANGLE: ((0, "k", "0"), (1, "1", "j"), (0, "0", "k")),
+    Shape.QUADRILATERAL: ((0, "k", "0"), (1, "1", "k"), (3, "k", "1"), (0, "0", "k")),
+}
+
+
+class Skeleton:
+    """Vertices, edges and faces of a mesh, ready to be put together to elements.
+
+    vertices  (n, 3)  world coordinates; those beyond the mesh's space are zero
+    faces             vertex rows of triangles (n, 3) and of quadrilaterals (n, 4), in local order
+    curved            whether any edge or face is
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.vertices = _within(mesh, mesh.vertices)
+        self.faces: Mapping[Shape, Ints] = {s: polygon_vertices(mesh, s) for s in _FACES} if mesh.dimension > 1 else {}
+        self.curved = len(mesh.edge_curves) + len(mesh.face_curves) > 0
+        self._read_edges()
+        self._read_faces()
+
+    def _read_edges(self) -> None:
+        """Modes of the edge curves, by row of curve; a last row of zeros serves straight edges."""
+        mesh, curves = self.mesh, self.mesh.edge_curves
+        groups = list(_groups(mesh, Shape.SEGMENT, np.arange(len(curves))))
+        orders = np.full(len(curves), 2)
+        self._edge_modes = np.zeros((len(curves) + 1, 3, max((n for _, n, _ in groups), default=2)))
+        for family, n, which in groups:
+            orders[which] = n
+            self._edge_modes[which, :, :n] = _interpolated(mesh, Shape.SEGMENT, family, n, which)
+
+        # where an edge has several curves, the last one holds
+        self._edge_orders = np.full(len(mesh.of(Shape.SEGMENT)) if self.curved else 0, 2)
+        self._edge_slots = np.full(len(self._edge_orders), -1)
+        self._edge_orders[curves.rows], self._edge_slots[curves.rows] = orders, np.arange(len(curves))
+
+    def _read_faces(self) -> None:
+        """The curve of each face, -1 where it has none; curved faces need edges with as many nodes."""
+        mesh, curves = self.mesh, self.mesh.face_curves
+        self._face_slots: dict[Shape, Ints] = {}
+        for shape, vertices in self.faces.items() if self.curved else ():
+            which = np.flatnonzero((curves.rows < len(mesh.of(Shape.TRIANGLE))) == (shape is Shape.TRIANGLE))
+            rows = curves.rows[which] - first_face_row(mesh, shape)
+            self._face_slots[shape] = np.full(len(vertices), -1)
+            self._face_slots[shape][rows] = which
+            for _, n, group in _groups(mesh, shape, which):
+                rows = curves.rows[group] - first_face_row(mesh, shape)
+                found = self._edge_orders[mesh.of(shape).members[rows]]
+                expected = f"edges curved with {n} nodes each, as the face is"
+                require(found == n, mesh, shape, rows, expected, "edges of {} nodes", found)
+
+    def edge_orders(self) -> Ints:
+        """(n, 1) numbers of modes of all edges."""
+        return self._edge_orders[:, None]
+
+    def face_orders(self, shape: Shape) -> Ints:
+        """(n, 2) numbers of modes of all faces of a shape, one for both directions of a triangle."""
+        edges: Ints = self._edge_orders[self.mesh.of(shape).members]
+        if shape is Shape.TRIANGLE:
+            return np.repeat(edges.max(axis=1)[:, None], 2, axis=1)
+        return np.maximum(edges[:, :2], edges[:, 2:])
+
+    def edge_modes(self, rows: Ints, modes: int) -> Floats:
+        """(n, 3, modes) coefficients of edges along their own direction, ``modes`` at least their order."""
+        result = np.zeros((len(rows), 3, modes))
+        kept = min(modes, self._edge_modes.shape[2])
+        result[:, :, :kept] = self._edge_modes[self._edge_slots[rows], :, :kept]
+        result[:, :, :2] = self.vertices[self.mesh.of(Shape.SEGMENT).members[rows]].transpose(0, 2, 1)
+        return result
+
+    def face_modes(self, shape: Shape, rows: Ints, modes: int) -> Floats:
+        """(n, 3, modes^2) coefficients of faces in their own frame, ``modes`` at least their orders.
+
+        The interpolated face first, then over it the edges, then the vertices.
+        """
+        result = np.zeros((len(rows), 3, modes, modes))
+        slots = self._face_slots[shape][rows]
+        for family, n, which in _groups(self.mesh, shape, np.unique(slots[slots >= 0])):
+            own = _interpolated(self.mesh, shape, family, n, which).reshape(-1, 3, n, n)
+            here = np.flatnonzero(np.isin(slots, which))
+            result[here, :, :n, :n] = own[np.searchsorted(which, slots[here])]
+        self._put_edges(result, shape, rows)
+        return result.reshape(len(rows), 3, modes * modes)
+
+    def _put_edges(self, faces: Floats, shape: Shape, rows: Ints) -> None:
+        """Overwrite vertex and edge modes of ``faces`` (n, 3, modes, modes) by those of the edges."""
+        modes = faces.shape[3]
+        k = np.arange(2, modes)
+        places = {"0": 0 * k, "1": 0 * k + 1, "k": k, "j": k - 1}
+        starts = self.mesh.of(Shape.SEGMENT).members[:, 0]
+        for edge, (start, p, q) in zip(self.mesh.of(shape).members[rows].T, _EDGES[shape], strict=True):
+            backwards = starts[edge] != self.faces[shape][rows, start]
+            signs = np.where(backwards[:, None], (-1.0) ** k, 1.0)
+            faces[:, :, places[p], places[q]] = self.edge_modes(edge, modes)[:, :, 2:] * signs[:, None, :]
+
+        # vertex modes stand where the vertices do: 0 at -1, 1 at +1
+        for vertices, (p, q) in zip(self.faces[shape][rows].T, (shape.vertices > 0).astype(int), strict=True):
+            faces[:, :, p, q] = self.vertices[vertices]
+
+
+def _within(mesh: Mesh, points: Floats) -> Floats:
+    """The points, with coordinates beyond the mesh's space zero."""
+    if mesh.space == 3:
+        return points
+    result: Floats = np.where(np.arange(3) < mesh.space, points, 0.0)
+    return result
+
+
+def _curves(mesh: Mesh, shape: Shape) -> Curves:
+    return mesh.edge_curves if shape is Shape.SEGMENT else mesh.face_curves
+
+
+def _groups(mesh: Mesh, shape: Shape, which: Ints) -> Iterator[tuple[PointsType, int, Ints]]:
+    """Curves ``which`` of a shape with like nodes together: their family, nodes along an edge, and which they are."""
+    curves = _curves(mesh, shape)
+    keys = np.stack([curves.kinds[which], np.diff(curves.offsets)[which]], axis=1)
+    distinct, index = np.unique(keys, axis=0, return_inverse=True)
+    for number, (kind, count) in enumerate(distinct.tolist()):
+        group = which[index.reshape(-1) == number]
+        yield *_described(mesh, shape, kind, count, group), group
+
+
+def _described(mesh: Mesh, shape: Shape, kind: int, count: int, group: Ints) -> tuple[PointsType, int]:
+    """Family and nodes along an edge of a group of curves; FormatError names the first where there is no such curve."""
+    row = _curves(mesh, shape).rows[group[0]] - (0 if shape is Shape.SEGMENT else first_face_row(mesh, shape))
+    try:
+        if kind not in PointsType.__members__.values():
+            raise FormatError(f"expected the number of a family of nodes, found {kind}")
+        n = nodes_along(shape, PointsType(kind), count)
+        interpolation(shape, PointsType(kind), n)
+    except FormatError as error:
+        raise error.within(place=f"curve of {label(mesh, shape, row)}") from None
+    return PointsType(kind), n
+
+
+def _interpolated(mesh: Mesh, shape: Shape, family: PointsType, n: int, which: Ints) -> Floats:
+    """(k, 3, n or n^2) modes of the interpolants of the curves ``which``, all of one family and order."""
+    curves, matrix = _curves(mesh, shape), interpolation(shape, family, n)
+    points = curves.points[curves.offsets[which][:, None] + np.arange(len(matrix))]
+    return np.asarray(_within(mesh, points).transpose(0, 2, 1) @ matrix)

@@ -1,0 +1,93 @@
+"""Volume elements from their faces: the last step of the geometry mapping (format notes 2.3, 2.4).
+
+The face modes of an element are copied to its volume modes; volume-interior modes are zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion
+from elvis.core.mapping.orientation import face_shape, face_turns, first_face_row, transposed, turned
+from elvis.core.mapping.skeleton import Skeleton
+from elvis.core.polynomials.expansion import mode_indices
+from elvis.core.shapes import Shape
+
+#: the volume mode of face mode (p, q), by local face
+_PLACES: Mapping[Shape, tuple[str, ...]] = {
+    Shape.TETRAHEDRON: ("pq0", "p0q", "1pq", "0pq"),
+    Shape.PYRAMID: ("pq0", "p0q", "1pq", "p1q", "0pq"),
+    Shape.PRISM: ("pq0", "p0q", "1pq", "p1q", "0pq"),
+    Shape.HEXAHEDRON: ("pq0", "p0q", "1pq", "p1q", "0pq", "pq1"),
+}
+
+#: directions along which a face at +1 folds onto the collapsed vertex or edge
+_FOLDING = {Shape.TETRAHEDRON: (0,), Shape.PYRAMID: (0, 1), Shape.PRISM: (0,), Shape.HEXAHEDRON: ()}
+
+#: directions that take one number of modes, because they share a collapsed coordinate
+_TIED = {Shape.TETRAHEDRON: [0, 1, 2], Shape.PYRAMID: [0, 1, 2], Shape.PRISM: [0, 2], Shape.HEXAHEDRON: []}
+
+
+def volume_modes(shape: Shape, face: int, p: Ints, q: Ints) -> Ints:
+    """(3, n) volume mode of the modes (p, q) of a local face, seen in the element's own frame."""
+    place = _PLACES[shape][face]
+    modes = np.stack([{"p": p, "q": q, "0": 0 * p, "1": 0 * p + 1}[letter] for letter in place])
+    fixed = place.find("1")
+    if fixed not in _FOLDING[shape]:
+        return modes
+
+    # the edge in the collapsed direction: its top vertex is shared, its other modes move one down
+    column = np.ones_like(p, bool) if shape is Shape.PRISM else p == 0
+    modes[fixed] = np.where(column & (q == 1), 0, 1)
+    modes[2] = np.where(column & (q > 1), q - 1, q)
+    if shape is Shape.TETRAHEDRON:
+        modes[0] = np.where(p == 1, 0, modes[0])
+        modes[1] = np.where(p > 1, p - 1, p)
+    return modes
+
+
+def solid_orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
+    """(n, 3) numbers of modes that the faces of each element need; ``vertices`` as from `local_vertices`."""
+    orders = np.full((len(vertices), 3), 2)
+    by_shape = {s: skeleton.face_orders(s) for s in skeleton.faces}
+    for number, (kind, faces, turns) in enumerate(_faces(skeleton, shape, np.arange(len(vertices)), vertices)):
+        along = by_shape[kind][faces]
+        if kind is Shape.QUADRILATERAL:
+            along = np.where(transposed(turns)[:, None], along[:, ::-1], along)
+        axes = [_PLACES[shape][number].index(letter) for letter in "pq"]
+        orders[:, axes] = np.maximum(orders[:, axes], along)
+    tied = _TIED[shape]
+    orders[:, tied] = orders[:, tied].max(axis=1, keepdims=True, initial=2)
+    return orders
+
+
+def solid_modes(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
+    """(n, 3, m) geometry coefficients of the elements ``rows`` (n,) with local ``vertices`` (n, n_vertices)."""
+    shape, modes = expansion.shape, max(expansion.modes)
+    numbers = np.full((modes,) * 3, -1)
+    numbers[tuple(mode_indices(expansion).T)] = np.arange(len(mode_indices(expansion)))
+    result = np.zeros((len(rows), 3, len(mode_indices(expansion))))
+    p, q = np.divmod(np.arange(modes * modes), modes)
+    for number, (kind, faces, turns) in enumerate(_faces(skeleton, shape, rows, vertices)):
+        distinct, which = np.unique(faces, return_inverse=True)
+        own = skeleton.face_modes(kind, distinct, modes)
+        targets = numbers[tuple(volume_modes(shape, number, p, q))]
+        valid = np.flatnonzero((targets >= 0) & ((kind is Shape.QUADRILATERAL) | (p + q < modes)))
+        for turn in np.unique(turns).tolist():
+            here = np.flatnonzero(turns == turn)
+            index, sign = turned(len(skeleton.faces[kind][0]), turn, modes)
+            seen = own[which[here]][:, :, index[valid]] * sign[valid]
+            result[here[:, None, None], np.arange(3)[:, None], targets[valid]] = seen
+    return result
+
+
+def _faces(skeleton: Skeleton, shape: Shape, rows: Ints, vertices: Ints) -> Iterator[tuple[Shape, Ints, Ints]]:
+    """For each local face: its shape, the rows of the elements' faces among that shape, how each is turned."""
+    members = skeleton.mesh.of(shape).members[rows]
+    for local, faces in zip(shape.faces, members.T, strict=True):
+        kind = face_shape(local)
+        own = faces - first_face_row(skeleton.mesh, kind)
+        yield kind, own, face_turns(vertices[:, list(local)], skeleton.faces[kind][own])

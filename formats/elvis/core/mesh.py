@@ -1,0 +1,131 @@
+"""The mesh in memory: arrays by kind of entity, no object per element."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.shapes import Shape
+
+
+@dataclass(frozen=True, eq=False)
+class Entities:
+    """Edges, faces or elements of one shape.
+
+    ids      (n,)    global ids as in the file, in file order
+    members  (n, k)  rows (not ids) of the bounding entities of one dimension less, in file order:
+                     vertices of an edge, edges of a face, faces of a volume element.
+                     Face rows count the triangles first, then the quadrilaterals.
+    """
+
+    ids: Ints
+    members: Ints
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @staticmethod
+    def none(members: int) -> Entities:
+        """No entities, of ``members`` members each."""
+        return Entities(frozen_ints(np.empty(0)), frozen_ints(np.empty((0, members))))
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Curved edges or faces.
+
+    rows     (n,)    row of the curved edge, or of the curved face (triangles first, then quadrilaterals)
+    kinds    (n,)    PointsType number of the nodes (format notes 1.8)
+    offsets  (n+1,)  curve j owns points[offsets[j]:offsets[j+1]]
+    points   (m, 3)  world coordinates, in the order of format notes 1.5
+    """
+
+    rows: Ints
+    kinds: Ints
+    offsets: Ints
+    points: Floats
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @staticmethod
+    def none() -> Curves:
+        """Nothing is curved."""
+        empty = frozen_ints(np.empty(0))
+        return Curves(empty, empty, frozen_ints([0]), frozen_floats(np.empty((0, 3))))
+
+
+@dataclass(frozen=True, eq=False)
+class Composite:
+    """A named set of entities; ``parts`` pairs a tag letter (V E S F T Q A P R H) with global ids, in file order."""
+
+    id: int
+    parts: tuple[tuple[str, Ints], ...]
+    name: str | None = None
+
+
+#: bounding entities of an element: vertices of a segment, edges of a 2D element, faces of a 3D element
+MEMBERS: Mapping[Shape, int] = {
+    Shape.SEGMENT: 2,
+    Shape.TRIANGLE: 3,
+    Shape.QUADRILATERAL: 4,
+    Shape.TETRAHEDRON: 4,
+    Shape.PYRAMID: 5,
+    Shape.PRISM: 5,
+    Shape.HEXAHEDRON: 6,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Vertices, edges, faces, elements, curves, composites and the domain.
+
+    dimension   of the elements (DIM), 1 to 3
+    space       of the coordinates (SPACE), dimension to 3; points always carry three coordinates
+    vertex_ids  (n,)    global ids, in file order
+    vertices    (n, 3)  world coordinates, any scaling of the file applied
+    entities    by shape; in 1D the elements are the segments, in 2D the elements are the triangles and
+                quadrilaterals, in 3D segments are edges and triangles and quadrilaterals are faces
+    domains     domain id -> composite ids
+    """
+
+    dimension: int
+    space: int
+    vertex_ids: Ints
+    vertices: Floats
+    entities: Mapping[Shape, Entities]
+    edge_curves: Curves = field(default_factory=Curves.none)
+    face_curves: Curves = field(default_factory=Curves.none)
+    composites: tuple[Composite, ...] = ()
+    domains: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+
+    def of(self, shape: Shape) -> Entities:
+        """The entities of one shape, possibly none."""
+        return self.entities.get(shape, Entities.none(MEMBERS[shape]))
+
+    @property
+    def elements(self) -> dict[Shape, Entities]:
+        """The elements (entities of the top dimension) by shape, in the order of the format; no empty shapes."""
+        return {s: self.of(s) for s in Shape.of_dimension(self.dimension) if len(self.of(s))}
+
+    def composite(self, id: int) -> Composite | None:
+        """The composite of this id, None where there is none."""
+        return next((c for c in self.composites if c.id == id), None)
+
+    def domain_ids(self) -> Ints:
+        """(n,) sorted global ids of the elements in the domain; all elements where the mesh names no domain."""
+        everything = [entities.ids for entities in self.elements.values()]
+        present = np.sort(np.concatenate(everything)) if everything else np.empty(0, np.int64)
+        if not self.domains:
+            return frozen_ints(present)
+
+        # composites of the domain hold elements under their shape's tag; T and Q, A to H, S or E in 1D
+        tags = {s.tag for s in Shape.of_dimension(self.dimension)} | ({"E"} if self.dimension == 1 else set())
+        tags |= {"F"} if self.dimension == 2 else set()
+        wanted = {c for composites in self.domains.values() for c in composites}
+        parts = [ids for c in self.composites if c.id in wanted for tag, ids in c.parts if tag in tags]
+        chosen = np.unique(np.concatenate(parts)) if parts else np.empty(0, np.int64)
+        return frozen_ints(np.intersect1d(chosen, present, assume_unique=True))

@@ -1,0 +1,237 @@
+"""Norms of coordinates and fields, by the quadrature that Nektar++ itself uses (format notes 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset, Expansion, ExpansionRule, Homogeneous
+from elvis.core.errors import ElvisError
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.cubature import Cubature, field_cubature, rule_cubature
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.quantities import Expression
+from elvis.core.quantities.sampling import Evaluator
+from elvis.core.shapes import Shape
+
+AXES = ("x", "y", "z")
+
+#: planes of a single wave, and where the plane of half of one lies
+_OF_A_WAVE, _HALVES = 4, {Basis.FOURIER_HALF_MODE_RE: 0.0, Basis.FOURIER_HALF_MODE_IM: -0.5}
+
+#: numbers in a table of values at quadrature points
+_BATCH = 1 << 20
+
+
+@dataclass(frozen=True)
+class Norm:
+    """Norms of one function.
+
+    l2       root of the integral of its square
+    linf     greatest magnitude at the quadrature points
+    maximum  greatest value, with its sign, at the quadrature points
+    """
+
+    l2: float
+    linf: float
+    maximum: float
+
+
+def norms(dataset: Dataset) -> dict[str, Norm]:
+    """Norms over the domain: of the coordinates first, then of the fields, in the order of the file.
+
+    Fields are integrated by the rule of their own orders, coordinates by that of the first field, or for a mesh alone
+    by EXPANSIONS.  Integrals over surfaces and curves in space use their area and length.  Homogeneous directions add
+    their coordinate; their planes weigh LZ/n each, but 1 on segments with one such direction, as in FieldConvert.
+    ElvisError where the domain, or a field on it, holds no element.
+    """
+    names, axes, space = [one.name for one in dataset.fields], _axes(dataset), dataset.mesh.space
+    fields = {name: _Sum() for name in names}
+    coordinates = [_Sum() for _ in axes]
+    for patch in patches(dataset, names):
+        for expansion in dict.fromkeys(own for own in patch.fields if own is not None):
+            _add_fields(list(fields.values()), patch, expansion)
+        for rule, members in _coordinate_rules(dataset, patch):
+            _add_coordinates(coordinates, space, patch, rule, members)
+    sums = dict(zip(axes, coordinates, strict=True)) | fields
+    empty = [name for name, total in sums.items() if not total.count]
+    if empty:
+        raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
+    return {name: total.norm() for name, total in sums.items()}
+
+
+def quantity_norm(dataset: Dataset, expression: Expression) -> Norm:
+    """Norms of an expression over the elements that have all of its fields; NaN where it has no value somewhere.
+
+    The rule is that of the field with most modes in it, of the map where it has no field.
+    ElvisError where no element of the domain has it.
+    """
+    evaluator, total = Evaluator(dataset, [expression]), _Sum()
+    for patch in evaluator.patches:
+        expansions = [own for own in patch.fields if own is not None]
+        if len(expansions) < len(patch.fields):
+            continue
+        expansion = max(expansions, key=mode_count, default=patch.geometry)
+        rule = _Rule(field_cubature(expansion), patch.shape, expansion.homogeneous)
+        points = rule.points()
+        for batch in _batches(len(patch), len(points)):
+            rows = np.arange(len(patch))[batch]
+            places = np.tile(points, (len(rows), 1))
+            values = evaluator.values(expression, patch, np.repeat(rows, len(points)), places)
+            measure = _mapped(patch, rule, patch.geometry_coefficients[batch])[1]
+            total.add(values.reshape(len(rows), len(points)), measure)
+    if not total.count:
+        raise ElvisError(f"expected elements of the domain under {expression.text}, found none")
+    return total.norm()
+
+
+@dataclass
+class _Sum:
+    """What is known of a function after some elements."""
+
+    count: int = 0
+    square: float = 0.0
+    least: float = field(default=np.inf)
+    greatest: float = field(default=-np.inf)
+
+    def add(self, values: Floats, measure: Floats) -> None:
+        """Take in values at points and the measure that each stands for, of one shape."""
+        self.count += values.size
+        self.square += float(np.vdot(values * values, measure))
+        self.least = min(self.least, float(values.min()))
+        self.greatest = max(self.greatest, float(values.max()))
+
+    def norm(self) -> Norm:
+        """The norms of what was taken in."""
+        return Norm(float(np.sqrt(self.square)), max(abs(self.least), abs(self.greatest)), self.greatest)
+
+
+def _planes(dataset: Dataset) -> Homogeneous | None:
+    """The homogeneous directions of the first field that has any."""
+    everything = (block.expansion.homogeneous for one in dataset.fields for block in one.blocks)
+    return next((planes for planes in everything if planes is not None), None)
+
+
+def _axes(dataset: Dataset) -> tuple[str, ...]:
+    """Coordinates of the space, and one for each homogeneous direction."""
+    planes = _planes(dataset)
+    return AXES[: dataset.mesh.space + (len(planes.bases) if planes else 0)]
+
+
+def _coordinate_rules(dataset: Dataset, patch: Patch) -> Iterator[tuple[_Rule, Bools]]:
+    """Rules for the coordinates of a patch, each with the (n,) elements under it."""
+    everything, planes = np.ones(len(patch), bool), _planes(dataset)
+    first = next((expansion for expansion in patch.fields if expansion is not None), None)
+    if first is not None:
+        yield _Rule(field_cubature(first), patch.shape, planes), everything
+        return
+    for entry in dataset.expansions:
+        members = everything & np.isin(patch.element_ids, _composite_ids(dataset, patch.shape, entry))
+        if members.any():
+            yield _Rule(rule_cubature(patch.shape, entry), patch.shape, planes), members
+        everything &= ~members
+    if everything.any():
+        yield _Rule(field_cubature(patch.geometry), patch.shape, planes), everything
+
+
+def _composite_ids(dataset: Dataset, shape: Shape, entry: ExpansionRule) -> Ints:
+    """Elements of a shape that an entry of EXPANSIONS covers."""
+    tags = {shape.tag, {1: "E", 2: "F"}.get(shape.dimension, shape.tag)}
+    parts = [part for c in dataset.mesh.composites if c.id in entry.composites for part in c.parts]
+    return np.concatenate([np.empty(0, np.int64), *(ids for tag, ids in parts if tag in tags)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Rule:
+    """Quadrature of a shape, repeated on the planes of homogeneous directions."""
+
+    flat: Cubature
+    shape: Shape
+    planes: Homogeneous | None = None
+
+    @property
+    def zeta(self) -> Floats:
+        """(k, directions) reference coordinates of the planes, y fastest; one plane of none without such directions."""
+        if self.planes is None:
+            return np.empty((1, 0))
+        numbers = (self.planes.y_ids, self.planes.z_ids) if len(self.planes.bases) == 2 else (self.planes.z_ids,)
+        axes = [_plane_points(basis, len(set(ids))) for basis, ids in zip(self.planes.bases, numbers, strict=True)]
+        mesh = np.meshgrid(*axes[::-1], indexing="ij")
+        return np.stack([part.reshape(-1) for part in mesh[::-1]], axis=1)
+
+    @property
+    def share(self) -> float:
+        """Weight of each plane."""
+        if self.planes is None or (self.shape is Shape.SEGMENT and len(self.planes.bases) == 1):
+            return 1.0
+        return float(np.prod(self.planes.lengths)) / len(self.zeta)
+
+    def length(self, direction: int) -> float:
+        """Length of a homogeneous direction."""
+        return self.planes.lengths[direction] if self.planes else 0.0
+
+    def points(self) -> Floats:
+        """(n k, d) reference points of all planes, plane slowest."""
+        flat, zeta = self.flat.points, self.zeta
+        return np.hstack([np.tile(flat, (len(zeta), 1)), np.repeat(zeta, len(flat), axis=0)])
+
+
+def _plane_points(basis: Basis, count: int) -> Floats:
+    """(k,) places zeta of the planes: evenly spaced, four for a single wave, one for half of one.
+
+    So FieldConvert places them.  It does not open the sine half of a wave; that gets its plane where the sine is 1.
+    """
+    if basis in _HALVES:
+        return np.array([_HALVES[basis]])
+    planes = _OF_A_WAVE if basis is Basis.FOURIER_SINGLE_MODE else count
+    return -1 + 2 * np.arange(planes) / planes
+
+
+def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion) -> None:
+    """Take in the fields that have this expansion, on all elements of a patch."""
+    rule = _Rule(field_cubature(expansion), expansion.shape, expansion.homogeneous)
+    points = rule.points()
+    for batch in _batches(len(patch), len(points)):
+        measure = _mapped(patch, rule, patch.geometry_coefficients[batch])[1]
+        for total, own, coefficients in zip(sums, patch.fields, patch.coefficients, strict=True):
+            if own == expansion and coefficients is not None:
+                total.add(evaluate(expansion, coefficients[batch], points), measure)
+
+
+def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule, members: Bools) -> None:
+    """Take in the coordinates, ``space`` of them and the homogeneous ones, on the elements ``members`` (n,)."""
+    coefficients, planes = patch.geometry_coefficients[members], rule.zeta
+    for batch in _batches(len(coefficients), len(rule.points())):
+        places, measure = _mapped(patch, rule, coefficients[batch])
+        for axis, total in enumerate(sums[:space]):
+            total.add(np.tile(places[:, axis], (1, len(planes))), measure)
+        for axis, total in enumerate(sums[space:]):
+            along = rule.length(axis) * (1 + planes[:, axis]) / 2
+            total.add(np.broadcast_to(np.repeat(along, len(rule.flat.points)), measure.shape), measure)
+
+
+def _mapped(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:
+    """World coordinates (e, 3, n) of the flat quadrature points, and measure (e, n k) of all."""
+    places, slopes = evaluate_with_gradients(patch.geometry, coefficients, rule.flat.points)
+    return places, np.tile(rule.share * rule.flat.weights * _stretch(slopes), (1, len(rule.zeta)))
+
+
+def _stretch(slopes: Floats) -> Floats:
+    """(e, n) length, area or volume factor of maps with derivatives (e, 3, n, d)."""
+    if slopes.shape[-1] == 1:
+        return np.asarray(np.linalg.norm(slopes[..., 0], axis=1))
+    (ax, bx), (ay, by), (az, bz) = ([slopes[:, axis, :, i] for i in (0, 1)] for axis in range(3))
+    normal = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    if slopes.shape[-1] == 2:
+        return np.asarray(np.sqrt(sum(part * part for part in normal)))
+    return np.asarray(np.abs(sum(part * slopes[:, axis, :, 2] for axis, part in enumerate(normal))))
+
+
+def _batches(elements: int, points: int) -> Iterator[slice]:
+    step = max(1, _BATCH // (12 * points))
+    return (slice(start, start + step) for start in range(0, elements, step))

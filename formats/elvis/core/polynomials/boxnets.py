@@ -1,0 +1,100 @@
+"""Tensor Bernstein nets over boxes of collapsed coordinates, which can be halved.
+
+On every shape a polynomial of the format is a polynomial in the collapsed coordinates eta, so a tensor Bernstein net on
+the box of eta bounds it, and de Casteljau's rule splits that box.  Nets are (n, D1, …, Dd): direction i of eta along
+axis 1 + i, one more coefficient than the degree there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from math import comb
+
+import numpy as np
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.polynomials.bernstein import BernsteinSpace
+from elvis.core.shapes import Shape
+
+#: for each direction of eta those whose powers lower the degree in it, on shapes whose spaces aren't tensor products
+_SHRINKING: dict[Shape, tuple[tuple[int, ...], ...]] = {
+    Shape.TRIANGLE: ((1,), ()),
+    Shape.TETRAHEDRON: ((1, 2), (2,), ()),
+    Shape.PRISM: ((2,), (), ()),
+}
+
+
+def box_degrees(space: BernsteinSpace) -> tuple[int, ...]:
+    """Degree of the space in each direction of eta."""
+    d = space.degrees
+    if space.shape is Shape.PRISM:
+        return d[0], d[1], d[0]
+    return d * space.shape.dimension if len(d) < space.shape.dimension else d
+
+
+def box_nets(space: BernsteinSpace, coefficients: Floats) -> Floats:
+    """(n, D1, …, Dd) tensor Bernstein nets on the box of eta, from Bernstein coefficients (n, count)."""
+    sizes = tuple(degree + 1 for degree in box_degrees(space))
+    if space.shape in _SHRINKING:
+        return (coefficients @ _to_box(space)).reshape(len(coefficients), *sizes)
+    net = coefficients.reshape(len(coefficients), *sizes[::-1])
+    return np.ascontiguousarray(net.transpose(0, *range(len(sizes), 0, -1)))
+
+
+def corners(nets: Floats) -> Floats:
+    """(n, 2^d) values at the corners of the boxes, where the net is the polynomial; the last direction runs fastest."""
+    ends = [[0, -1]] * (nets.ndim - 1)
+    return nets[np.ix_(range(len(nets)), *ends)].reshape(len(nets), -1)
+
+
+def halves(nets: Floats, axis: int) -> tuple[Floats, Floats]:
+    """Nets of the lower and of the upper halves of the boxes in one direction, 0 to d - 1."""
+    moved = np.moveaxis(nets, 1 + axis, -1)
+    lower, upper = (moved @ splitter for splitter in _splitters(nets.shape[1 + axis] - 1))
+    return np.moveaxis(lower, -1, 1 + axis), np.moveaxis(upper, -1, 1 + axis)
+
+
+def halved(nets: Floats) -> Floats:
+    """(2^d n, D1, …, Dd) nets of the halves in every direction."""
+    for axis in range(nets.ndim - 1):
+        nets = np.concatenate(halves(nets, axis))
+    return nets
+
+
+@lru_cache(maxsize=64)
+def _splitters(degree: int) -> tuple[Floats, Floats]:
+    """(D, D) matrices from the right that give the nets of the lower and of the upper half; entries are exact."""
+    n = degree + 1
+    lower = np.array([[comb(i, j) / 2**i for i in range(n)] for j in range(n)])
+    return frozen_floats(lower), frozen_floats(lower[::-1, ::-1])
+
+
+@lru_cache(maxsize=32)
+def _to_box(space: BernsteinSpace) -> Floats:
+    """(count, D1 … Dd) every function of the space as a tensor net: its factors, raised to the full degrees."""
+    matrix = np.ones((space.count, 1))
+    for factors in _raised_factors(space):
+        matrix = (matrix[:, :, None] * factors[:, None, :]).reshape(space.count, -1)
+    return frozen_floats(matrix)
+
+
+def _raised_factors(space: BernsteinSpace) -> Iterator[Floats]:
+    """For each direction of eta the (count, D) net of the factor of each function.
+
+    On a tetrahedron b_k^p(t3) b_j^(p-k)(s2) b_i^(p-j-k)(s1): the powers of the later directions lower the degree.
+    """
+    lowering = _SHRINKING[space.shape]
+    for direction, degree in enumerate(box_degrees(space)):
+        powers = space.powers[:, direction]
+        lowered = degree - space.powers[:, list(lowering[direction])].sum(axis=1)
+        yield np.array([raised(int(i), int(q), degree) for i, q in zip(powers, lowered, strict=True)])
+
+
+def raised(power: int, degree: int, target: int) -> list[float]:
+    """b_power^degree in the Bernstein basis of degree ``target``."""
+    steps = target - degree
+    return [
+        comb(degree, power) * comb(steps, k - power) / comb(target, k) if 0 <= k - power <= steps else 0.0
+        for k in range(target + 1)
+    ]

@@ -1,0 +1,72 @@
+"""Collapsed coordinates: the square or cube that folds onto a simplex, prism or pyramid (format notes 2.2).
+
+Both the reference coordinates xi and the collapsed coordinates eta live in [-1, 1]^d; on segments, quadrilaterals and
+hexahedra they coincide.  Points are (n, d).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.shapes import Shape
+
+#: denominators of smaller magnitude, as at a collapsed vertex, where any eta is valid, are replaced by this; at the
+#: level of rounding, so that functions and their gradients do not jump on the way there (Nektar++ itself: 1e-12)
+GUARD = 1e-15
+
+
+def collapse(shape: Shape, points: Floats) -> Floats:
+    """(n, d) collapsed coordinates eta of the reference points xi (n, d)."""
+    xi = np.asarray(points, np.float64)
+    eta = xi.copy()
+    if shape is Shape.TRIANGLE:
+        eta[:, 0] = _fold(xi[:, 0], 1 - xi[:, 1])
+    elif shape is Shape.PRISM:
+        eta[:, 0] = _fold(xi[:, 0], 1 - xi[:, 2])
+    elif shape is Shape.PYRAMID:
+        eta[:, 0] = _fold(xi[:, 0], 1 - xi[:, 2])
+        eta[:, 1] = _fold(xi[:, 1], 1 - xi[:, 2])
+    elif shape is Shape.TETRAHEDRON:
+        eta[:, 0] = _fold(xi[:, 0], -xi[:, 1] - xi[:, 2])
+        eta[:, 1] = _fold(xi[:, 1], 1 - xi[:, 2])
+    return eta
+
+
+def _fold(numerator: Floats, denominator: Floats) -> Floats:
+    guarded = np.where(np.abs(denominator) < GUARD, GUARD, denominator)
+    return 2 * (1 + numerator) / guarded - 1
+
+
+def uncollapse(shape: Shape, points: Floats) -> Floats:
+    """(n, d) reference coordinates xi of the collapsed points eta (n, d)."""
+    eta = np.asarray(points, np.float64)
+    xi = eta.copy()
+    if shape is Shape.TRIANGLE:
+        xi[:, 0] = _unfold(eta[:, 0], eta[:, 1])
+    elif shape is Shape.PRISM:
+        xi[:, 0] = _unfold(eta[:, 0], eta[:, 2])
+    elif shape is Shape.PYRAMID:
+        xi[:, 0] = _unfold(eta[:, 0], eta[:, 2])
+        xi[:, 1] = _unfold(eta[:, 1], eta[:, 2])
+    elif shape is Shape.TETRAHEDRON:
+        xi[:, 1] = _unfold(eta[:, 1], eta[:, 2])
+        xi[:, 0] = (1 + eta[:, 0]) * (1 - eta[:, 1]) * (1 - eta[:, 2]) / 4 - 1
+    return xi
+
+
+def _unfold(first: Floats, last: Floats) -> Floats:
+    return (1 + first) * (1 - last) / 2 - 1
+
+
+def collapse_jacobian(shape: Shape, points: Floats) -> Floats:
+    """(n,) determinant |dxi/deta| at the collapsed points eta (n, d)."""
+    eta = np.asarray(points, np.float64)
+    last = (1 - eta[:, -1]) / 2
+    if shape in (Shape.TRIANGLE, Shape.PRISM):
+        return last
+    if shape is Shape.PYRAMID:
+        return last**2
+    if shape is Shape.TETRAHEDRON:
+        return (1 - eta[:, 1]) / 2 * last**2
+    return np.ones(len(eta))

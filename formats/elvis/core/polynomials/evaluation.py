@@ -1,0 +1,70 @@
+"""Fields and maps from coefficients: many elements at the same points, or an element for each point.
+
+Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes whatever n is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion
+from elvis.core.polynomials.expansion import dimension, mode_count, values, values_and_gradients
+
+#: numbers in a table of modes
+_BATCH = 1 << 18
+
+
+def evaluate(expansion: Expansion, coefficients: Floats, points: Floats) -> Floats:
+    """(e, ..., n) values of e elements with ``coefficients`` (e, ..., m), all at the same points xi (n, d)."""
+    result = np.empty((*coefficients.shape[:-1], len(points)))
+    for batch in _batches(len(points), mode_count(expansion)):
+        result[..., batch] = coefficients @ values(expansion, points[batch]).T
+    return result
+
+
+def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Values (e, ..., n) and gradients in xi (e, ..., n, d) of e elements, all at the same points xi (n, d)."""
+    shape = (*coefficients.shape[:-1], len(points))
+    result, slopes = np.empty(shape), np.empty((*shape, dimension(expansion)))
+    for batch in _batches(len(points), mode_count(expansion)):
+        modes, gradients = values_and_gradients(expansion, points[batch])
+        result[..., batch] = coefficients @ modes.T
+        for i in range(slopes.shape[-1]):
+            slopes[..., batch, i] = coefficients @ gradients[:, i].T
+    return result, slopes
+
+
+def evaluate_at(expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats) -> Floats:
+    """(n, ...) values at the points xi (n, d), point i in element ``rows[i]`` of ``coefficients`` (e, ..., m)."""
+    result = np.empty((len(points), *coefficients.shape[1:-1]))
+    for batch in _batches(len(points), _width(coefficients)):
+        modes = values(expansion, points[batch])
+        result[batch] = np.einsum("n...m,nm->n...", coefficients[rows[batch]], modes)
+    return result
+
+
+def evaluate_at_with_gradients(
+    expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats
+) -> tuple[Floats, Floats]:
+    """Values (n, ...) and gradients in xi (n, ..., d) at the points xi (n, d), point i in element ``rows[i]``."""
+    result = np.empty((len(points), *coefficients.shape[1:-1]))
+    slopes = np.empty((*result.shape, dimension(expansion)))
+    for batch in _batches(len(points), _width(coefficients)):
+        modes, gradients = values_and_gradients(expansion, points[batch])
+        own = coefficients[rows[batch]]
+        result[batch] = np.einsum("n...m,nm->n...", own, modes)
+        slopes[batch] = np.einsum("n...m,ndm->n...d", own, gradients)
+    return result, slopes
+
+
+def _width(coefficients: Floats) -> int:
+    return int(np.prod(coefficients.shape[1:]))
+
+
+def _batches(count: int, width: int) -> Iterator[slice]:
+    """Slices of range(count) that keep ``width`` numbers a point within the batch size."""
+    step = max(1, _BATCH // max(1, width))
+    return (slice(start, start + step) for start in range(0, count, step))

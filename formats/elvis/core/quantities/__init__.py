@@ -1,0 +1,14 @@
+"""Quantities: expressions over fields, coordinates, time and derivatives, and what is known of elements.
+
+expression  what a text says about a dataset: `Expression.of`
+pointwise   its values at reference points of elements
+sampling    its values at world points
+bounding    certified bounds on elements, and its range over all of them
+"""
+
+from __future__ import annotations
+
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+
+__all__ = ["Expression", "Names"]

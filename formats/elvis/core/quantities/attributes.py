@@ -1,0 +1,147 @@
+"""What is known of elements by themselves.
+
+element          global id
+order            highest degree of a field on it, of its map where it has no field
+shape            0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron
+jacobian_sign    1 where the Jacobian is proved to be positive all over, -1 where it isn't, 0 undecided (`validity`)
+jacobian         determinant of the map's derivative in xi; length or area where space has more dimensions
+scaled_jacobian  the same in parts of the product of the lengths of the derivative's columns: -1 to 1
+quality          mean ratio of the map from the ideal element, with equal edges: 1 where the map keeps its form, 0 where
+                 it is degenerate or inverted (Knupp 2001, Algebraic mesh quality metrics: shape)
+jump(f)          greatest jump of the field f across the element's faces (see `jumps`)
+distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.dataset import Block, Dataset
+from elvis.core.distances import Surface, nearest, surface_of
+from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.mapping import pointwise
+from elvis.core.patch import Patch
+from elvis.core.quantities.jumps import jumps
+from elvis.core.shapes import Shape
+from elvis.core.validity.validity import validity
+
+#: those that are one number throughout an element, beside jump(...)
+CONSTANT = ("element", "order", "shape", "jacobian_sign")
+_NUMBERS = {shape: float(number) for number, shape in enumerate(Shape)}
+
+#: edges of the ideal element along xi, in columns; of the pyramid and the prism those at the middle of the base
+_ROOT = np.sqrt(3.0)
+_IDEAL: Mapping[Shape, list[list[float]]] = {
+    Shape.SEGMENT: [[1]],
+    Shape.TRIANGLE: [[1, 0.5], [0, _ROOT / 2]],
+    Shape.QUADRILATERAL: [[1, 0], [0, 1]],
+    Shape.TETRAHEDRON: [[1, 0.5, 0.5], [0, _ROOT / 2, _ROOT / 6], [0, 0, np.sqrt(2 / 3)]],
+    Shape.PYRAMID: [[1, 0, 0.5], [0, 1, 0.5], [0, 0, np.sqrt(0.5)]],
+    Shape.PRISM: [[1, 0, 0.5], [0, 1, 0], [0, 0, _ROOT / 2]],
+    Shape.HEXAHEDRON: [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+}
+
+
+def target_of(name: str) -> str | None:
+    """What an attribute is the distance to; None where it is no distance."""
+    return name[9:-1] if name.startswith("distance(") else None
+
+
+def is_constant(name: str) -> bool:
+    """Whether an attribute is one number throughout an element."""
+    return name in CONSTANT or name.startswith("jump(")
+
+
+@cache
+def from_ideal(shape: Shape) -> Floats:
+    """(d, d) the inverse of the ideal element's edges: a map's derivative times this is that from the ideal element."""
+    return frozen_floats(np.linalg.inv(np.array(_IDEAL[shape], float)))
+
+
+class Attributes:
+    """The attributes of a dataset's elements."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self._dataset = dataset
+        self._found: dict[str, tuple[Ints, Floats]] = {}
+        self._surfaces: dict[str, Surface] = {}
+
+    def at(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
+        """(n,) values on elements ``rows`` of a patch at reference points (n, D)."""
+        if is_constant(name):
+            return self.constant(name, patch.shape, patch.element_ids[rows])
+        target = target_of(name)
+        if target is not None:
+            return nearest(self.surface(target), pointwise.positions(patch, rows, points)).distance
+        return _POINTWISE[name](patch, rows, points)
+
+    def surface(self, target: str) -> Surface:
+        """What distances are measured to."""
+        if target not in self._surfaces:
+            self._surfaces[target] = surface_of(self._dataset, target)
+        return self._surfaces[target]
+
+    def constant(self, name: str, shape: Shape, element_ids: Ints) -> Floats:
+        """(n,) an attribute that is one number throughout each element; NaN for elements beyond the domain."""
+        if name == "element":
+            return element_ids.astype(np.float64)
+        if name == "shape":
+            return np.full(len(element_ids), _NUMBERS[shape])
+        if name not in self._found:
+            ids, values = self._constant(name)
+            order = np.argsort(ids, kind="stable")
+            self._found[name] = ids[order], values[order]
+        ids, values = self._found[name]
+        place = np.searchsorted(ids, element_ids).clip(0, max(len(ids) - 1, 0))
+        held = ids[place] == element_ids if len(ids) else np.zeros(len(element_ids), bool)
+        return np.where(held, values[place] if len(ids) else 0.0, np.nan)
+
+    def _constant(self, name: str) -> tuple[Ints, Floats]:
+        """Ids of elements and the attribute on each."""
+        if name == "order":
+            return self._orders()
+        if name == "jacobian_sign":
+            found = validity(self._dataset)
+            return found.element_ids, found.verdict.astype(np.float64)
+        return jumps(self._dataset, name[5:-1])
+
+    def _orders(self) -> tuple[Ints, Floats]:
+        """Ids of elements and the highest degree of a field on each."""
+        blocks: list[Block | GeometryBlock] = [b for field in self._dataset.fields for b in field.blocks]
+        blocks = blocks or [*geometry(self._dataset)]
+        ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])
+        degrees = np.repeat([max(block.expansion.modes) - 1.0 for block in blocks], list(map(len, blocks)))
+        every, place = np.unique(ids, return_inverse=True)
+        highest = np.zeros(len(every))
+        np.maximum.at(highest, place, degrees)
+        return every, highest
+
+
+def _scaled(patch: Patch, rows: Ints, points: Floats) -> Floats:
+    jacobians = pointwise.jacobians(patch, rows, points)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lengths = np.sqrt((jacobians**2).sum(axis=1)).prod(axis=1)
+        return np.asarray(pointwise.determinants(patch, rows, points) / lengths)
+
+
+def _quality(patch: Patch, rows: Ints, points: Floats) -> Floats:
+    """d det(T)^(2/d) / |T|^2 with T the derivative from the ideal element."""
+    jacobians = pointwise.jacobians(patch, rows, points)
+    d, own = jacobians.shape[2], patch.shape.dimension
+    inverse = np.eye(d)
+    inverse[:own, :own] = from_ideal(patch.shape)
+    determinants = pointwise.determinants(patch, rows, points) * np.linalg.det(inverse)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = ((jacobians @ inverse) ** 2).sum(axis=(1, 2))
+        return np.asarray(d * np.maximum(determinants, 0.0) ** (2 / d) / size)
+
+
+_POINTWISE: Mapping[str, Callable[[Patch, Ints, Floats], Floats]] = {
+    "jacobian": pointwise.determinants,
+    "scaled_jacobian": _scaled,
+    "quality": _quality,
+}

@@ -1,0 +1,149 @@
+"""Certified ranges of expressions: interval arithmetic on Bernstein bounds of fields, map and derivatives.
+
+Elements that may hold an extreme are halved, as in `elvis.core.ranges`; the gap shrinks with the size of the boxes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.orientation import chunks
+from elvis.core.patch import Patch
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.quantities.cells import Cells
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.tree import Node, negative
+from elvis.core.ranges import Range, field_range, finite_rows
+
+_ROUNDS = 6
+#: part of what is known of the range, within which an end is settled
+_TOLERANCE = 5e-3
+_NUMBERS = 1 << 20
+#: elements that are looked at closely
+_MOST = 1 << 9
+
+
+def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
+    """lower <= value <= upper wherever there is a value, to rounding; None where there are no elements or no values.
+
+    ``least`` and ``greatest`` are values that are attained.  Ends are infinite where nothing is known: for expressions
+    with poles or second derivatives, and for derivatives on surfaces in space and in quasi-3D data.
+    """
+    if expression.is_field:
+        return field_range(dataset.field(expression.root.name).blocks)
+    evaluator = Evaluator(dataset, [expression])
+    if any(patch.homogeneous for patch in evaluator.patches):
+        return _sampled(evaluator, expression)
+    search = _Search(evaluator, expression)
+    if not np.isfinite(search.greatest):
+        return None
+    upper, lower = search.bound(1), 0.0 - search.bound(-1)
+    return Range(min(lower, search.least), max(upper, search.greatest), search.least, search.greatest)
+
+
+class _Search:
+    """The elements that have an expression; extremes that are known to be attained."""
+
+    def __init__(self, evaluator: Evaluator, expression: Expression) -> None:
+        self.evaluator, self.expression = evaluator, expression
+        self.sloped = expression.order > 0 or any("jacobian" in name for name in expression.attributes)
+        self.least, self.greatest = np.inf, -np.inf
+        self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._pieces(patch)]
+        for patch, rows in self.whole:
+            middle = patch.shape.vertices.mean(axis=0, keepdims=True)
+            for place in np.concatenate([middle, middle + 0.999 * (patch.shape.vertices - middle)]):
+                self._attain(patch, rows, np.tile(place, (len(rows), 1)))
+
+    def _pieces(self, patch: Patch) -> Iterator[Ints]:
+        """Rows of elements with all fields, numbers in all, a piece at a time."""
+        needed = [(e, c) for e, c in zip(patch.fields, patch.coefficients, strict=True)]
+        if any(expansion is None for expansion, _ in needed):
+            return
+        good = finite_rows(patch.geometry_coefficients.reshape(len(patch), -1))
+        for _, coefficients in needed:
+            good &= finite_rows(coefficients) if coefficients is not None else True
+        rows = np.flatnonzero(good)
+        size = sum(np.prod([m + 1 for m in e.modes]) for e, _ in needed if e) + 3 * np.prod(
+            np.add(patch.geometry.modes, 1)
+        )
+        for part in chunks(len(rows), max(1, int(_NUMBERS / (4 * size)))):
+            yield rows[part]
+
+    def _attain(self, patch: Patch, rows: Ints, reference: Floats) -> None:
+        values = self.evaluator.values(self.expression, patch, rows, reference)
+        finite = values[np.isfinite(values)]
+        if len(finite):
+            self.least, self.greatest = min(self.least, float(finite.min())), max(self.greatest, float(finite.max()))
+
+    @cached_property
+    def _first(self) -> list[tuple[Patch, Ints, Interval]]:
+        """Bounds on whole elements."""
+        root = self.expression.root
+        return [(patch, rows, self._cells(patch, rows).bounds(root)) for patch, rows in self.whole]
+
+    def bound(self, sign: int) -> float:
+        """What no value of the expression (1) or of its negative (-1) exceeds."""
+        if self.expression.order > 1:
+            return np.inf
+        root = self.expression.root if sign > 0 else negative(self.expression.root)
+        attained = self.greatest if sign > 0 else -self.least
+        rivals: list[tuple[Patch, Ints, Floats]] = []
+        for patch, rows, (low, high) in self._first:
+            upper = high if sign > 0 else -low
+            rival = np.flatnonzero(~(upper <= attained) & ~np.isnan(upper))
+            rivals.append((patch, rows[rival], upper[rival]))
+        tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
+        bar = tops[_MOST] if len(tops) > _MOST else -np.inf
+        forgotten = max(attained, bar)
+        for patch, rows, upper in rivals:
+            rows = rows[upper > bar]
+            if len(rows):
+                forgotten = max(forgotten, self._refined(root, self._cells(patch, rows), attained))
+        return forgotten
+
+    def _cells(self, patch: Patch, rows: Ints) -> Cells:
+        return Cells.of(patch, self.evaluator.names, self.evaluator.attributes, rows, self.sloped)
+
+    def _refined(self, root: Node, cells: Cells, attained: float) -> float:
+        """The greatest bound of boxes that are no longer worth halving."""
+        forgotten = -np.inf
+        for number in range(_ROUNDS):
+            cells = cells.halves()
+            upper = cells.bounds(root)[1]
+            self._attain(cells.patch, cells.rows, uncollapse(cells.patch.shape, (cells.low + cells.high) / 2))
+            best = self.greatest if root is self.expression.root else -self.least
+            goal = max(best, attained) + _TOLERANCE * (self.greatest - self.least)
+            order = np.argsort(-upper)
+            most = max(16, _NUMBERS // (8 * sum(net[0].size for net in cells.nets.values())))
+            worth = upper > goal
+            worth[order[most:]] = False
+            rest = upper[~worth]
+            forgotten = max(forgotten, float(np.nanmax(rest, initial=-np.inf)))
+            kept = np.flatnonzero(worth)
+            if not len(kept) or (number > 1 and upper.max() == np.inf):
+                return max(forgotten, float(upper[kept].max(initial=-np.inf)))
+            cells = cells.part(kept)
+        return max(forgotten, float(np.nanmax(cells.bounds(root)[1])))
+
+
+def _sampled(evaluator: Evaluator, expression: Expression) -> Range | None:
+    """What is attained at some points, without bounds."""
+    found: list[Floats] = []
+    for patch in evaluator.patches:
+        for zeta in np.linspace(-0.9, 0.9, 8):
+            points = np.column_stack(
+                [patch.shape.vertices * 0.9, np.full((len(patch.shape.vertices), len(patch.periods)), zeta)]
+            )
+            for point in points:
+                rows = np.arange(len(patch))
+                found.append(evaluator.values(expression, patch, rows, np.tile(point, (len(rows), 1))))
+    values = np.concatenate([np.empty(0), *found])
+    finite = values[np.isfinite(values)]
+    return Range(-np.inf, np.inf, float(finite.min()), float(finite.max())) if len(finite) else None

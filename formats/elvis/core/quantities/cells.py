@@ -1,0 +1,254 @@
+"""Boxes of elements in collapsed coordinates with the Bernstein nets of all that an expression is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from math import comb
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.dataset import Expansion
+from elvis.core.distances import Surface, nearest
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
+from elvis.core.polynomials.boxnets import box_nets, halved
+from elvis.core.quantities import intervals as i
+from elvis.core.quantities.attributes import Attributes, is_constant, target_of
+from elvis.core.quantities.functions import function
+from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.tree import Node, folded
+from elvis.core.shapes import Shape
+
+#: nets (c, D1, …, Dd) by what they are of: a coordinate or a field, then the direction of its derivative
+Nets = dict[tuple[object, ...], Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Boxes of some of a patch's elements.
+
+    rows       (c,)    of the patch
+    low, high  (c, d)  corners in eta
+    nets       of the map and the fields, and of their derivatives in xi, over each box
+    """
+
+    patch: Patch
+    names: Sequence[str]
+    attributes: Attributes
+    rows: Ints
+    low: Floats
+    high: Floats
+    nets: Nets
+
+    @staticmethod
+    def of(patch: Patch, names: Sequence[str], attributes: Attributes, rows: Ints, sloped: bool) -> Cells:
+        """Whole elements ``rows`` (n,); with derivatives if ``sloped``."""
+        nets: Nets = {}
+        for axis in range(3):
+            _add(nets, ("x", axis), patch.geometry, patch.geometry_coefficients[rows, axis], sloped)
+        for number, expansion in enumerate(patch.fields):
+            coefficients = patch.coefficients[number]
+            if expansion is not None and coefficients is not None:
+                _add(nets, ("field", number), expansion, coefficients[rows], sloped)
+        low = np.full((len(rows), patch.shape.dimension), -1.0)
+        return Cells(patch, names, attributes, rows, low, -low, nets)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def part(self, chosen: Ints | Bools) -> Cells:
+        """Some of the boxes."""
+        nets = {key: net[chosen] for key, net in self.nets.items()}
+        return replace(self, rows=self.rows[chosen], low=self.low[chosen], high=self.high[chosen], nets=nets)
+
+    def halves(self) -> Cells:
+        """The boxes halved in every direction."""
+        d = self.patch.shape.dimension
+        low, high, middle = self.low, self.high, (self.low + self.high) / 2
+        for axis in range(d):
+            upper, lower = low.copy(), high.copy()
+            upper[:, axis], lower[:, axis] = middle[:, axis], middle[:, axis]
+            low, high = np.concatenate([low, upper]), np.concatenate([lower, high])
+            middle = np.concatenate([middle, middle])
+        nets = {key: halved(net) for key, net in self.nets.items()}
+        return replace(self, rows=np.tile(self.rows, 2**d), low=low, high=high, nets=nets)
+
+    def bounds(self, root: Node) -> Interval:
+        """Certified least and greatest value (c,) of an expression on each box."""
+        with np.errstate(all="ignore"):
+            low, high = folded(root, self._leaf, lambda node, parts: function(node).interval(*parts))
+        return np.broadcast_to(low, len(self)), np.broadcast_to(high, len(self))
+
+    def _leaf(self, node: Node) -> Interval:
+        if node.op == "number":
+            return i.number(node.value)
+        if node.op == "coordinate":
+            return i.ends(self.nets["x", node.axes[0]])
+        if node.op == "attribute":
+            return self._attribute(node.name)
+        number = self.names.index(node.name)
+        if not node.axes:
+            return i.ends(self.nets["field", number])
+        return self._gradient(number, node.axes[0]) if len(node.axes) == 1 else i.ENTIRE
+
+    def _attribute(self, name: str) -> Interval:
+        if is_constant(name):
+            values = self.attributes.constant(name, self.patch.shape, self.patch.element_ids[self.rows])
+            return values, values
+        if name == "jacobian" and self._is_solid:
+            return self._determinant()
+        target = target_of(name)
+        if target is not None:
+            return self._distance(self.attributes.surface(target))
+        return {"quality": (0.0, 1.0), "scaled_jacobian": (-1.0, 1.0)}.get(name, i.ENTIRE)
+
+    def _distance(self, surface: Surface) -> Interval:
+        """What is known of distances: they grow no faster than the way that one goes from a box's middle."""
+        low, high = np.stack([i.ends(self.nets["x", axis]) for axis in range(3)], axis=2)
+        reach = np.linalg.norm((high - low)[:, : 2 if surface.is_planar else 3], axis=1) / 2
+        middle = nearest(surface, (low + high) / 2).distance
+        least, greatest = 0.0 if not surface.is_closed else -np.inf, 0.0 if surface.encloses else np.inf
+        return np.maximum(middle - reach, least), np.minimum(middle + reach, greatest)
+
+    @property
+    def _is_solid(self) -> bool:
+        return self.patch.is_flat and self.patch.shape.dimension > 1
+
+    @cached_property
+    def _frame(self) -> tuple[Floats, Floats, list[list[Interval]]]:
+        """Transposed inverse and determinant of a mean Jacobian J0 of each box, bounds of R in J^T = J0^T (1 + R)."""
+        d = self.patch.shape.dimension
+        axes = tuple(range(1, d + 1))
+        nets = [[self.nets["x", c, direction] for direction in range(d)] for c in range(d)]
+        mean = np.moveaxis(np.array([[net.mean(axis=axes) for net in row] for row in nets]), 2, 0)
+        determinant = np.linalg.det(mean)
+        inverse = np.linalg.inv(np.where(determinant[:, None, None] == 0, np.nan, mean)).transpose(0, 2, 1)
+        parts = [[_combined(inverse[:, j], nets[c], float(c == j)) for c in range(d)] for j in range(d)]
+        return inverse, determinant, parts
+
+    def _determinant(self) -> Interval:
+        """That of 1 + R, of which most is on the diagonal, times that of the mean Jacobian."""
+        _, mean, rest = self._frame
+        d = len(rest)
+        near = [[i.plus(rest[j][c], i.number(float(j == c))) for c in range(d)] for j in range(d)]
+        return i.times((mean, mean), _minor(near, 0, 1, 0, 1) if d == 2 else _expanded(near))
+
+    def _gradient(self, number: int, axis: int) -> Interval:
+        """The derivative of a field along x, y or z; everything where the Jacobian may be singular.
+
+        From J^T g = s: with g0 = J0^-T s, g = g0 - R g (Neumaier 1990, Interval methods for systems of equations, 4.2).
+        """
+        d = self.patch.shape.dimension
+        if not self._is_solid or axis >= d or ("field", number) not in self.nets:
+            return i.ENTIRE
+        if number not in self._gradients:
+            inverse, _, rest = self._frame
+            slopes = [self.nets["field", number, direction] for direction in range(d)]
+            first = [_combined(inverse[:, j], slopes) for j in range(d)]
+            size = np.max([np.maximum(np.abs(low), np.abs(high)) for low, high in first], axis=0)
+            norm = np.max([sum(np.maximum(np.abs(x), np.abs(y)) for x, y in row) for row in rest], axis=0)
+            reach = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
+            found: list[Interval] = [(-reach, reach)] * d
+            for _ in range(2):
+                found = [_corrected(first[j], rest[j], found) for j in range(d)]
+            self._gradients[number] = found
+        return self._gradients[number][axis]
+
+    @cached_property
+    def _gradients(self) -> dict[int, list[Interval]]:
+        """Bounds of gradients that were asked for."""
+        return {}
+
+
+def _combined(weights: Floats, nets: Sequence[Floats], less: float = 0.0) -> Interval:
+    """Bounds of sums of nets with weights (c, d)."""
+    shape = (-1,) + (1,) * (nets[0].ndim - 1)
+    return i.ends(sum(weight.reshape(shape) * net for weight, net in zip(weights.T, nets, strict=True)) - less)
+
+
+def _corrected(first: Interval, rest: Sequence[Interval], found: Sequence[Interval]) -> Interval:
+    for part, other in zip(rest, found, strict=True):
+        first = i.minus(first, i.times(part, other))
+    return first
+
+
+def _minor(t: list[list[Interval]], a: int, b: int, j: int, k: int) -> Interval:
+    return i.minus(i.times(t[a][j], t[b][k]), i.times(t[a][k], t[b][j]))
+
+
+def _cofactor(t: list[list[Interval]], axis: int, direction: int) -> Interval:
+    """Of entry [axis][direction]."""
+    if len(t) == 2:
+        other = t[1 - axis][1 - direction]
+        return other if axis == direction else i.minus(i.number(0.0), other)
+    (a, b), (j, k) = ((axis + 1) % 3, (axis + 2) % 3), ((direction + 1) % 3, (direction + 2) % 3)
+    return _minor(t, a, b, j, k)
+
+
+def _expanded(t: list[list[Interval]]) -> Interval:
+    total = i.number(0.0)
+    for direction in range(3):
+        total = i.plus(total, i.times(t[0][direction], _cofactor(t, 0, direction)))
+    return total
+
+
+def _add(nets: Nets, key: tuple[object, ...], expansion: Expansion, coefficients: Floats, sloped: bool) -> None:
+    """The net of a polynomial, and those of its derivatives in xi, all of the same degrees."""
+    space = bernstein_space(expansion)
+    net = bernstein_coefficients(expansion, coefficients)
+    nets[key] = box_nets(space, net)
+    if not sloped:
+        return
+    raised = []
+    for direction in range(space.shape.dimension):
+        slope = differentiate(space, net, direction)
+        if space.shape is Shape.PYRAMID and direction < 2:
+            slope = _shrunk(*slope)
+        raised.append(box_nets(*slope))
+
+    # on a pyramid eta1 and eta2 change with xi3
+    if space.shape is Shape.PYRAMID:
+        for direction in range(2):
+            raised[2] = _raised(raised[2], nets[key]) + _raised(_times_share(raised[direction], direction), nets[key])
+    for direction, slope_net in enumerate(raised):
+        nets[(*key, direction)] = _raised(slope_net, nets[key])
+
+
+def _raised(net: Floats, like: Floats) -> Floats:
+    """The net with as many coefficients in each direction as another one."""
+    for axis in range(1, net.ndim):
+        net = np.moveaxis(np.moveaxis(net, axis, -1) @ _elevation(net.shape[axis] - 1, like.shape[axis] - 1), -1, axis)
+    return net
+
+
+@cache
+def _elevation(degree: int, target: int) -> Floats:
+    """(degree + 1, target + 1) the functions of one degree as those of a higher one, from the right."""
+    rows = [
+        [comb(degree, k) * comb(target - degree, n - k) / comb(target, n) if n >= k else 0.0 for n in range(target + 1)]
+        for k in range(degree + 1)
+    ]
+    return frozen_floats(rows)
+
+
+def _times_share(net: Floats, direction: int) -> Floats:
+    """The net times (1 + eta) / 2 of one direction."""
+    moved = np.moveaxis(net, 1 + direction, -1)
+    n = moved.shape[-1]
+    longer = np.concatenate([np.zeros((*moved.shape[:-1], 1)), moved], axis=-1) * (np.arange(n + 1) / n)
+    return np.moveaxis(longer, -1, 1 + direction)
+
+
+def _shrunk(space: BernsteinSpace, net: Floats) -> tuple[BernsteinSpace, Floats]:
+    """A polynomial that is zero at a pyramid's apex, divided by (1 - t), t = (1 + eta3) / 2.
+
+    From b_k^r = (1 - t) r / (r - k) b_k^(r - 1).
+    """
+    p, q, r = space.degrees
+    if r == 0:
+        return space, net
+    layers = net.reshape(-1, r + 1, (q + 1) * (p + 1))[:, :r] * (r / (r - np.arange(r)))[:, None]
+    return BernsteinSpace(space.shape, (p, q, r - 1)), layers.reshape(len(net), -1)

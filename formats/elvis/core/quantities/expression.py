@@ -1,0 +1,74 @@
+"""What a text says about a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from elvis.core.dataset import Dataset
+from elvis.core.quantities.names import Names
+from elvis.core.quantities.parsing import Parser
+from elvis.core.quantities.tree import Node, field, folded, leaves
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """A quantity: the text and what it means."""
+
+    text: str
+    root: Node
+
+    @staticmethod
+    def parse(text: str, names: Names) -> Expression:
+        """The quantity that a text says, given the names of a dataset; a field's whole name is that field.
+
+        ElvisError, with the place in the text and the known names, where it says none.
+        """
+        return Expression(text, field(text) if text in names.fields else Parser(text, names).whole())
+
+    @staticmethod
+    def of(dataset: Dataset, text: str) -> Expression:
+        """The quantity that a text says of a dataset (see `parse`)."""
+        return Expression.parse(text, Names.of(dataset))
+
+    @cached_property
+    def leaves(self) -> tuple[Node, ...]:
+        """The fields, coordinates, derivatives and attributes that it is made of."""
+        return tuple(leaves(self.root))
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The names of the fields that it is made of, each once."""
+        return tuple(dict.fromkeys(leaf.name for leaf in self.leaves if leaf.op == "field"))
+
+    @property
+    def attributes(self) -> tuple[str, ...]:
+        """What it uses of elements by themselves."""
+        return tuple(leaf.name for leaf in self.leaves if leaf.op == "attribute")
+
+    @property
+    def order(self) -> int:
+        """The highest derivative of a field in it."""
+        return max((len(leaf.axes) for leaf in self.leaves if leaf.op == "field"), default=0)
+
+    def degree(self, leaf: Callable[[Node], int | None]) -> int | None:
+        """The degree of the polynomial that it is, from those of its leaves; None where it is none, as far as known."""
+
+        def inner(node: Node, degrees: list[int | None]) -> int | None:
+            first, second = degrees[0], degrees[-1]
+            if first is None or second is None:
+                return None
+            if node.op in "+-*":
+                return first + second if node.op == "*" else max(first, second)
+            power = node.operands[-1]
+            if node.op == "^" and power.op == "number" and power.value.is_integer() and 0 <= power.value <= 64:
+                return first * int(power.value)
+            return first if node.op == "/" and power.op == "number" else 0 if first == second == 0 else None
+
+        return folded(self.root, lambda node: 0 if node.op == "number" else leaf(node), inner)
+
+    @property
+    def is_field(self) -> bool:
+        """Whether it is just a field."""
+        return self.root.op == "field" and not self.root.axes

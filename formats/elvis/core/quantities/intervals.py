@@ -1,0 +1,193 @@
+"""Arithmetic of intervals: what holds every value of a function over intervals of its operands, to rounding.
+
+An interval is a pair of arrays, least and greatest; where a function has no value at all both are NaN.  Values that
+it lacks in a part of the intervals are left out: a root of [-1, 4] lies in [0, 2].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+
+Interval = tuple[Any, Any]
+ENTIRE: Interval = (-np.inf, np.inf)
+
+
+def number(value: float) -> Interval:
+    """The interval of one number."""
+    return np.float64(value), np.float64(value)
+
+
+def plus(a: Interval, b: Interval) -> Interval:
+    """a + b."""
+    return _sound(a[0] + b[0], a[1] + b[1], a, b)
+
+
+def minus(a: Interval, b: Interval) -> Interval:
+    """a - b."""
+    return _sound(a[0] - b[1], a[1] - b[0], a, b)
+
+
+def times(a: Interval, b: Interval) -> Interval:
+    """a b; nought times anything is nought."""
+    if a is b:
+        return _even(a, 2)
+    products = [_product(x, y) for x in a for y in b]
+    low, high = (_among(least, products) for least in (np.minimum, np.maximum))
+    return _sound(low, high, a, b)
+
+
+def _product(x: Any, y: Any) -> Any:
+    return np.where((x == 0) | (y == 0), 0.0, x * y)
+
+
+def _among(choose: Any, arrays: list[Any]) -> Any:
+    result = arrays[0]
+    for other in arrays[1:]:
+        result = choose(result, other)
+    return result
+
+
+def over(a: Interval, b: Interval) -> Interval:
+    """a / b; everything where b may be zero."""
+    zero = (b[0] <= 0) & (b[1] >= 0)
+    inverse = (
+        np.where(zero, -np.inf, 1 / np.where(zero, 1.0, b[1])),
+        np.where(zero, np.inf, 1 / np.where(zero, 1.0, b[0])),
+    )
+    quotient = times(a, inverse)
+    low, high = np.where(zero, -np.inf, quotient[0]), np.where(zero, np.inf, quotient[1])
+    return _sound(low, high, a, b)
+
+
+def power(a: Interval, b: Interval) -> Interval:
+    """a^b: exact for whole constant exponents, by logarithms for others."""
+    exponent = float(b[0]) if np.ndim(b[0]) == 0 and b[0] == b[1] else np.nan
+    if exponent.is_integer() and exponent >= 0:
+        return _even(a, int(exponent)) if exponent % 2 == 0 else increasing(lambda x: x**exponent)(a)
+    if exponent.is_integer():
+        return over(number(1.0), power(a, number(-exponent)))
+    if exponent > 0:
+        return increasing(lambda x: x**exponent)(_clipped(a, 0.0, np.inf))
+    return increasing(np.exp)(times(b, logarithm(a)))
+
+
+def _even(a: Interval, n: int) -> Interval:
+    """a^n for even n."""
+    low, high = absolute(a)
+    return low**n, high**n
+
+
+def increasing(function: Callable[[Any], Any]) -> Callable[[Interval], Interval]:
+    """A function that grows everywhere."""
+    return lambda a: (function(a[0]), function(a[1]))
+
+
+def absolute(a: Interval) -> Interval:
+    """|a|."""
+    across = (a[0] <= 0) & (a[1] >= 0)
+    low, high = np.abs(a[0]), np.abs(a[1])
+    return np.where(across, 0.0, np.minimum(low, high)), np.maximum(low, high)
+
+
+def sign(a: Interval) -> Interval:
+    """-1, 0 or 1."""
+    return np.sign(a[0]), np.sign(a[1])
+
+
+def step(a: Interval, b: Interval) -> Interval:
+    """1 where a < b."""
+    return np.where(a[1] < b[0], 1.0, 0.0), np.where(a[0] < b[1], 1.0, 0.0)
+
+
+def least(a: Interval, b: Interval) -> Interval:
+    """The lesser."""
+    return np.minimum(a[0], b[0]), np.minimum(a[1], b[1])
+
+
+def greatest(a: Interval, b: Interval) -> Interval:
+    """The greater."""
+    return np.maximum(a[0], b[0]), np.maximum(a[1], b[1])
+
+
+def root(a: Interval) -> Interval:
+    """The square root."""
+    return increasing(np.sqrt)(_clipped(a, 0.0, np.inf))
+
+
+def logarithm(a: Interval) -> Interval:
+    """The natural logarithm."""
+    return increasing(np.log)(_clipped(a, 0.0, np.inf))
+
+
+def arcsine(a: Interval) -> Interval:
+    """Between -pi/2 and pi/2."""
+    return increasing(np.arcsin)(_clipped(a, -1.0, 1.0))
+
+
+def arccosine(a: Interval) -> Interval:
+    """Between 0 and pi."""
+    low, high = _clipped(a, -1.0, 1.0)
+    return np.arccos(high), np.arccos(low)
+
+
+def hyperbolic_cosine(a: Interval) -> Interval:
+    """At least 1."""
+    return increasing(np.cosh)(absolute(a))
+
+
+def cosine(a: Interval) -> Interval:
+    """Extremes at whole multiples of pi, ends elsewhere."""
+    low, high = (choose(np.cos(a[0]), np.cos(a[1])) for choose in (np.minimum, np.maximum))
+    low = np.where(_holds(a, np.pi), -1.0, low)
+    high = np.where(_holds(a, 0.0), 1.0, high)
+    endless = ~np.isfinite(a[0] + a[1]) & ~np.isnan(a[0] + a[1])
+    return np.where(endless, -1.0, low), np.where(endless, 1.0, high)
+
+
+def _holds(a: Interval, place: float) -> Any:
+    """Whether the interval holds the place or its copies, 2 pi apart."""
+    return np.floor((a[1] - place) / (2 * np.pi)) >= np.ceil((a[0] - place) / (2 * np.pi))
+
+
+def sine(a: Interval) -> Interval:
+    """A cosine, a quarter of a turn later."""
+    return cosine((a[0] - np.pi / 2, a[1] - np.pi / 2))
+
+
+def tangent(a: Interval) -> Interval:
+    """Everything where there is a pole."""
+    pole = np.floor(a[1] / np.pi - 0.5) >= np.ceil(a[0] / np.pi - 0.5)
+    return np.where(pole, -np.inf, np.tan(a[0])), np.where(pole, np.inf, np.tan(a[1]))
+
+
+def angle(y: Interval, x: Interval) -> Interval:
+    """Of the point (x, y): at the corners, unless the half line that it jumps across, or the origin, is touched."""
+    corners = [np.arctan2(b, a) for a in x for b in y]
+    cut = (x[0] <= 0) & (y[0] <= 0) & (y[1] >= 0)
+    low, high = (_among(choose, corners) for choose in (np.minimum, np.maximum))
+    return _sound(np.where(cut, -np.pi, low), np.where(cut, np.pi, high), x, y)
+
+
+def _clipped(a: Interval, low: float, high: float) -> Interval:
+    """The part of the interval between two ends, NaN where there is none."""
+    nothing = (a[1] < low) | (a[0] > high)
+    ends = np.clip(a[0], low, high), np.clip(a[1], low, high)
+    return np.where(nothing, np.nan, ends[0]), np.where(nothing, np.nan, ends[1])
+
+
+def _sound(low: Any, high: Any, a: Interval, b: Interval) -> Interval:
+    """Infinities that meet bound nothing; operands without values have none."""
+    nothing = np.isnan(a[0]) | np.isnan(b[0])
+    endless_low, endless_high = np.isnan(low) & ~nothing, np.isnan(high) & ~nothing
+    return np.where(endless_low, -np.inf, low), np.where(endless_high, np.inf, high)
+
+
+def ends(net: Floats) -> Interval:
+    """Least and greatest coefficient (n,) of Bernstein nets (n, ...)."""
+    flat = net.reshape(len(net), -1)
+    return flat.min(axis=1), flat.max(axis=1)

@@ -1,0 +1,114 @@
+"""What the names in an expression stand for: fields, coordinates, time, constants, ready-made quantities."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import ALL, boundaries
+from elvis.core.distances.files import SUFFIXES
+from elvis.core.errors import ElvisError
+from elvis.core.files.plain import check_plain
+from elvis.core.quantities import ready
+from elvis.core.quantities.tree import AXES, Node, attribute, coordinate, field, number
+
+CONSTANTS = {"pi": math.pi, "e": math.e}
+#: what is known of elements by themselves (see `attributes`), in every dataset
+ATTRIBUTES = ("element", "order", "shape", "quality", "jacobian", "scaled_jacobian", "jacobian_sign")
+#: of diatomic gases
+RATIO_OF_HEATS = 1.4
+
+
+@dataclass(frozen=True)
+class Names:
+    """What names can stand for in the expressions of one dataset.  A field comes before whatever else has its name.
+
+    fields      names, in the order of the file
+    dimension   number of coordinates that fields depend on
+    time        of the data; the name ``t`` stands for it where it is known
+    gamma       ratio of specific heats, for the ready-made quantities of gases
+    boundaries  names that distances may be measured to
+    """
+
+    fields: tuple[str, ...]
+    dimension: int = 3
+    time: float | None = None
+    gamma: float = RATIO_OF_HEATS
+    boundaries: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(dataset: Dataset) -> Names:
+        """The names that a dataset gives."""
+        waves = [b.expansion.homogeneous for one in dataset.fields for b in one.blocks if b.expansion.homogeneous]
+        dimension = dataset.mesh.space + (len(waves[0].lengths) if waves else 0)
+        sides = (ALL, *boundaries(dataset.mesh)) if dataset.mesh.dimension > 1 else ()
+        fields = tuple(one.name for one in dataset.fields)
+        return Names(fields, dimension, dataset.time, _gamma(dataset.metadata), sides)
+
+    @cached_property
+    def ready(self) -> Mapping[str, Callable[[], Node]]:
+        """The ready-made quantities whose ingredients are there."""
+        return ready.quantities(self.fields, self.dimension, self.gamma)
+
+    def meaning(self, name: str) -> Node | None:
+        """What a name stands for, None where it says nothing."""
+        if name in self.fields:
+            return field(name)
+        if name in AXES:
+            return coordinate(AXES.index(name))
+        if name == "t" and self.time is not None:
+            return number(self.time)
+        if name in CONSTANTS:
+            return number(CONSTANTS[name])
+        if name in self.ready:
+            return self.ready[name]()
+        return attribute(name) if name in ATTRIBUTES else None
+
+    def distance(self, target: str) -> Node:
+        """The distance to a boundary or to a file's triangles; ElvisError where there are none."""
+        if target not in self.boundaries:
+            if not target.lower().endswith(SUFFIXES):
+                known = f"; there are {', '.join(self.boundaries)}" if self.boundaries else ""
+                raise ElvisError(
+                    f"there is no boundary {target!r}{known}; files of triangles end in {', '.join(SUFFIXES)}"
+                )
+            check_plain(target)
+        return attribute(f"distance({target})")
+
+    def unknown(self, name: str) -> str:
+        """A sentence about a name that says nothing."""
+        if name == "t":
+            return "the data don't tell the time t"
+        if name in ready.INGREDIENTS:
+            return f"{name} needs {ready.INGREDIENTS[name]}; {self.listed}"
+        near = difflib.get_close_matches(name, [*self.fields, *self.ready, *ATTRIBUTES], 1)
+        meant = f" (perhaps {near[0]})" if near else ""
+        return f"there is no {name!r}{meant}; {self.listed}"
+
+    @property
+    def listed(self) -> str:
+        """All names, in words."""
+        known = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
+        beside: Sequence[str] = (
+            *AXES,
+            *(("t",) if self.time is not None else ()),
+            *CONSTANTS,
+            *self.ready,
+            *ATTRIBUTES,
+        )
+        return f"{known}; besides there are {', '.join(beside)}"
+
+
+def _gamma(metadata: Mapping[str, str]) -> float:
+    """The ratio of specific heats that a solver has noted, if it makes sense."""
+    for key, text in metadata.items():
+        if key.lower() == "gamma":
+            try:
+                return float(text) if 1 < float(text) < 10 else RATIO_OF_HEATS
+            except ValueError:
+                return RATIO_OF_HEATS
+    return RATIO_OF_HEATS

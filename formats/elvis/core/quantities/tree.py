@@ -1,0 +1,190 @@
+"""Expressions as graphs: every different part is there once, and derivatives are graphs again.
+
+leaves      number (its value), coordinate (its axis), field (its name and the axes that it is differentiated along,
+            ascending), attribute (of an element, by name)
+operators   + - * / ^ and the functions of `functions`; ``step(a, b)`` is 1 where a < b, else 0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+from weakref import WeakValueDictionary
+
+from elvis.core.errors import ElvisError
+
+LEAVES = ("number", "coordinate", "field", "attribute")
+AXES = ("x", "y", "z")
+#: derivatives of fields that can be evaluated
+HIGHEST = 2
+#: parts of an expression, its derivatives included
+MOST = 20000
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A part of an expression.  Equal parts are one object, so that they are equal where they are the same.
+
+    op        a leaf's kind, an operator or the name of a function
+    operands  of operators and functions
+    value     of a number
+    name      of a field or attribute
+    axes      of a coordinate, or of a field's derivatives
+    """
+
+    op: str
+    operands: tuple[Node, ...] = ()
+    value: float = 0.0
+    name: str = ""
+    axes: tuple[int, ...] = ()
+
+
+_known: WeakValueDictionary[tuple[object, ...], Node] = WeakValueDictionary()
+
+
+def _node(
+    op: str, operands: tuple[Node, ...] = (), value: float = 0.0, name: str = "", axes: tuple[int, ...] = ()
+) -> Node:
+    key = (op, operands, repr(value), name, axes)
+    found = _known.get(key)
+    if found is None:
+        found = _known[key] = Node(op, operands, value, name, axes)
+    return found
+
+
+def number(value: float) -> Node:
+    """A constant."""
+    return _node("number", value=float(value))
+
+
+def coordinate(axis: int) -> Node:
+    """x, y or z."""
+    return _node("coordinate", axes=(axis,))
+
+
+def field(name: str, axes: Iterable[int] = ()) -> Node:
+    """A field, or its derivative along the axes."""
+    return _node("field", name=name, axes=tuple(sorted(axes)))
+
+
+def attribute(name: str) -> Node:
+    """What is known of elements by themselves (see `attributes`)."""
+    return _node("attribute", name=name)
+
+
+ZERO, ONE = number(0.0), number(1.0)
+
+
+def call(op: str, *operands: Node) -> Node:
+    """An operator or a function, left out where it changes nothing."""
+    rule = _SIMPLER.get(op)
+    simpler = rule(*operands) if rule else None
+    return _node(op, operands) if simpler is None else simpler
+
+
+def _sum(a: Node, b: Node) -> Node | None:
+    if a.op == b.op == "number":
+        return number(a.value + b.value)
+    return b if a is ZERO else a if b is ZERO else None
+
+
+def _difference(a: Node, b: Node) -> Node | None:
+    if a.op == b.op == "number":
+        return number(a.value - b.value)
+    return a if b is ZERO else None
+
+
+def _product(a: Node, b: Node) -> Node | None:
+    if a.op == b.op == "number":
+        return number(a.value * b.value)
+    if a is ZERO or b is ZERO:
+        return ZERO
+    return b if a is ONE else a if b is ONE else None
+
+
+def _quotient(a: Node, b: Node) -> Node | None:
+    return a if b is ONE else None
+
+
+def _power(a: Node, b: Node) -> Node | None:
+    return a if b is ONE else ONE if b is ZERO else None
+
+
+_SIMPLER: Mapping[str, Callable[[Node, Node], Node | None]] = {
+    "+": _sum,
+    "-": _difference,
+    "*": _product,
+    "/": _quotient,
+    "^": _power,
+}
+
+
+def negative(a: Node) -> Node:
+    """-a."""
+    return number(-a.value) if a.op == "number" else call("-", ZERO, a)
+
+
+def ordered(*roots: Node) -> list[Node]:
+    """All parts of some expressions, each once and after its operands; ElvisError where there are too many."""
+    result: dict[Node, None] = {}
+    waiting = list(reversed(roots))
+    while waiting:
+        node = waiting[-1]
+        missing = [operand for operand in node.operands if operand not in result]
+        waiting.extend(reversed(missing))
+        if not missing:
+            result[waiting.pop()] = None
+        if len(result) > MOST or len(waiting) > MOST:
+            raise ElvisError(f"expected an expression of at most {MOST} parts, derivatives included, found more")
+    return list(result)
+
+
+def folded(root: Node, leaf: Callable[[Node], T], inner: Callable[[Node, list[T]], T]) -> T:
+    """What ``leaf`` says of leaves and ``inner`` of all other parts, from those of their operands."""
+    found: dict[Node, T] = {}
+    for node in ordered(root):
+        operands = [found[operand] for operand in node.operands]
+        found[node] = inner(node, operands) if node.op not in LEAVES else leaf(node)
+    return found[root]
+
+
+def derivative(root: Node, along: Callable[[Node], Node]) -> Node:
+    """The derivative of an expression, given those of its leaves that aren't numbers."""
+    from elvis.core.quantities.functions import partials
+
+    def inner(node: Node, moved: list[Node]) -> Node:
+        total = ZERO
+        for partial, part in zip(partials(node), moved, strict=True):
+            if part is not ZERO:
+                total = call("+", total, call("*", partial(), part))
+        return total
+
+    return folded(root, lambda leaf: ZERO if leaf.op == "number" else along(leaf), inner)
+
+
+def world_derivative(root: Node, axis: int) -> Node:
+    """The partial derivative along x, y or z; ElvisError where a part of it has none that can be evaluated."""
+
+    def along(leaf: Node) -> Node:
+        if leaf.op == "coordinate":
+            return number(float(leaf.axes == (axis,)))
+        if leaf.op == "attribute":
+            raise ElvisError(f"there is no derivative of {leaf.name}")
+        if len(leaf.axes) == HIGHEST:
+            raise ElvisError(f"expected derivatives of at most second order, found a third one of {leaf.name}")
+        return field(leaf.name, (*leaf.axes, axis))
+
+    return derivative(root, along)
+
+
+def leaves(*roots: Node) -> list[Node]:
+    """The leaves that aren't numbers."""
+    return [node for node in ordered(*roots) if node.op in LEAVES and node.op != "number"]
+
+
+def partial(root: Node, leaf: Node) -> Node:
+    """The derivative of an expression in one of its leaves."""
+    return derivative(root, lambda own: ONE if own is leaf else ZERO)

@@ -1,0 +1,113 @@
+"""Where to ask: points from a table, along a line, over a plane."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import content
+
+AXES = ("x", "y", "z")
+
+
+def points_on_line(start: Sequence[float], end: Sequence[float], count: int) -> Floats:
+    """(count, 3) evenly spaced points from ``start`` to ``end``, both included."""
+    fractions = np.linspace(0.0, 1.0, count)[:, None]
+    points: Floats = (1 - fractions) * np.asarray(start) + fractions * np.asarray(end)
+    return points
+
+
+def points_on_plane(origin: Sequence[float], u: Sequence[float], v: Sequence[float], counts: tuple[int, int]) -> Floats:
+    """(N M, 3) points of the parallelogram that ``u`` and ``v`` span from ``origin``, evenly spaced, borders included.
+
+    counts  (N, M) points along u and along v; point i along u and j along v is row j N + i
+    """
+    along_u, along_v = (np.linspace(0.0, 1.0, count) for count in counts)
+    t, s = np.meshgrid(along_v, along_u, indexing="ij")
+    points: Floats = np.asarray(origin) + s.reshape(-1, 1) * np.asarray(u) + t.reshape(-1, 1) * np.asarray(v)
+    return points
+
+
+def points_in_table(path: str | Path) -> Floats:
+    """(n, 3) the points in a text table, ``-`` for standard input; coordinates that it lacks are zero.
+
+    A header may name the columns, of which x, y and z count; without one there are at most three columns.  Commas,
+    semicolons or blanks separate; blank lines and lines that begin with # are skipped.
+    Raises FormatError with the line where a number is missing, malformed or not finite.
+    """
+    rows = _rows(path)
+    first = next(rows, None)
+    if first is None:
+        raise FormatError("expected at least one point, found none", file=path)
+
+    # A first line with a word in it is the header
+    place, cells = first
+    columns = {name: i for i, name in enumerate(AXES[: len(cells)])}
+    points: list[list[float]] = []
+    if any(_number(cell) is None for cell in cells):
+        columns = _columns(path, place, cells)
+    else:
+        if len(cells) > 3:
+            raise FormatError(
+                f"expected at most 3 columns without a header, found {len(cells)}", file=path, place=place
+            )
+        points.append(_point(path, place, cells, columns, len(cells)))
+
+    points += [_point(path, place, row, columns, len(cells)) for place, row in rows]
+    table = np.zeros((len(points), 3))
+    table[:, [AXES.index(axis) for axis in columns]] = np.array(points).reshape(len(points), len(columns))
+    return table
+
+
+def _rows(path: str | Path) -> Iterator[tuple[str, list[str]]]:
+    """The line number, in words, and the cells of each line that holds some."""
+    text = sys.stdin.read() if str(path) == "-" else content(path).decode("utf-8-sig", "replace")
+    for number, line in enumerate(text.splitlines(), 1):
+        stripped = line.strip()
+        if stripped and not stripped.startswith("#"):
+            yield f"line {number}", _cells(stripped)
+
+
+def _cells(line: str) -> list[str]:
+    separator = next((s for s in ",;" if s in line), None)
+    if separator and '"' in line:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def _columns(path: str | Path, place: str, header: list[str]) -> dict[str, int]:
+    """Column of each axis that the header names."""
+    names = [name.lower() for name in header]
+    for axis in AXES:
+        if names.count(axis) > 1:
+            raise FormatError(f"expected one column {axis}, found {names.count(axis)}", file=path, place=place)
+    columns = {axis: names.index(axis) for axis in AXES if axis in names}
+    if "x" not in columns:
+        raise FormatError(f"expected columns x, y, z or numbers, found {', '.join(header)}", file=path, place=place)
+    return columns
+
+
+def _point(path: str | Path, place: str, cells: list[str], columns: dict[str, int], count: int) -> list[float]:
+    """The coordinates in one line."""
+    if len(cells) != count:
+        raise FormatError(f"expected {count} columns, found {len(cells)}", file=path, place=place)
+    point = []
+    for axis, column in columns.items():
+        number = _number(cells[column])
+        if number is None or not np.isfinite(number):
+            raise FormatError(f"expected a finite number for {axis}, found {cells[column]!r}", file=path, place=place)
+        point.append(number)
+    return point
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None

@@ -1,0 +1,130 @@
+"""Certified ranges of fields: Bernstein bounds, made tight by halving elements where the extremes are.
+
+The gap between the bound and the values at the corners of the boxes (`elvis.core.polynomials.boxnets`) shrinks
+fourfold with each halving.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats
+from elvis.core.dataset import Block, Expansion
+from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
+from elvis.core.polynomials.boxnets import box_degrees, box_nets, corners, halved
+from elvis.core.polynomials.evaluation import evaluate
+
+_ROUNDS = 15
+_TOLERANCE = 1e-9
+_ELEMENTS_AT_ONCE = 1 << 15
+_NUMBERS_AT_ONCE = 1 << 19
+
+
+@dataclass(frozen=True)
+class Range:
+    """lower <= value <= upper everywhere, to rounding; ``least`` and ``greatest`` are values that are attained."""
+
+    lower: float
+    upper: float
+    least: float
+    greatest: float
+
+
+def value_range(blocks: Iterable[tuple[Expansion, Floats]]) -> Range | None:
+    """The range over elements with ``coefficients`` (n, m); None where there are none.
+
+    Elements with coefficients that are not finite are left out.  With Fourier directions ``lower`` and ``upper`` come
+    from the sum of the amplitudes, without halving.
+    """
+    finite = [(expansion, c[finite_rows(c)]) for expansion, c in blocks]
+    present = [(expansion, c) for expansion, c in finite if len(c)]
+    if not present:
+        return None
+    greatest, upper = _greatest(present)
+    least, lower = _greatest([(expansion, -c) for expansion, c in present])
+    return Range(0.0 - lower, 0.0 + upper, 0.0 - least, 0.0 + greatest)
+
+
+def field_range(blocks: Sequence[Block]) -> Range | None:
+    """The range of a field given by its blocks."""
+    return value_range((block.expansion, block.coefficients) for block in blocks)
+
+
+def finite_rows(coefficients: Floats) -> Bools:
+    """(n,) elements all of whose coefficients are finite."""
+    return np.asarray(np.isfinite(coefficients).all(axis=1))
+
+
+def _greatest(blocks: Sequence[tuple[Expansion, Floats]]) -> tuple[float, float]:
+    """The greatest value that is known to be attained, and a bound that none exceeds."""
+    attained = max(float(evaluate(e, c, _samples(e)).max()) for e, c in blocks)
+    bound = attained
+    for expansion, coefficients in blocks:
+        bounds = _bounds(expansion, coefficients)
+        rivals = np.flatnonzero(bounds > attained)
+        if expansion.homogeneous is not None:
+            bound = max(bound, float(bounds.max()))
+        elif len(rivals):
+            attained, least_bound = _refined(expansion, coefficients[rivals], bounds[rivals], attained)
+            bound = max(bound, least_bound)
+    return attained, max(bound, attained)
+
+
+def _samples(expansion: Expansion) -> Floats:
+    """(n, d) the vertices; with Fourier directions, in each of a few planes."""
+    points = expansion.shape.vertices
+    planes = expansion.homogeneous
+    for numbers in (planes.y_ids, planes.z_ids) if planes else ():
+        if numbers:
+            zeta = np.linspace(-1, 1, 2 * max(numbers) + 3)
+            points = np.column_stack([np.tile(points, (len(zeta), 1)), np.repeat(zeta, len(points))])
+    return points
+
+
+def _bounds(expansion: Expansion, coefficients: Floats) -> Floats:
+    """(n,) the greatest Bernstein coefficient of each element."""
+    bounds = np.empty(len(coefficients))
+    for first in range(0, len(coefficients), _ELEMENTS_AT_ONCE):
+        chunk = slice(first, first + _ELEMENTS_AT_ONCE)
+        if expansion.homogeneous is None:
+            bounds[chunk] = bernstein_coefficients(expansion, coefficients[chunk]).max(axis=1)
+        else:
+            bounds[chunk] = _wave_bounds(expansion, coefficients[chunk])
+    return bounds
+
+
+def _wave_bounds(expansion: Expansion, coefficients: Floats) -> Floats:
+    """(n,) bound of a sum of planes, each a polynomial times a wave: 1 for the mean, else within [-1, 1]."""
+    planes = expansion.homogeneous
+    assert planes is not None
+    spatial = replace(expansion, homogeneous=None)
+    nets = bernstein_coefficients(spatial, coefficients.reshape(len(coefficients), len(planes.z_ids), -1))
+    waves = np.array([*zip(planes.z_ids, planes.y_ids or planes.z_ids, strict=True)]).any(axis=1)
+    amplitudes = np.where(waves, np.abs(nets).max(axis=2), nets.max(axis=2))
+    bounds: Floats = amplitudes.sum(axis=1)
+    return bounds
+
+
+def _refined(expansion: Expansion, coefficients: Floats, bounds: Floats, attained: float) -> tuple[float, float]:
+    """As `_greatest`, for elements whose bound exceeds what is attained: halve, forget boxes that can't win."""
+    space = bernstein_space(expansion)
+    order = np.argsort(bounds)[::-1]
+    size = np.prod([degree + 1 for degree in box_degrees(space)])
+    most = max(1, int(_NUMBERS_AT_ONCE / (size << space.shape.dimension)))
+    forgotten = float(bounds[order[most]]) if len(order) > most else attained
+    nets = box_nets(space, bernstein_coefficients(expansion, coefficients[order[:most]]))
+
+    for _ in range(_ROUNDS):
+        attained = max(attained, float(corners(nets).max()))
+        tops = nets.reshape(len(nets), -1).max(axis=1)
+        order = np.argsort(tops)[::-1][:most]
+        worth = order[tops[order] > attained + _TOLERANCE * abs(attained)]
+        rest = np.delete(tops, worth)
+        forgotten = max(forgotten, float(rest.max(initial=-np.inf)))
+        if not len(worth):
+            return attained, forgotten
+        nets = halved(nets[worth])
+    return max(attained, float(corners(nets).max())), max(forgotten, float(nets.max()))

@@ -1,0 +1,1 @@
+"""Whether elements fold: the sign of the Jacobian determinant, proved by bounds."""

@@ -1,0 +1,159 @@
+"""The Jacobian determinant of maps in Bernstein form, with a bound of what rounding did to its coefficients.
+
+The determinant of a polynomial map is a polynomial: of degree 3 (p - 1) on a tetrahedron of degree p, of degrees
+3 p - 1 in every direction of a hexahedron.  On a pyramid both derivatives that leave its apex where it is are
+polynomials in eta times c = (1 - eta3)/2, the factor by which eta shrinks towards the apex, so that
+
+    det dx/dxi = det(dx/deta1 / c, dx/deta2 / c, dx/deta3)
+
+is a polynomial in eta.  Where space has more dimensions than the elements, the square of length or area is made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb, prod
+
+import numpy as np
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.dataset import Expansion
+from elvis.core.polynomials.bernstein import (
+    BernsteinSpace,
+    bernstein_coefficients,
+    bernstein_space,
+    differentiate,
+    to_bernstein,
+)
+from elvis.core.shapes import Shape
+
+_UNIT = np.finfo(np.float64).eps / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """One polynomial on each of n elements.
+
+    net    (count, n)  Bernstein coefficients: an element a column
+    error  (n,)        how far the true coefficients may be from these, through rounding
+    """
+
+    space: BernsteinSpace
+    net: Floats
+    error: Floats
+
+    @property
+    def magnitude(self) -> Floats:
+        """(n,) bound of the true coefficients."""
+        return np.asarray(np.abs(self.net).max(axis=0)) + self.error
+
+    def __sub__(self, other: Polynomials) -> Polynomials:
+        return self._sum(other, self.net - other.net)
+
+    def __add__(self, other: Polynomials) -> Polynomials:
+        return self._sum(other, self.net + other.net)
+
+    def _sum(self, other: Polynomials, net: Floats) -> Polynomials:
+        error = self.error + other.error + _UNIT * np.abs(net).max(axis=0)
+        return Polynomials(self.space, net, error)
+
+    def __mul__(self, other: Polynomials) -> Polynomials:
+        """The product: coefficients are means of products of coefficients, with weights that sum to 1."""
+        degrees = tuple(a + b for a, b in zip(self.space.degrees, other.space.degrees, strict=True))
+        space = BernsteinSpace(self.space.shape, degrees)
+        long, short = sorted((self, other), key=lambda each: -each.space.count)
+        scaled, factors = (each.net * _weights(each.space)[:, None] for each in (long, short))
+        net = np.zeros((space.count, self.net.shape[1]))
+        for powers, factor in zip(short.space.powers, factors, strict=True):
+            net[space.positions[tuple((long.space.powers + powers).T)]] += scaled * factor
+        net /= _weights(space)[:, None]
+
+        # each coefficient sums at most as many products as the shorter factor has coefficients
+        a, b = self.magnitude, other.magnitude
+        error = a * other.error + b * self.error + (short.space.count + 8) * _UNIT * a * b
+        return Polynomials(space, net, error)
+
+
+def determinant(expansion: Expansion, coefficients: Floats, space: int) -> Polynomials:
+    """The Jacobian determinant of n maps with ``coefficients`` (n, 3, m) of the world coordinates.
+
+    space  number of world coordinates; where it exceeds the shape's dimension, the square of length or area is made
+    FormatError for maps that aren't polynomials.
+    """
+    columns = _tangents(expansion, coefficients)
+    if len(columns) == 1:
+        return columns[0][0] if space == 1 else _square(columns[0][:space])
+    if len(columns) == 2:
+        return (
+            _cross(columns[0], columns[1], 2)
+            if space == 2
+            else _square([_cross(columns[0], columns[1], axis) for axis in range(3)])
+        )
+    terms = [_cross(columns[0], columns[1], axis) * columns[2][axis] for axis in range(3)]
+    return terms[0] + terms[1] + terms[2]
+
+
+def _cross(a: list[Polynomials], b: list[Polynomials], axis: int) -> Polynomials:
+    """One coordinate of the cross product of two tangents."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    return a[i] * b[j] - a[j] * b[i]
+
+
+def _square(vector: list[Polynomials]) -> Polynomials:
+    first, *others = (each * each for each in vector)
+    for other in others:
+        first = first + other
+    return first
+
+
+def _tangents(expansion: Expansion, coefficients: Floats) -> list[list[Polynomials]]:
+    """For each direction of xi the derivatives of the three world coordinates; on pyramids as this module says."""
+    space = bernstein_space(expansion)
+    nets = bernstein_coefficients(expansion, coefficients)
+    sizes = np.abs(coefficients) @ np.abs(to_bernstein(expansion, space)).max(axis=1)
+    errors = (coefficients.shape[-1] + 2) * _UNIT * sizes
+    return [_derivatives(space, nets, errors, direction) for direction in range(expansion.shape.dimension)]
+
+
+def _derivatives(space: BernsteinSpace, nets: Floats, errors: Floats, direction: int) -> list[Polynomials]:
+    """The derivatives in one direction of nets (n, 3, count) with ``errors`` (n, 3)."""
+    lower, slopes = differentiate(space, nets, direction)
+    top = max(lower.degrees) + 1
+    errors = top * errors + 2 * _UNIT * np.abs(slopes).max(axis=2)
+    if space.shape is Shape.PYRAMID and direction < 2:
+        lower, slopes, errors = _divided(lower, slopes, errors)
+    return [Polynomials(lower, np.ascontiguousarray(slopes[:, i].T), errors[:, i]) for i in range(3)]
+
+
+def _divided(space: BernsteinSpace, nets: Floats, errors: Floats) -> tuple[BernsteinSpace, Floats, Floats]:
+    """Polynomials on a pyramid over c: b_k^r = c r/(r - k) b_k^(r-1) for k < r.
+
+    Of b_r^r there is nothing but rounding, for at the apex the format's functions don't depend on eta1 and eta2.
+    """
+    p, q, r = space.degrees
+    layers = nets.reshape(*nets.shape[:2], r + 1, -1)
+    scale = r / (r - np.arange(r))
+    divided = (layers[:, :, :r] * scale[:, None]).reshape(*nets.shape[:2], -1)
+    return BernsteinSpace(space.shape, (p, q, r - 1)), divided, r * errors
+
+
+@lru_cache(maxsize=64)
+def _weights(space: BernsteinSpace) -> Floats:
+    """(count,) the binomial or multinomial number that each function of the space has as a factor."""
+    powers, degrees = space.powers, space.degrees
+    if space.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):
+        return frozen_floats([_multinomial(degrees[0], row) for row in powers.tolist()])
+    if space.shape is Shape.PRISM:
+        rows = [_multinomial(degrees[0], [i, k]) * comb(degrees[1], j) for i, j, k in powers.tolist()]
+        return frozen_floats(rows)
+    rows = [float(prod(comb(p, i) for p, i in zip(degrees, row, strict=True))) for row in powers.tolist()]
+    return frozen_floats(rows)
+
+
+def _multinomial(degree: int, powers: list[int]) -> float:
+    result = 1
+    for power in powers:
+        result *= comb(degree, power)
+        degree -= power
+    return float(result)

@@ -1,1 +1,0 @@
-"""What is to be said of a dataset: proved Jacobians, and the rules that files must keep."""

@@ -1,0 +1,107 @@
+"""Whether files keep every rule that the format's own programs ask of a writer (format notes 9), finding by finding.
+
+`elvis.formats.read` takes far more than those programs do; `findings` tells what they would stumble over, and what is
+merely good practice.  A rule counts as required where their reader stops at what breaks it (format notes; version 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import FormatError
+from elvis.formats.nektar import expansions, fields_hdf5, fields_xml, geometry_hdf5, hdf5, xml
+from elvis.formats.nektar.sections import Section
+from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, load
+from elvis.formats.nektar.xml import Element
+from elvis.formats.reading import read
+from elvis.formats.strict.finding import Finding, required
+from elvis.formats.strict.strict_fields import expansion_findings, section_findings
+from elvis.formats.strict.strict_hdf5 import field_file_findings, mesh_file_findings
+from elvis.formats.strict.strict_mesh import mesh_findings
+from elvis.formats.strict.strict_xml import geometry_findings, payload_findings
+
+
+def findings(*paths: str | Path) -> tuple[Finding, ...]:
+    """All rules that the files of one dataset break, in the order of the files; none where they keep all.
+
+    Jacobians are sampled, at Gauss points; text is judged by its first numbers.  ElvisError where no file can be read.
+    """
+    review = _Review()
+    for path in map(Path, paths):
+        for file in sorted(path.glob("*.*")) if path.is_dir() else [path]:
+            review.guarded(file.name, lambda file=file: review.file(file))  # type: ignore[misc]
+    review.guarded(", ".join(Path(path).name for path in paths), lambda: review.whole(read(*paths)))
+    return tuple(dict.fromkeys(review.found))
+
+
+@dataclass(eq=False)
+class _Review:
+    """Collects findings, and what is judged at the end: sections of fields and rules of expansions."""
+
+    found: list[Finding] = field(default_factory=list)
+    sections: list[Section] = field(default_factory=list)
+    tags: dict[str, Element] = field(default_factory=dict)
+
+    def guarded(self, place: str, action: Callable[[], None]) -> None:
+        """Do something; an error of the format is a finding, too."""
+        try:
+            action()
+        except FormatError as error:
+            self.found.append(required(place, str(error)))
+
+    def file(self, path: Path) -> None:
+        """Judge what one file holds."""
+        if first_bytes(path) == HDF5_SIGNATURE:
+            self._hdf5(path)
+            return
+        for root in xml.parse(load(path), str(path)):
+            xml.check_root(root, str(path))
+            for child in root.children():
+                self._child(path, child)
+
+    def whole(self, dataset: Dataset) -> None:
+        """Judge what all files mean together."""
+        self.found += mesh_findings(dataset)
+        self.found += section_findings(dataset.mesh, self.sections)
+        self.guarded("<EXPANSIONS>", lambda: self.found.extend(self._expansions(dataset)))
+
+    def _expansions(self, dataset: Dataset) -> Iterator[Finding]:
+        element = self.tags.get("EXPANSIONS")
+        rules = expansions.read_rules(element, self.tags.get("CONDITIONS"))
+        entries = [] if element is None else [child.tag for child in element.children()]
+        if entries and "E" not in entries:
+            return  # orders by element, or those of a field file
+        yield from expansion_findings(dataset, expansions.resolve(rules, dataset.mesh), self.sections)
+
+    def _child(self, path: Path, child: Element) -> None:
+        place = f"{path.name}, {child.place}"
+        if child.tag == "ELEMENTS":
+            self.guarded(place, lambda: self.found.extend(payload_findings(place, child)))
+            self.guarded(place, lambda: self.sections.append(fields_xml.read_section(child)))
+        elif child.tag == "GEOMETRY":
+            self.found += [finding.within(path.name) for finding in geometry_findings(child)]
+            if "HDF5FILE" in child.attributes:
+                self._stub(path, child)
+        elif not child.is_empty or child.tag not in self.tags:
+            self.tags[child.tag] = child
+
+    def _stub(self, path: Path, child: Element) -> None:
+        name = child.attributes["HDF5FILE"]
+        beside = path.parent / name
+        if beside.is_file():
+            self.guarded(beside.name, lambda: self._hdf5(beside))
+        else:
+            self.found.append(
+                required(f"{path.name}, {child.place}", f"expected the file {name} beside it, found none")
+            )
+
+    def _hdf5(self, path: Path) -> None:
+        with hdf5.opened(path) as file, hdf5.guarded():
+            is_mesh = geometry_hdf5.is_geometry(file)
+            found = (mesh_file_findings if is_mesh else field_file_findings)(file)
+            self.found += [finding.within(path.name) for finding in found]
+        if not is_mesh:
+            self.sections += fields_hdf5.read_fields(path)[0]

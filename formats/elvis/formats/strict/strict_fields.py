@@ -1,0 +1,107 @@
+"""Rules for fields and for the EXPANSIONS that must cover them: the data must arrive whole in other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from elvis.core.arrays import Ints
+from elvis.core.dataset import Dataset, ExpansionRule
+from elvis.core.mesh import Composite, Mesh
+from elvis.core.shapes import Shape
+from elvis.formats.nektar.sections import Section
+from elvis.formats.strict.finding import Finding, advised, required
+
+_PLACE = "<EXPANSIONS>"
+
+
+def section_findings(mesh: Mesh, sections: Sequence[Section]) -> Iterator[Finding]:
+    """One section a shape, each element of the domain once for each field, none of elsewhere."""
+    seen: dict[object, str] = {}
+    for section in sections:
+        space = section.space
+        key = (space.names, space.shape, space.bases, space.homogeneous)
+        if key in seen:
+            sentence = f"expected one section a shape, found another {space.shape.label} after {seen[key]}"
+            yield advised(section.place, sentence)
+        seen.setdefault(key, section.place)
+    domain = mesh.domain_ids()
+    for name in dict.fromkeys(name for section in sections for name in section.space.names):
+        own = [section for section in sections if name in section.space.names]
+        yield from _covering(f"field {name}", mesh, domain, own)
+
+
+def _covering(place: str, mesh: Mesh, domain: Ints, sections: Sequence[Section]) -> Iterator[Finding]:
+    ids, counts = np.unique(np.concatenate([section.element_ids for section in sections]), return_counts=True)
+    missing = np.setdiff1d(domain, ids, assume_unique=True)
+    if len(missing):
+        sentence = f"expected values on all {len(domain)} elements of the domain, found none on {len(missing)}"
+        yield advised(place, sentence)
+    if (counts > 1).any() and not any(section.space.homogeneous for section in sections):
+        sentence = f"expected each element once, found {int(ids[counts > 1][0])} {int(counts.max())} times"
+        yield advised(place, sentence)
+    every = np.concatenate([own.ids for own in mesh.elements.values()] or [ids[:0]])
+    unknown = np.setdiff1d(ids, every)
+    if len(unknown):
+        # readers skip them, but for pyramids
+        pyramids = [section.element_ids for section in sections if section.space.shape is Shape.PYRAMID]
+        kind = required if np.isin(unknown, np.concatenate([ids[:0], *pyramids])).any() else advised
+        yield kind(place, f"expected elements of the mesh, found {len(unknown)} others, such as {unknown[0]}")
+    for section in sections:
+        shape = section.space.shape
+        wrong = np.setdiff1d(np.intersect1d(section.element_ids, every), mesh.of(shape).ids)
+        if len(wrong):
+            sentence = f"expected a {shape.label.lower()} in the mesh for element {wrong[0]}, found another"
+            yield required(place, sentence)
+
+
+def expansion_findings(
+    dataset: Dataset, rules: Sequence[ExpansionRule], sections: Sequence[Section]
+) -> Iterator[Finding]:
+    """Rules for every composite of the domain; and the trap of format notes 3.
+
+    Names and orders of EXPANSIONS decide over what is read from field files: data of fields that no rule names, and of
+    higher orders, are cut to its orders.  Genuine files fall into it, so it is no more than advice.
+    """
+    mesh, names = dataset.mesh, [field.name for field in dataset.fields]
+    known = {composite.id: composite for composite in mesh.composites}
+    domain = [known[c] for composites in mesh.domains.values() for c in composites if c in known]
+    if not rules:
+        yield required(_PLACE, "expected rules for the composites of the domain, found none")
+        return
+    for composite in domain:
+        own = [rule for rule in rules if composite.id in rule.composites]
+        if not own:
+            yield required(_PLACE, f"expected a rule for composite {composite.id} of the domain, found none")
+        for name in names:
+            yield from _on_composite(mesh, composite, name, own, sections)
+
+
+def _on_composite(
+    mesh: Mesh, composite: Composite, name: str, rules: Sequence[ExpansionRule], sections: Sequence[Section]
+) -> Iterator[Finding]:
+    fitting = [rule for rule in rules if name in rule.fields]
+    where = f"on composite {composite.id}"
+    if rules and len(fitting) != 1:
+        kind = required if fitting else advised
+        yield kind(_PLACE, f"expected one rule that names the field {name} {where}, found {len(fitting) or 'none'}")
+        return
+    needed = _modes(mesh, composite, [section for section in sections if name in section.space.names])
+    for rule in fitting:
+        if min(rule.modes) < needed:
+            sentence = f"expected NUMMODES of {needed} or more for {name} {where}, found {min(rule.modes)}"
+            yield advised(_PLACE, sentence)
+
+
+def _modes(mesh: Mesh, composite: Composite, sections: Sequence[Section]) -> int:
+    """The most modes in any direction of the data on a composite."""
+    tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
+    ids = np.concatenate([np.empty(0, np.int64), *(part for tag, part in composite.parts if tag in tags)])
+    most = 0
+    for section in sections:
+        inside = np.isin(section.element_ids, ids)
+        if inside.any():
+            modes = section.space.modes
+            most = max(most, int(modes.max() if len(modes) == 1 else modes[inside].max()))
+    return most
