@@ -34,7 +34,7 @@ from elvis.reference.record import Record
 from elvis.renderer import Faces, Plane, Renderer, Scene
 from elvis.renderer.rendering import completed
 from elvis.renderer.rendering import render as draw
-from elvis.renderer.scene import Isosurface
+from elvis.scene import Isosurface
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 HEAD = (

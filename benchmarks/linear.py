@@ -13,7 +13,7 @@ from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.expansion import values
 from elvis.formats import Dataset
 from elvis.renderer import Plane
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 #: tetrahedra of one refinement: rows of the four vertices, then the midpoints 01 02 03 12 13 23
 CHILDREN = np.array(

@@ -14,8 +14,8 @@ from elvis.core.polynomials.expansion import values
 from elvis.formats import Dataset, Shape
 from elvis.plugins.faces import native_faces
 from elvis.renderer import CutSurface, Faces, Isosurface, Plane
-from elvis.renderer.frame import Frame
-from elvis.renderer.view import View
+from elvis.scene.frame import Frame
+from elvis.scene.view import View
 
 STAGES = ("refine", "extract", "draw")
 #: share of the range that one step of an 8-bit colour map spans, and pixels that an isosurface may be off

@@ -15,8 +15,8 @@ from tables import Table, mebibytes, percent, seconds
 from elvis.core.sampling import sample
 from elvis.formats import Dataset
 from elvis.renderer import Renderer, Scene
-from elvis.renderer.frame import Frame
-from elvis.renderer.picture import picture
+from elvis.scene.frame import Frame
+from elvis.scene.picture import picture
 
 
 def compare(case: Case, device: str, side: int, rounds: int, quick: bool) -> dict[str, Any]:

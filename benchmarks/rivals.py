@@ -14,7 +14,7 @@ from tables import Table, percent, seconds
 
 from elvis.core.memory import free_memory
 from elvis.formats import Dataset
-from elvis.renderer.frame import Frame
+from elvis.scene.frame import Frame
 
 #: share of wrong pixels below which a linear picture counts as right
 RIGHT = 1e-3

@@ -19,7 +19,7 @@ from tables import Table, mebibytes, percent, seconds
 from elvis.core.geometry import geometry
 from elvis.formats import Dataset
 from elvis.renderer import Camera, CutSurface, Faces, Isosurface, Plane, Renderer, Scene, Style, VolumeRendering
-from elvis.renderer.frame import Frame
+from elvis.scene.frame import Frame
 
 #: seconds a picture of the delta wing may take on two cores, once compiled
 BARS = {"cut": 0.25, "faces": 0.25, "isosurface": 1.0, "volume": 4.0}

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cases import CASES
 
-from elvis.renderer.scene.files import read_scene
+from elvis.scene.files import read_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ROOT / "examples" / "scenes"

@@ -8,7 +8,7 @@ from audit.judging import Count
 from audit.running import Gallery, case_of
 
 from elvis.renderer import Scene, Status
-from elvis.renderer.frame import Drawing
+from elvis.scene.frame import Drawing
 
 SEED = 1
 #: families, and cases of theirs whose kernels other tests need as well

@@ -9,7 +9,7 @@ import pytest
 
 from elvis.formats import read
 from elvis.renderer import render
-from elvis.renderer.scene.files import read_scene
+from elvis.scene.files import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted((ROOT / "examples" / "scenes").glob("*.toml"))

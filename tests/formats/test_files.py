@@ -16,8 +16,8 @@ from elvis.plugins.discovery import chosen, installed
 from elvis.plugins.opening import open_files
 from elvis.reference.record import Record
 from elvis.renderer.hits import triangles
-from elvis.renderer.palette import points_in
-from elvis.renderer.scene.files import read_scene
+from elvis.scene.files import read_scene
+from elvis.scene.palette import points_in
 
 #: how a file is read, and the suffix by which some are told
 DOORS = {

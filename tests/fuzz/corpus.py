@@ -289,7 +289,7 @@ def others(folder):
     import trimesh
 
     from elvis.reference.record import CHANNELS
-    from elvis.renderer.scene.files import read_scene, write_scene
+    from elvis.scene.files import read_scene, write_scene
 
     (folder / "scene.toml").write_text(SCENE)
     scene = read_scene(folder / "scene.toml")

@@ -66,14 +66,14 @@ def opened(paths):
 
 def staged(paths):
     """A scene."""
-    from elvis.renderer.scene.files import read_scene
+    from elvis.scene.files import read_scene
 
     read_scene(paths[0])
 
 
 def coloured(paths):
     """A colour map."""
-    from elvis.renderer.palette import Palette
+    from elvis.scene.palette import Palette
 
     Palette.named(str(paths[0]), 0.0, 1.0)
 

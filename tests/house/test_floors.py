@@ -8,8 +8,9 @@ BELOW = {
     "formats": {"core"},
     "plugins": {"core", "formats"},
     "converters": {"core", "formats", "plugins"},
-    "renderer": {"core", "formats", "plugins"},
-    "reference": {"core", "formats", "plugins", "converters", "renderer"},
+    "scene": {"core", "formats", "plugins"},
+    "renderer": {"core", "formats", "plugins", "scene"},
+    "reference": {"core", "formats", "plugins", "converters", "scene"},
 }
 
 

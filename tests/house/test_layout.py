@@ -9,7 +9,7 @@ AREAS = {
     "formats": ("core", "formats"),
     "plugins": ("plugins",),
     "converters": ("converters",),
-    "renderer": ("renderer",),
+    "renderer": ("renderer", "scene"),
     "reference": ("reference",),
 }
 

@@ -17,8 +17,8 @@ from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
 from elvis.renderer import Camera, Plane, Scene
-from elvis.renderer.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Sphere, Transfer, VolumeRendering
-from elvis.renderer.view import View
+from elvis.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Sphere, Transfer, VolumeRendering
+from elvis.scene.view import View
 
 SOLIDS = Shape.of_dimension(3)
 SHAPES = [*Shape.of_dimension(2), *SOLIDS]
@@ -215,7 +215,7 @@ def test_vtk_draws_the_order_of_the_data():
 
 def test_clips_take_away_what_is_inside():
     """Of the cube without its front half one sees the inner sides of its back; the plane of the clip stays."""
-    from elvis.renderer.scene import Clip
+    from elvis.scene import Clip
 
     made = baseline(solid(grid(Shape.HEXAHEDRON, 2)), 1)
     clip = Clip(Plane((0.5, 0.5, 0.5), (0.0, -1.0, 0.0)), "outside")
@@ -258,7 +258,7 @@ def test_volumes_are_clipped_and_mixed():
 
 def test_volumes_are_exact_for_linear_fields_and_converge_for_others():
     """Light along rays through straight elements: of a linear field as the reference has it, else of second order."""
-    from elvis.renderer.scene import Transfer, VolumeRendering
+    from elvis.scene import Transfer, VolumeRendering
 
     fog = VolumeRendering(Transfer((-1.0, 3.0), (0.0, 5.0), ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
     scene = Scene("u", camera=VIEW.camera, size=(24, 18), objects=(fog,), range=(0.0, 1.0))

@@ -18,8 +18,8 @@ from elvis.reference.metrics import check_comparable, errors
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import CHANNELS, Record
 from elvis.renderer import Camera, Plane
-from elvis.renderer.scene import Isosurface
-from elvis.renderer.view import PlaneView
+from elvis.scene import Isosurface
+from elvis.scene.view import PlaneView
 
 PARALLEL = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.2)
 NEAR = Camera((0.4, -1.0, 2.0), (0.5, 0.5, 0.0), fov=40.0)

@@ -12,7 +12,7 @@ from elvis.reference.picture import render
 from elvis.reference.report.summary import summary
 from elvis.reference.study import compare_scene
 from elvis.renderer import Camera, Plane, Scene
-from elvis.renderer.scene import Faces
+from elvis.scene import Faces
 
 PLANE = Plane((0.5, 0.5, 0.45), (0.1, 0.2, 1.0))
 SCENE = Scene("u", PLANE, size=(60, 50))

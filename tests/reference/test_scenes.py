@@ -13,7 +13,7 @@ from elvis.formats import Dataset
 from elvis.reference.picture import render
 from elvis.reference.study import compare_scene
 from elvis.renderer import Camera, Plane, Scene, Status
-from elvis.renderer.scene import (
+from elvis.scene import (
     Clip,
     Cone,
     Contours,

@@ -14,7 +14,7 @@ from elvis.reference.picture import render
 from elvis.reference.record import Record
 from elvis.renderer import Scene
 from elvis.renderer import render as draw
-from elvis.renderer.scene import CutSurface, Faces, Isosurface, Sphere, Style, Transfer, VolumeRendering
+from elvis.scene import CutSurface, Faces, Isosurface, Sphere, Style, Transfer, VolumeRendering
 
 CASES = ["gen_allelem_n4", "gen_pyr_curved", "gen_pipe_curved", "tet_small", "hex_c0", "hex_chk", "chan3d_tet"]
 

@@ -19,7 +19,7 @@ from elvis.reference.record import Record
 from elvis.reference.solids import bounds, faces, heights
 from elvis.reference.study import compare_scene
 from elvis.renderer import Camera, Plane, Scene
-from elvis.renderer.scene import Clip, CutSurface, Faces, Isosurface, Style, Transfer, TriangleMesh, VolumeRendering
+from elvis.scene import Clip, CutSurface, Faces, Isosurface, Style, Transfer, TriangleMesh, VolumeRendering
 
 PLANE_SHAPES = Shape.of_dimension(2)
 LENGTH = 0.8

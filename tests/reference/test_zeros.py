@@ -15,8 +15,8 @@ from elvis.reference.scenes.rasters import on_screen
 from elvis.reference.scenes.zeros import zeros
 from elvis.reference.solids import margins_of, placed
 from elvis.renderer import Camera, Scene, Status
-from elvis.renderer.scene import Isosurface, Style
-from elvis.renderer.view import View
+from elvis.scene import Isosurface, Style
+from elvis.scene.view import View
 
 DIGITS = 1e-14
 NEAR = Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0)

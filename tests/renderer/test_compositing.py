@@ -8,9 +8,9 @@ from elvis.renderer.compositing import Coats
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import UNITS, Marks
 from elvis.renderer.painting import Brush, Look
-from elvis.renderer.palette import NOT_A_NUMBER, Palette
-from elvis.renderer.scene import Light
-from elvis.renderer.view import View
+from elvis.scene import Light
+from elvis.scene.palette import NOT_A_NUMBER, Palette
+from elvis.scene.view import View
 
 RED, GREEN, BLUE, WHITE = np.vstack([np.eye(3), np.ones(3)])
 

@@ -10,11 +10,11 @@ from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
 from elvis.renderer.contour_proof import ContourProof
 from elvis.renderer.cut import Cutter
-from elvis.renderer.frame import Status
 from elvis.renderer.lines import Lines
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.scene import Contours, CutSurface, Style
-from elvis.renderer.view import PlaneView, View
+from elvis.scene import Contours, CutSurface, Style
+from elvis.scene.frame import Status
+from elvis.scene.view import PlaneView, View
 
 SIZE = (60, 50)
 PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))

@@ -6,7 +6,7 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.renderer import Camera, CutSurface, Faces, Isosurface, Plane, Status
-from elvis.renderer.scene import Clip, Cylinder, Implicit, Sphere
+from elvis.scene import Clip, Cylinder, Implicit, Sphere
 
 #: straight down on the unit cube, pixels of 1/51
 ABOVE, SIZE = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.0), (51, 51)

@@ -13,7 +13,7 @@ from elvis.renderer import Camera, Status
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 DEVICES = ("vulkan", "cpu")
 

@@ -15,7 +15,7 @@ from elvis.plugins.volume import Shown
 from elvis.renderer import Camera, Status
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis.renderer import Camera, Plane, Scene, SceneError
-from elvis.renderer.fitting import automatic, crossings, proportionate, surrounding
+from elvis.scene.fitting import automatic, crossings, proportionate, surrounding
 
 UNIT = np.array([[0, 0, 0, 1, 1, 1]], np.float32)
 

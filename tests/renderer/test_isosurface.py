@@ -13,8 +13,8 @@ from elvis.renderer import Camera, SceneError, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.scene import unit
-from elvis.renderer.view import View
+from elvis.scene import unit
+from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)

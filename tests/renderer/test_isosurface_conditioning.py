@@ -11,7 +11,7 @@ from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 CAMERA, SIZE = Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.25), fov=32.0), (30, 30)

@@ -11,8 +11,8 @@ from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Status
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.scene import unit
-from elvis.renderer.view import View
+from elvis.scene import unit
+from elvis.scene.view import View
 
 SIZE, COUNT = (28, 22), 150
 

@@ -13,7 +13,7 @@ from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 COUNT = 160
 VIEW = View.through(Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.5), fov=32), (32, 26))

@@ -13,7 +13,7 @@ from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Isosurface, SceneError, Status
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (24, 20)

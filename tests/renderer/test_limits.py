@@ -29,8 +29,8 @@ from elvis.renderer import (
     rendering,
 )
 from elvis.renderer.errors import DeviceLostError
-from elvis.renderer.palette import NOT_A_NUMBER
-from elvis.renderer.view import seen
+from elvis.scene.palette import NOT_A_NUMBER
+from elvis.scene.view import seen
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))

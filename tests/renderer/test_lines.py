@@ -12,14 +12,14 @@ from elvis.plugins.native.volume import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
 from elvis.renderer.cut import Cutter
-from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.gaps import beside
 from elvis.renderer.lines import Lines, covered, levels
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.solids import sampled
-from elvis.renderer.view import PlaneView, View
+from elvis.scene.errors import SceneError
+from elvis.scene.view import PlaneView, View
 
 #: how far coverages may be from the truth: a line's middle is displaced by no more than this, in pixels
 CLOSE = 0.02

@@ -12,7 +12,7 @@ from elvis.renderer.lines import Lines, covered
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.solids import sampled
-from elvis.renderer.view import PlaneView, View
+from elvis.scene.view import PlaneView, View
 
 SIZE = (130, 110)
 CAMERA = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.2)

@@ -33,9 +33,9 @@ from elvis.renderer import (
     rendering,
 )
 from elvis.renderer.hits import hits, outside
-from elvis.renderer.picture import picture
-from elvis.renderer.scene import unit
-from elvis.renderer.view import View
+from elvis.scene import unit
+from elvis.scene.picture import picture
+from elvis.scene.view import View
 
 CENTER = np.array([0.5, 0.45, 0.55])
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)

@@ -12,7 +12,7 @@ from elvis.core.mapping.connectivity import connected
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.renderer import Plane, Scene, SceneError, Status, default_field, render
-from elvis.renderer.palette import NOT_A_NUMBER
+from elvis.scene.palette import NOT_A_NUMBER
 
 PLANE = Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0))
 SHAPES = [*Shape.of_dimension(2), *Shape.of_dimension(3)]

@@ -5,8 +5,8 @@ import pytest
 
 from elvis.core.errors import FormatError
 from elvis.renderer import Scene, SceneError
-from elvis.renderer.palette import FIRST, STEPS, Palette, points_in
-from elvis.renderer.scene.files import read_scene, write_scene
+from elvis.scene.files import read_scene, write_scene
+from elvis.scene.palette import FIRST, STEPS, Palette, points_in
 
 #: the layout of the first ElVis
 RAINBOW = """<ColorMap name="Rainbow" space="RGB">

@@ -21,7 +21,7 @@ from elvis.renderer import (
     Transfer,
     VolumeRendering,
 )
-from elvis.renderer.scene.objects import CutSurface as Cut
+from elvis.scene.objects import CutSurface as Cut
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "parity.md"
 CENTER = np.array([0.5, 0.5, 0.5])

@@ -9,8 +9,8 @@ from PIL import ImageFont
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.renderer import Camera, Contours, CutSurface, Faces, Plane, SceneError, Style
-from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
-from elvis.renderer.picture import AXES, labels, notes, picture, shortest, ticks
+from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
+from elvis.scene.picture import AXES, labels, notes, picture, shortest, ticks
 
 FINITE = st.floats(-1e12, 1e12)
 

@@ -10,7 +10,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
 from elvis.renderer import Camera, Plane, Status
-from elvis.renderer.picture import picture
+from elvis.scene.picture import picture
 
 SCALARS = {
     "depth": np.float64,

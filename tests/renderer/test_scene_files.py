@@ -31,8 +31,8 @@ from elvis.renderer import (
     TriangleMesh,
     VolumeRendering,
 )
-from elvis.renderer.scene.files import SUFFIXES, read_scene, write_scene
-from elvis.renderer.scene.tables import KINDS, scene_of, table_of
+from elvis.scene.files import SUFFIXES, read_scene, write_scene
+from elvis.scene.tables import KINDS, scene_of, table_of
 
 number = st.floats(-1e300, 1e300)
 positive = st.floats(1e-300, 1e300)

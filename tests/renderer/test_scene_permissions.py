@@ -5,8 +5,8 @@ import os
 import pytest
 
 from elvis.renderer import Scene, SceneError
-from elvis.renderer.commands.composing import composed
-from elvis.renderer.scene.files import SUFFIXES, read_scene, write_scene
+from elvis.scene.commands.composing import composed
+from elvis.scene.files import SUFFIXES, read_scene, write_scene
 
 
 @pytest.fixture

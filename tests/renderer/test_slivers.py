@@ -11,7 +11,7 @@ from elvis.renderer.cut import Cutter
 from elvis.renderer.lines import Lines, covered
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.view import PlaneView, View
+from elvis.scene.view import PlaneView, View
 
 SIZE, PIXEL = (130, 110), 1.2 / 110
 PLANES = {Shape.QUADRILATERAL: 0.0, Shape.TRIANGLE: 0.0, Shape.HEXAHEDRON: 0.52, Shape.TETRAHEDRON: 0.52}

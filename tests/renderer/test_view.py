@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from elvis.renderer import Camera, Plane, Scene, SceneError
-from elvis.renderer.scene import NAMED_VIEWS
-from elvis.renderer.view import PlaneView, face_on, fitted, named
+from elvis.scene import NAMED_VIEWS
+from elvis.scene.view import PlaneView, face_on, fitted, named
 
 PLANES = (Plane((0.2, -0.3, 0.5), (0.1, 0.2, 1.0)), Plane((1e3, 0.0, 0.0), (1.0, -1.0, 0.3)))
 SIZES = ((1, 1), (9, 17), (64, 48))

@@ -14,8 +14,8 @@ from elvis.core.mesh import Composite
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.renderer import Camera, Plane, SceneError
-from elvis.renderer.scene import Clip, Transfer
-from elvis.renderer.view import View
+from elvis.scene import Clip, Transfer
+from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)

@@ -6,7 +6,8 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.renderer import Camera
-from elvis.renderer.scene import (
+from elvis.renderer.volume_rendering import Medium
+from elvis.scene import (
     Clip,
     Cone,
     CutSurface,
@@ -19,8 +20,7 @@ from elvis.renderer.scene import (
     TriangleMesh,
     VolumeRendering,
 )
-from elvis.renderer.view import View
-from elvis.renderer.volume_rendering import Medium
+from elvis.scene.view import View
 
 SIZE = (36, 30)
 VIEWS = {

@@ -13,9 +13,9 @@ from elvis.formats.writing import write
 from elvis.plugins import command
 from elvis.renderer import Camera, Isosurface, SceneError, Status
 from elvis.renderer.faces import FaceDrawer
-from elvis.renderer.scene import Transfer, VolumeRendering
-from elvis.renderer.view import View
 from elvis.renderer.volume_rendering import _March
+from elvis.scene import Transfer, VolumeRendering
+from elvis.scene.view import View
 
 CAMERA = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 SIZE = (36, 30)

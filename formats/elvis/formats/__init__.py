@@ -1,21 +1,19 @@
-"""The native format: the data model, its meaning, reading and writing.
-
-from elvis.formats import read
-dataset = read("wing.xml", "wing.fld")
-
-Names are imported from their modules when they are first used, so that importing one module stays cheap.
-"""
+"""Files of solutions: ``dataset = read("wing.xml", "wing.fld")``; what they hold, and what one asks of them."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
     from elvis.core.errors import ElvisError, FormatError
     from elvis.core.mesh import Composite, Curves, Entities, Mesh
+    from elvis.core.norms import norms
     from elvis.core.polynomials.bases import Basis
+    from elvis.core.queries import points_on_line
+    from elvis.core.sampling import sample
     from elvis.core.shapes import Shape
     from elvis.formats.reading import read
     from elvis.formats.writing import write
@@ -35,23 +33,25 @@ __all__ = [
     "Homogeneous",
     "Mesh",
     "Shape",
+    "norms",
+    "points_on_line",
     "read",
+    "sample",
     "write",
 ]
 
-_MODULES = {
-    "elvis.core.dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
-    "elvis.core.errors": ("ElvisError", "FormatError"),
-    "elvis.core.mesh": ("Composite", "Curves", "Entities", "Mesh"),
-    "elvis.core.polynomials.bases": ("Basis",),
-    "elvis.core.shapes": ("Shape",),
-    "elvis.formats.reading": ("read",),
-    "elvis.formats.writing": ("write",),
-}
-
-
-def __getattr__(name: str) -> object:
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(module), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "elvis.core.dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
+        "elvis.core.errors": ("ElvisError", "FormatError"),
+        "elvis.core.mesh": ("Composite", "Curves", "Entities", "Mesh"),
+        "elvis.core.norms": ("norms",),
+        "elvis.core.polynomials.bases": ("Basis",),
+        "elvis.core.queries": ("points_on_line",),
+        "elvis.core.sampling": ("sample",),
+        "elvis.core.shapes": ("Shape",),
+        "elvis.formats.reading": ("read",),
+        "elvis.formats.writing": ("write",),
+    },
+)

@@ -10,7 +10,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.relative import allowed
 from elvis.reference.metrics import Place, extent, not_narrow, value_errors, value_range, worst
 from elvis.reference.record import Record
-from elvis.renderer.frame import Status
+from elvis.scene.frame import Status
 
 #: greatest error of a value in parts of the range, and of a position in parts of the diagonal
 VALUE, POSITION = 1e-11, 1e-10

@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats
 from elvis.reference.surfaces import levels
-from elvis.renderer.scene import Clip, Implicit
+from elvis.scene import Clip, Implicit
 
 #: what is nearer to the surface of a clip than this part of the scene's size, or of an expression's greatest value, is
 #: on it, and stays

@@ -13,9 +13,9 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.reference.hits import Hits
 from elvis.reference.record import Record
-from elvis.renderer.palette import Palette
-from elvis.renderer.scene import Scene, Style, Transfer
-from elvis.renderer.view import View
+from elvis.scene import Scene, Style, Transfer
+from elvis.scene.palette import Palette
+from elvis.scene.view import View
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.frame import Status
+from elvis.scene.frame import Status
 
 
 @dataclass(eq=False)

@@ -28,11 +28,11 @@ from elvis.plugins.serving import dimension_of
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
 from elvis.reference.settling import ranged, sampled
-from elvis.renderer.errors import SceneError
-from elvis.renderer.fitting import automatic, missed, surrounding
-from elvis.renderer.frame import Frame, Status
-from elvis.renderer.scene import Faces, Scene
-from elvis.renderer.view import PlaneView, seen
+from elvis.scene import Faces, Scene
+from elvis.scene.errors import SceneError
+from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.frame import Frame, Status
+from elvis.scene.view import PlaneView, seen
 
 
 def render(dataset: Dataset | Opened, scene: Scene) -> Frame:

@@ -6,8 +6,8 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.reference.hits import Hits
-from elvis.renderer.scene import Style, Vector
-from elvis.renderer.view import View
+from elvis.scene import Style, Vector
+from elvis.scene.view import View
 
 
 def contour_values(style: Style, ends: tuple[float, float]) -> tuple[float, ...]:

@@ -13,8 +13,8 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.quantities import Expression
 from elvis.core.quantities.sampling import Evaluator
-from elvis.renderer.frame import Frame
-from elvis.renderer.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
+from elvis.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
+from elvis.scene.frame import Frame
 
 #: values of a quantity in elements ``rows`` (n,) of a patch, all at the same reference points (k, D): (n, k)
 Corners = Callable[[Patch, Ints, Floats], Floats]

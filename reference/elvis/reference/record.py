@@ -13,7 +13,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.archives import Archive
 from elvis.core.files.output import replacing
-from elvis.renderer.frame import Frame
+from elvis.scene.frame import Frame
 
 #: channels and their dimensions beyond height and width
 CHANNELS = {"color": 3, "depth": 0, "field": 0, "element": 0, "position": 3, "reference": 3, "normal": 3, "status": 0}
@@ -45,7 +45,7 @@ class Record:
     @staticmethod
     def of(frame: Frame) -> Record:
         """The record of a frame that has reference coordinates."""
-        from elvis.renderer.saving import arrays
+        from elvis.scene.saving import arrays
 
         found = arrays(frame)
         return Record(**{name: found[name] for name in (*CHANNELS, "uncertainty")})

@@ -12,7 +12,7 @@ from elvis.core.mesh import Composite, Mesh
 from elvis.core.patch import Patch
 from elvis.core.shapes import Shape
 from elvis.reference.solids import faces_of, heights
-from elvis.renderer.errors import SceneError
+from elvis.scene.errors import SceneError
 
 _FACES = {"T": Shape.TRIANGLE, "Q": Shape.QUADRILATERAL}
 

@@ -11,10 +11,10 @@ from elvis.core.dataset import Dataset
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
 from elvis.plugins.opening import Opened
-from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Drawing, Frame
-from elvis.renderer.palette import automatic_range
-from elvis.renderer.scene import Scene, SceneObject, VolumeRendering
+from elvis.scene import Scene, SceneObject, VolumeRendering
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Drawing, Frame
+from elvis.scene.palette import automatic_range
 
 Draw = Callable[[Dataset | Opened, Scene], Frame]
 

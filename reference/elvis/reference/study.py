@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
+from typing import cast
 
 import numpy as np
 
@@ -25,9 +26,9 @@ from elvis.reference.metrics import Errors, check_comparable, errors, not_narrow
 from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
-from elvis.renderer.frame import Frame, Status
-from elvis.renderer.scene import CutSurface, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
-from elvis.renderer.view import View
+from elvis.scene import CutSurface, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
+from elvis.scene.frame import Frame, Status
+from elvis.scene.view import View
 
 #: longest side of the picture that the reference checks, in pixels
 JUDGED = 300
@@ -271,9 +272,10 @@ def _from_file(shown: SceneObject) -> bool:
 
 
 def _renderer() -> Callable[..., Frame]:
-    from elvis.renderer import render
+    """What draws unless another device is asked for; the reference itself knows no renderer."""
+    from elvis.plugins.registry import load
 
-    return render
+    return cast(Callable[..., Frame], load("elvis.devices", "auto"))
 
 
 def _settled(frame: Frame) -> Scene:

@@ -10,8 +10,8 @@ from elvis.core.arrays import Floats
 from elvis.core.files.plain import check_plain
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import MissingExtraError, needed
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, Vector, unit
+from elvis.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, Vector, unit
+from elvis.scene.errors import SceneError
 
 
 def levels(surface: Surface, points: Floats) -> Floats:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.core.memory import free_memory
-from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Drawing, Frame, Status, whole
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.scene import Scene
 from elvis.renderer.shading import Drawn, Painter, record_of
 from elvis.renderer.stages import Stages
-from elvis.renderer.view import View
+from elvis.scene import Scene
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Drawing, Frame, Status, whole
+from elvis.scene.view import View
 
 #: most pixels that are drawn at once, and hits that are kept while colours must wait for other bands
 BAND, KEPT = 1 << 21, 1 << 23

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.renderer.device import Buffer, Device
-from elvis.renderer.scene import Vector
+from elvis.scene import Vector
 
 #: what lies behind a surface that lets less than this part of the light through does not count
 FAINT = 1e-3

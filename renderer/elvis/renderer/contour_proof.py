@@ -29,12 +29,12 @@ from elvis.core.shapes import Shape
 from elvis.plugins.native.bending import changes, derived, net_of_xi
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.examining import examine
-from elvis.renderer.frame import Status
 from elvis.renderer.gaps import pairs
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.view import View
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 if TYPE_CHECKING:
     from elvis.renderer.lines import Lines

@@ -13,13 +13,13 @@ from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
 from elvis.core.quantities.sampling import Evaluator
-from elvis.renderer.errors import SceneError
-from elvis.renderer.fitting import automatic, missed, surrounding
-from elvis.renderer.frame import Drawing, Frame, Legend, Status
 from elvis.renderer.lines import covered
-from elvis.renderer.palette import Palette, automatic_range
-from elvis.renderer.scene import Camera, Faces, Plane, Scene, Style
-from elvis.renderer.view import View
+from elvis.scene import Camera, Faces, Plane, Scene, Style
+from elvis.scene.errors import SceneError
+from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.frame import Drawing, Frame, Legend, Status
+from elvis.scene.palette import Palette, automatic_range
+from elvis.scene.view import View
 
 #: width of a curve in pixels, where no mesh lines say another; height of a plot in parts of its width
 WIDTH, HEIGHT = 2.5, 0.6

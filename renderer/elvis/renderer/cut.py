@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
-from elvis.renderer.conditioning import doubted, slanted
 from elvis.renderer.device import Buffer, Kernel
-from elvis.renderer.frame import Status
 from elvis.renderer.gaps import Gaps, beside
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import tiles_of
-from elvis.renderer.view import PlaneView
+from elvis.scene.conditioning import doubted, slanted
+from elvis.scene.frame import Status
+from elvis.scene.view import PlaneView
 
 
 @dataclass

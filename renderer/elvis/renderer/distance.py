@@ -15,7 +15,7 @@ from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.solids import SolidDrawer
 from elvis.renderer.traversal import Traversal
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 if TYPE_CHECKING:
     from elvis.renderer.device import Buffer, Kernel

@@ -1,4 +1,4 @@
-"""What can go wrong between a scene and its picture."""
+"""What can go wrong with a device."""
 
 from __future__ import annotations
 
@@ -11,7 +11,3 @@ class DeviceError(ElvisError):
 
 class DeviceLostError(DeviceError):
     """A device that failed while it worked; smaller pieces of work may go well on a new one."""
-
-
-class SceneError(ElvisError):
-    """A scene that can't be drawn: an unknown field, an empty picture, a camera without direction."""

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.plugins.faces import Faces
 from elvis.renderer.device import Buffer, Kernel
-from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pieces import THIN, Edges, Pieces, pieces_of
 from elvis.renderer.sides import Sides
 from elvis.renderer.tiles import TILE, tiles_of
-from elvis.renderer.view import View
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: part of the scene's size within which two hits are at one place
 _TIE = 1e-11

@@ -19,7 +19,7 @@ from elvis.plugins.volume import Part
 from elvis.renderer.pixels import NOBODY, Pixels, settle
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import TILE, tiles_of
-from elvis.renderer.view import PlaneView
+from elvis.scene.view import PlaneView
 
 TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
 CLAIM = np.dtype(

@@ -10,9 +10,9 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.distances.files import corners_of
-from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
-from elvis.renderer.scene.surfaces import Solid
-from elvis.renderer.view import View
+from elvis.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
+from elvis.scene.surfaces import Solid
+from elvis.scene.view import View
 
 #: pairs of a triangle and a pixel that are looked at at once
 _AT_ONCE = 1 << 20

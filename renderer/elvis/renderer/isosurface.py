@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats
-from elvis.renderer.conditioning import misplaced
 from elvis.renderer.device import STAND_IN, Buffer, Kernel
-from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.solids import sampled
 from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
-from elvis.renderer.view import View
+from elvis.scene.conditioning import misplaced
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: what becomes of a piece, as in shaders/iso.slang
 SPLIT, UNDEFINED = 0, 4

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats
-from elvis.renderer.frame import Status
 from elvis.renderer.pixels import NOBODY, Pixels
-from elvis.renderer.view import PlaneView
+from elvis.scene.frame import Status
+from elvis.scene.view import PlaneView
 
 if TYPE_CHECKING:
     from elvis.renderer.device import Buffer, Device

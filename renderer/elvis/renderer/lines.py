@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.device import ROWS, Buffer, Device, Kernel
-from elvis.renderer.errors import SceneError
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.view import View
+from elvis.scene.errors import SceneError
+from elvis.scene.view import View
 
 #: most contour values, and greatest width in pixels, that a mark holds
 MOST, WIDEST = 1024, 100.0

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats
 from elvis.plugins.volume import Part, Volume
 from elvis.renderer.device import Buffer, Device
-from elvis.renderer.fitting import surrounding
 from elvis.renderer.pixels import BORDER
+from elvis.scene.fitting import surrounding
 
 #: unit roundings by which a coordinate may be off
 _ROUNDINGS = 8

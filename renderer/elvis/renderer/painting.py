@@ -13,9 +13,9 @@ from elvis.renderer.compositing import Coats
 from elvis.renderer.device import Buffer, Device
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import Marks, sight
-from elvis.renderer.palette import NOT_A_NUMBER, Palette
-from elvis.renderer.scene import Light, Vector, unit
-from elvis.renderer.view import View
+from elvis.scene import Light, Vector, unit
+from elvis.scene.palette import NOT_A_NUMBER, Palette
+from elvis.scene.view import View
 
 
 @dataclass(frozen=True, eq=False)

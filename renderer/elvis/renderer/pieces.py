@@ -15,7 +15,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 #: greatest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
 TAME = 0.25

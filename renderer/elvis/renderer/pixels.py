@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.renderer.frame import Status
+from elvis.scene.frame import Status
 
 NOBODY = 0xFFFFFFFF
 #: verdicts, as in shaders/invert.slang

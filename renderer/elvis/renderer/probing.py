@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats, Ints
 from elvis.core.mapping.boxes import BoxTree
 from elvis.renderer.device import Buffer, Kernel
-from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Status
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Status
 
 
 @dataclass(frozen=True, eq=False)

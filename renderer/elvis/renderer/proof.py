@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
-from elvis.renderer.view import PlaneView
+from elvis.scene.view import PlaneView
 
 
 def proved(parts: Sequence[Part], view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:

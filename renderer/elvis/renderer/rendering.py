@@ -25,18 +25,19 @@ from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas, check_memory, check_time
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
-from elvis.renderer.errors import DeviceError, DeviceLostError, SceneError
+from elvis.renderer.errors import DeviceError, DeviceLostError
 from elvis.renderer.examining import examine
-from elvis.renderer.fitting import automatic, missed, surrounding
-from elvis.renderer.frame import Frame
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.palette import automatic_range
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
-from elvis.renderer.scene import CutSurface, Faces, Plane, Scene, Vector
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
-from elvis.renderer.view import PlaneView, View, seen
+from elvis.scene import CutSurface, Faces, Plane, Scene, Vector
+from elvis.scene.errors import SceneError
+from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.frame import Frame
+from elvis.scene.palette import automatic_range
+from elvis.scene.view import PlaneView, View, seen
 
 #: pixels at once below which a device that fails has failed for good
 FEWEST = 1 << 12
@@ -67,10 +68,11 @@ def render(
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device, progress)
     asked, scene = scene, completed(dataset, scene)
-    if dimension_of(dataset) == 1 and device not in plugins("elvis.devices"):
+    other = _other(device)
+    if other is not None:
+        return _noted(other(dataset, scene), asked)
+    if dimension_of(dataset) == 1:
         return draw_curves(dataset, scene)
-    if device in plugins("elvis.devices"):
-        return _noted(cast(Drawing, load("elvis.devices", device))(dataset, scene), asked)
     with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
         return _noted(renderer.render(scene, references=_is_exact(scene)), asked)
@@ -81,12 +83,20 @@ def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None =
     scene = _with_quantity(scene, opened)
     volume = volume_of(opened, quantities(scene))
     asked, scene = scene, _with_plane(scene, volume.dimension)
-    if device in plugins("elvis.devices"):
-        return _noted(cast(Drawing, load("elvis.devices", device))(opened, scene), asked)
+    other = _other(device)
+    if other is not None:
+        return _noted(other(opened, scene), asked)
     with Renderer(device, progress) as renderer:
         renderer.show(volume, opened)
         remarks = checked(opened.name, volume, renderer)
         return _noted(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
+
+
+def _other(device: str) -> Drawing | None:
+    """The device plugin of that name; None for the devices of this renderer, which is the plugin ``auto``."""
+    if device == "auto" or device not in plugins("elvis.devices"):
+        return None
+    return cast(Drawing, load("elvis.devices", device))
 
 
 def _is_exact(scene: Scene) -> bool:

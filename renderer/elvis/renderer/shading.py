@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.renderer.compositing import Coats
-from elvis.renderer.conditioning import uncertainties
 from elvis.renderer.contour_proof import ContourProof
-from elvis.renderer.frame import Legend, Status
 from elvis.renderer.layer import Layer
 from elvis.renderer.lines import levels
 from elvis.renderer.painting import Brush, Look
-from elvis.renderer.palette import Palette, automatic_range
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.scene import Implicit, Scene, Style, Vector, VolumeRendering
 from elvis.renderer.stages import Sheet, Stages
-from elvis.renderer.view import View
 from elvis.renderer.volume_rendering import Medium
+from elvis.scene import Implicit, Scene, Style, Vector, VolumeRendering
+from elvis.scene.conditioning import uncertainties
+from elvis.scene.frame import Legend, Status
+from elvis.scene.palette import Palette, automatic_range
+from elvis.scene.view import View
 
 #: part of a depth within which it is asked whether either of two hits may be the nearer one
 NEAR = 2e-8

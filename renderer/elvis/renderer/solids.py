@@ -8,15 +8,15 @@ from functools import partial
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.conditioning import MOST, doubted, uncertainties
-from elvis.renderer.frame import Status
 from elvis.renderer.hits import Hits, hits
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder, Places
-from elvis.renderer.scene.surfaces import Solid
-from elvis.renderer.view import View
+from elvis.scene.conditioning import MOST, doubted, uncertainties
+from elvis.scene.frame import Status
+from elvis.scene.surfaces import Solid
+from elvis.scene.view import View
 
 #: part of the greatest coordinate by which places may be outside of the box of the volume and yet matter
 CLOSE = 1e-9

@@ -21,9 +21,7 @@ from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.cut import Cutter
 from elvis.renderer.distance import DistanceDrawer
-from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
-from elvis.renderer.frame import Status
 from elvis.renderer.hits import outside
 from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.layer import Layer
@@ -31,11 +29,13 @@ from elvis.renderer.lines import Lines
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder
-from elvis.renderer.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, Style, VolumeRendering
-from elvis.renderer.scene.surfaces import Surface
 from elvis.renderer.solids import SolidDrawer, sampled
-from elvis.renderer.view import PlaneView, View
 from elvis.renderer.volume_rendering import VolumeRenderer
+from elvis.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, Style, VolumeRendering
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Status
+from elvis.scene.surfaces import Surface
+from elvis.scene.view import PlaneView, View
 
 #: part of coordinates and depths within which two hits are one
 SAME = 2e-11

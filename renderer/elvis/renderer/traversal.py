@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, frozen_floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
-from elvis.renderer.conditioning import misplaced
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.tiles import TILE, tiles_of
-from elvis.renderer.view import View
+from elvis.scene.conditioning import misplaced
+from elvis.scene.view import View
 
 SECTION = np.dtype([("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
 _TILE = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.hits import Hits, hits, outside, ray_depths
-from elvis.renderer.scene import Clip, Implicit, Plane, TriangleMesh, unit
-from elvis.renderer.scene.surfaces import Solid
-from elvis.renderer.view import View
+from elvis.scene import Clip, Implicit, Plane, TriangleMesh, unit
+from elvis.scene.surfaces import Solid
+from elvis.scene.view import View
 
 
 class Visibility:

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import Coats
 from elvis.renderer.device import STAND_IN, Kernel
-from elvis.renderer.errors import SceneError
 from elvis.renderer.faces import FaceDrawer
-from elvis.renderer.frame import Status
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.scene import Clip, Transfer
 from elvis.renderer.tiles import TILE
 from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
-from elvis.renderer.view import View
 from elvis.renderer.visibility import Visibility
+from elvis.scene import Clip, Transfer
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: bytes of the lists that rays have at one time
 MOST_BYTES = 192 << 20

@@ -13,10 +13,10 @@ from elvis.core.errors import ElvisError
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as reference
 from elvis.renderer import Renderer, Scene, SceneError
-from elvis.renderer.frame import Drawing, Frame, Status
 from elvis.renderer.rendering import completed
 from elvis.renderer.stages import quantities
-from elvis.renderer.view import View
+from elvis.scene.frame import Drawing, Frame, Status
+from elvis.scene.view import View
 
 
 def case_of(family, seed, number, size=None):

@@ -26,7 +26,7 @@ from elvis.reference.record import Record
 from elvis.reference.selection import chosen_faces, on_faces
 from elvis.reference.solids import cells_of
 from elvis.reference.surfaces import levels, triangles
-from elvis.renderer.scene import (
+from elvis.scene import (
     CutSurface,
     Faces,
     Implicit,
@@ -38,7 +38,7 @@ from elvis.renderer.scene import (
     TriangleMesh,
     VolumeRendering,
 )
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 #: surfaces of one object that a ray is followed through
 _DEEPEST = 16

@@ -10,7 +10,7 @@ from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.extras import needed
 from elvis.reference.hits import Hits
 from elvis.reference.scenes.rasters import barycentric_gradients
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 #: triangles that a ray may meet outside of the mesh before it is given up
 _DEEPEST = 64

@@ -8,8 +8,8 @@ from elvis.core.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import needed
 from elvis.reference.hits import Hits, turned
-from elvis.renderer.frame import Status
-from elvis.renderer.view import View
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: hits nearer to the last layer than this part of the mesh's size are the same surface, met again
 _APART = 1e-5

@@ -14,8 +14,8 @@ from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
 from elvis.reference.scenes.volumes import Look, depths_by_pixel, integrated, lengths, points_along
 from elvis.reference.scenes.ways import Ways, points_of
-from elvis.renderer.scene import Clip, Implicit, Transfer
-from elvis.renderer.view import View
+from elvis.scene import Clip, Implicit, Transfer
+from elvis.scene.view import View
 
 #: parts of the way through a tetrahedron, of two Gauss points each
 _PARTS = 8

@@ -23,8 +23,8 @@ from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.composing import record
 from elvis.reference.extras import needed
 from elvis.reference.record import Record
-from elvis.renderer.scene import CutSurface, Cylinder, Faces, Isosurface, Plane, Scene, SceneObject, Sphere, Surface
-from elvis.renderer.view import View
+from elvis.scene import CutSurface, Cylinder, Faces, Isosurface, Plane, Scene, SceneObject, Sphere, Surface
+from elvis.scene.view import View
 
 #: ParaView's level for curved faces, unless told otherwise
 _SUBDIVISION = 1

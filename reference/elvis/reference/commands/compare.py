@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.formats.commands.arguments import overwrite_option
-from elvis.renderer.commands.render import scene_options
+from elvis.scene.commands.options import scene_options
 
 if TYPE_CHECKING:
     from elvis.reference.study import Study
@@ -95,7 +95,7 @@ def compare(
     from elvis.core.terminal import print_json, say
     from elvis.reference.report.summary import summary
     from elvis.reference.report.writing import check_folder, plain, write_report
-    from elvis.renderer.scene.tables import input_files
+    from elvis.scene.tables import input_files
 
     if output is not None:
         check_folder(output, data, overwrite)
@@ -129,9 +129,9 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
     from elvis.core.terminal import stage
     from elvis.formats.commands.arguments import read_data
     from elvis.reference.study import compare_scene
-    from elvis.renderer import SceneError
-    from elvis.renderer.commands.composing import composed
-    from elvis.renderer.scene.files import scene_text
+    from elvis.scene.commands.composing import composed
+    from elvis.scene.errors import SceneError
+    from elvis.scene.files import scene_text
 
     own = ("refinements", "memory_limit", "judge", "meshes")
     levels, limit, judged, meshes = (options.pop(name) for name in own)

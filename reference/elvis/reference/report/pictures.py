@@ -109,7 +109,7 @@ def around(record: Record, place: Place) -> Pixels:
 
 def color_bar(palette: str, width: int = 512, height: int = 16) -> Pixels:
     """The colour map from left to right."""
-    from elvis.renderer.palette import Palette
+    from elvis.scene.palette import Palette
 
     steps = Palette.named(palette, 0.0, 1.0).colors(np.linspace(0, 1, width))
     return np.tile(np.rint(255 * steps).astype(np.uint8), (height, 1, 1))

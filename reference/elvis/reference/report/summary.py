@@ -10,7 +10,7 @@ from elvis.core.dataset import Expansion
 from elvis.reference.bars import Bar
 from elvis.reference.report.verdict import is_right, verdict
 from elvis.reference.study import Rival, Study
-from elvis.renderer.scene.tables import table_of
+from elvis.scene.tables import table_of
 
 
 def summary(study: Study) -> dict[str, Any]:

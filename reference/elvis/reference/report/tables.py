@@ -9,7 +9,7 @@ from typing import Any
 from elvis.reference.bars import Bar
 from elvis.reference.report.words import counted, size, some
 from elvis.reference.study import Rival, Study
-from elvis.renderer.scene import VolumeRendering
+from elvis.scene import VolumeRendering
 
 Table = dict[str, Any]
 #: columns of errors that are there even where all are zero

@@ -106,7 +106,7 @@ def _files_in(folder: Path) -> set[str]:
 
 def _scene(study: Study, folder: Path, final: Path) -> str:
     """The text of the scene's file, which is written to ``folder``; its file names hold from the ``final`` place."""
-    from elvis.renderer.scene.files import scene_text
+    from elvis.scene.files import scene_text
 
     if study.scene is None:
         return ""

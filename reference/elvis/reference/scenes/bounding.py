@@ -22,7 +22,7 @@ from elvis.core.shapes import Shape
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.reference.solids import spread
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 #: how often a box of few elements is halved along each direction, and one of many; samples for each degree, at most
 _HALVINGS, _FEW, _SAMPLES, _MOST = (1, 2), 256, 2, 128

@@ -12,7 +12,7 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.patch import Patch
 from elvis.reference.scenes.ways import Ways, followed, places, points_of
 from elvis.reference.solids import margins_of
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 #: ways are longer than those through elements by this part, and by this part of the scene's size
 _LONGER, _BEYOND = 1e-3, 1e-9

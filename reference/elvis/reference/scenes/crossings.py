@@ -12,8 +12,8 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.patch import Patch
 from elvis.reference.hits import Hits, turned
 from elvis.reference.quantities import Quantities
-from elvis.renderer.frame import Status
-from elvis.renderer.view import View
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: part of its depth to which a certain hit is known; units in the last place that coordinates may be wrong by
 CERTAIN, _UNITS = 1e-8, 8

@@ -12,10 +12,10 @@ from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.surfaces import slopes, triangles
-from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Status
-from elvis.renderer.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, unit
-from elvis.renderer.view import View
+from elvis.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, unit
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: hits of one ray with a triangle mesh, at most
 _MOST = 64

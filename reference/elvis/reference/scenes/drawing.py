@@ -29,11 +29,7 @@ from elvis.reference.scenes.twins import TwinLocator, TwinQuantities
 from elvis.reference.scenes.volumes import between_kinks, gathered, visible
 from elvis.reference.scenes.ways import beginnings, ways_through, without_overlaps
 from elvis.reference.selection import chosen_faces
-from elvis.renderer.errors import SceneError
-from elvis.renderer.fitting import automatic, missed, surrounding
-from elvis.renderer.frame import Drawing, Frame, Legend, Status
-from elvis.renderer.palette import Palette, automatic_range
-from elvis.renderer.scene import (
+from elvis.scene import (
     Camera,
     CutSurface,
     Faces,
@@ -44,7 +40,11 @@ from elvis.renderer.scene import (
     Style,
     VolumeRendering,
 )
-from elvis.renderer.view import View
+from elvis.scene.errors import SceneError
+from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.frame import Drawing, Frame, Legend, Status
+from elvis.scene.palette import Palette, automatic_range
+from elvis.scene.view import View
 
 #: ends of the colour range of each quantity
 Ranges = dict[str, tuple[float, float]]

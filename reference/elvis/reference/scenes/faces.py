@@ -18,8 +18,8 @@ from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
 from elvis.reference.scenes.rasters import among, covered, on_screen
 from elvis.reference.solids import Face, faces_of, heights, spread
-from elvis.renderer.frame import Status
-from elvis.renderer.view import View
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: pixels by which a triangle may be off its face, and cuts after which it may be off by any
 _FLAT, _DEEPEST = 0.25, 6

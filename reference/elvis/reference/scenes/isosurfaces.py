@@ -23,8 +23,8 @@ from elvis.reference.scenes.newton import Constraint, inverses, solve
 from elvis.reference.scenes.ways import Ways, ways_through
 from elvis.reference.scenes.zeros import Zeros, zeros
 from elvis.reference.solids import margins_of, placed
-from elvis.renderer.frame import Status
-from elvis.renderer.view import View
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 #: values next to the one that is looked for are it, in parts of it; steps of Newton's method; starts are near
 _ROUNDING, _STEPS = 4e-15, 12

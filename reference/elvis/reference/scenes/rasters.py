@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.view import View
+from elvis.scene.view import View
 
 #: pairs of a triangle and a pixel that are looked at together
 _AT_ONCE = 1 << 19

@@ -24,7 +24,7 @@ from elvis.plugins.twins import Twin, expressed, slopes_of, twins_of
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.selection import on_faces
 from elvis.reference.twins import TwinPatch
-from elvis.renderer.frame import Frame
+from elvis.scene.frame import Frame
 
 #: pairs of a point and an element that are looked at together
 _BATCH = 1 << 13

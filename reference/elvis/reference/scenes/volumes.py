@@ -21,8 +21,8 @@ from elvis.reference.clipping import clipped
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.ways import Ways, places
-from elvis.renderer.scene import Clip, Implicit, Transfer
-from elvis.renderer.view import View
+from elvis.scene import Clip, Implicit, Transfer
+from elvis.scene.view import View
 
 #: parts of a way as long as the scene; how many parts a way through an element may have; Gauss points in each
 ALONG, PARTS, POINTS = 256, (4, 8, 16, 32, 64, 128), 2

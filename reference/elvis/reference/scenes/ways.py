@@ -14,8 +14,8 @@ from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.newton import inverses
 from elvis.reference.solids import faces_of, margins_of, placed
-from elvis.renderer.frame import Status
-from elvis.renderer.view import View
+from elvis.scene.frame import Status
+from elvis.scene.view import View
 
 _STEPS = 12
 #: part of the scene's size that ways may share of a ray by rounding alone

@@ -24,7 +24,9 @@ def devices(as_json: bool) -> None:
         (a.name, "software" if a.software else "GPU", a.label, "auto" if a.name == chosen else "") for a in adapters()
     ]
     rows += [
-        (name, "software", f"plugin of {plugin.distribution}", "") for name, plugin in plugins("elvis.devices").items()
+        (name, "software", f"plugin of {plugin.distribution}", "")
+        for name, plugin in plugins("elvis.devices").items()
+        if name != "auto"
     ]
     if as_json:
         keys = ("name", "kind", "label", "auto")

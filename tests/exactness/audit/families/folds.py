@@ -16,7 +16,7 @@ from audit.worlds import BORDER, world
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.validity.validity import Verdict, validity
 from elvis.renderer import Faces
-from elvis.renderer.frame import Status
+from elvis.scene.frame import Status
 
 FORMS = {"x": X, "x + y": X + Y, "x - z": X - Z}
 

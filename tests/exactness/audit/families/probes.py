@@ -9,7 +9,7 @@ from audit.judging import counted_as
 from audit.worlds import BORDER, margins, world
 from elvis.core.mapping.inverse import Status as Verdict
 from elvis.core.sampling import sample
-from elvis.renderer.frame import Status
+from elvis.scene.frame import Status
 
 #: exponents of two of the distances from borders; 0 is on them
 BESIDE = (0, 0, -48, -40, -30, -20, -10)

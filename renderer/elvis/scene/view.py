@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
+from elvis.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
+from elvis.scene.errors import SceneError
 
 #: numbers (n,) of columns or rows, whole or not
 Pixels: TypeAlias = NDArray[np.int64] | Floats

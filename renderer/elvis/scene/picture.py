@@ -7,9 +7,9 @@ from typing import TypeAlias
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from elvis.renderer.frame import Frame, Legend
-from elvis.renderer.page import Page, Part
-from elvis.renderer.scene import VolumeRendering
+from elvis.scene import VolumeRendering
+from elvis.scene.frame import Frame, Legend
+from elvis.scene.page import Page, Part
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
 INK = (30, 30, 30)

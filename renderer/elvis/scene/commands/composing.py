@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from elvis.renderer.errors import SceneError
+from elvis.scene.errors import SceneError
 
 if TYPE_CHECKING:
-    from elvis.renderer.scene import Scene, SceneObject
+    from elvis.scene import Scene, SceneObject
 
 #: options that style every object, by the key of Style
 STYLES = ("contours", "mesh_lines", "opacity", "lit", "color")
@@ -30,8 +30,8 @@ def composed(
     settings  pairs of a key such as ``objects[0].style.opacity`` and a TOML value
     unused    keys of a scene file that have no meaning for the caller
     """
-    from elvis.renderer.scene import CutSurface, MeshLines, Plane, Scene
-    from elvis.renderer.scene.files import is_scene_file, read_scene
+    from elvis.scene import CutSurface, MeshLines, Plane, Scene
+    from elvis.scene.files import is_scene_file, read_scene
 
     scene_files = [file for file in files if is_scene_file(file)]
     if len(scene_files) > 1:
@@ -54,7 +54,7 @@ def composed(
 
 def _styled(scene: Scene, style: dict[str, Any]) -> Scene:
     """The scene with values of the style in every object; without objects, of all outer faces."""
-    from elvis.renderer.scene import Faces, VolumeRendering
+    from elvis.scene import Faces, VolumeRendering
 
     def with_style(item: SceneObject) -> SceneObject:
         return item if isinstance(item, VolumeRendering) else replace(item, style=replace(item.style, **style))
@@ -67,8 +67,8 @@ def _set(scene: Scene, settings: tuple[tuple[str, str], ...]) -> Scene:
     """The scene with single keys changed."""
     import re
 
-    from elvis.renderer.scene.files import toml_value
-    from elvis.renderer.scene.tables import scene_of, table_of
+    from elvis.scene.files import toml_value
+    from elvis.scene.tables import scene_of, table_of
 
     table = table_of(scene)
     for key, text in settings:

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats, Ints
 from elvis.core.distances.files import renamed
 from elvis.core.files.output import Outputs
-from elvis.renderer.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
-from elvis.renderer.scene import Scene, Vector
-from elvis.renderer.view import PlaneView, View
+from elvis.scene import Scene, Vector
+from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
+from elvis.scene.view import PlaneView, View
 
 #: pixels whose positions are worked out at once, as pictures may be large
 _AT_ONCE = 1 << 20
@@ -117,7 +117,7 @@ class Frame:
         Rounding of field and places over how steeply the ray meets the surface; infinite where nothing is proved, NaN
         where nothing is seen.
         """
-        from elvis.renderer.conditioning import uncertainties
+        from elvis.scene.conditioning import uncertainties
 
         known = None if self.drawing is None else self.drawing.uncertainty
         result = np.full(self.element.shape, np.nan) if known is None else known.copy()
@@ -201,7 +201,7 @@ class Frame:
 
         outputs  with which the file takes its place, where it is one of several
         """
-        from elvis.renderer.saving import save
+        from elvis.scene.saving import save
 
         save(self, Path(path), plain=plain, outputs=outputs)
 

@@ -16,10 +16,10 @@ from typing import Any
 
 from elvis.core.files.output import Outputs, write_text
 from elvis.core.files.plain import check_plain
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene.permissions import check_permitted, check_texts, forbidden
-from elvis.renderer.scene.tables import Table, scene_of, table_of
-from elvis.renderer.scene.whole import Scene
+from elvis.scene.errors import SceneError
+from elvis.scene.permissions import check_permitted, check_texts, forbidden
+from elvis.scene.tables import Table, scene_of, table_of
+from elvis.scene.whole import Scene
 
 SUFFIXES = (".toml", ".yaml", ".yml", ".json")
 LARGEST = 1 << 20  # bytes

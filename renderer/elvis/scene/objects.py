@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.renderer.scene.surfaces import PaletteName, Surface, Vector, check, positive
+from elvis.scene.surfaces import PaletteName, Surface, Vector, check, positive
 
 
 def check_color(color: Vector | None, what: str) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from elvis.core.files.output import Outputs, replacing
-from elvis.renderer.errors import SceneError
-from elvis.renderer.frame import Frame, Status
-from elvis.renderer.png import write_png
-from elvis.renderer.scene.permissions import PICTURES
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Frame, Status
+from elvis.scene.permissions import PICTURES
+from elvis.scene.png import write_png
 
 #: pixels beyond which a picture is made and compressed some rows at a time, which takes longer but no memory
 LARGE = 1 << 24
@@ -45,7 +45,7 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
 
 def _save_png(frame: Frame, path: Path, *, plain: bool) -> None:
     """The picture; a large one row by row."""
-    from elvis.renderer.picture import page, picture
+    from elvis.scene.picture import page, picture
 
     if frame.view.count <= LARGE:
         picture(frame, plain=plain).save(path, format="PNG")

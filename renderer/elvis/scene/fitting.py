@@ -9,9 +9,9 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.boxes import Boxes
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene import Camera, Plane, Scene
-from elvis.renderer.view import fitted, named
+from elvis.scene import Camera, Plane, Scene
+from elvis.scene.errors import SceneError
+from elvis.scene.view import fitted, named
 
 #: width and height of automatic pictures in pixels, and the least of either
 LARGEST, LEAST = (1000, 800), 160

@@ -7,11 +7,11 @@ from typing import Any, get_args, get_type_hints
 import click
 from PIL import ImageColor
 
+from elvis import scene
 from elvis.formats.commands.arguments import numbers, triples
-from elvis.renderer import scene
-from elvis.renderer.scene.objects import check_range
-from elvis.renderer.scene.surfaces import check
-from elvis.renderer.scene.tables import KINDS
+from elvis.scene.objects import check_range
+from elvis.scene.surfaces import check
+from elvis.scene.tables import KINDS
 
 LARGEST_SIDE = 32768
 SURFACES: dict[str, Any] = {KINDS[each]: each for each in get_args(scene.Surface)}

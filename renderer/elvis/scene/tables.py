@@ -11,9 +11,9 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from elvis.core.distances.files import named_files, renamed
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
-from elvis.renderer.scene.surfaces import (
+from elvis.scene.errors import SceneError
+from elvis.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
+from elvis.scene.surfaces import (
     Cone,
     Cylinder,
     FilePath,
@@ -24,7 +24,7 @@ from elvis.renderer.scene.surfaces import (
     TriangleMesh,
     check,
 )
-from elvis.renderer.scene.whole import Scene
+from elvis.scene.whole import Scene
 
 Table = dict[str, Any]
 #: what the key ``kind`` says where several tables are possible

@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene.tables import Table
-from elvis.renderer.scene.whole import Scene
+from elvis.scene.errors import SceneError
+from elvis.scene.tables import Table
+from elvis.scene.whole import Scene
 
 #: suffixes of pictures and records
 PICTURES = (".png", ".exr", ".npz")

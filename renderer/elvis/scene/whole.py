@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene.objects import CutSurface, SceneObject, check_color, check_range
-from elvis.renderer.scene.surfaces import FilePath, PaletteName, Plane, Surface, Vector, check, unit
+from elvis.scene.errors import SceneError
+from elvis.scene.objects import CutSurface, SceneObject, check_color, check_range
+from elvis.scene.surfaces import FilePath, PaletteName, Plane, Surface, Vector, check, unit
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.renderer.errors import SceneError
+from elvis.scene.errors import SceneError
 
 Vector: TypeAlias = tuple[float, float, float]
 #: the name of a file; in scene files relative to them

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.frame import Status
-from elvis.renderer.view import PlaneView, View
+from elvis.scene.frame import Status
+from elvis.scene.view import PlaneView, View
 
 EPSILON = float(np.finfo(np.float64).eps)
 #: roundings of coordinates that places are computed with

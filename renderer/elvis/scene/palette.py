@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.core.files.plain import check_plain
-from elvis.renderer.errors import SceneError
-from elvis.renderer.scene import Transfer
+from elvis.scene import Transfer
+from elvis.scene.errors import SceneError
 
 #: colour of what is seen but is not a finite number
 NOT_A_NUMBER = (1.0, 0.0, 1.0)

@@ -1,0 +1,84 @@
+"""What is to be drawn and what was seen, as plain Python: objects, cameras, frames.  Needs no device."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from elvis.core.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from elvis.scene.errors import SceneError
+    from elvis.scene.frame import Frame, Status
+    from elvis.scene.objects import (
+        Contours,
+        CutSurface,
+        Faces,
+        Isosurface,
+        MeshLines,
+        SceneObject,
+        Style,
+        Transfer,
+        VolumeRendering,
+    )
+    from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
+    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Scene
+
+__all__ = [
+    "NAMED_VIEWS",
+    "Camera",
+    "Clip",
+    "Cone",
+    "Contours",
+    "CutSurface",
+    "Cylinder",
+    "Faces",
+    "Frame",
+    "Implicit",
+    "Isosurface",
+    "Light",
+    "MeshLines",
+    "Plane",
+    "Scene",
+    "SceneError",
+    "SceneObject",
+    "Sphere",
+    "Status",
+    "Style",
+    "Surface",
+    "Transfer",
+    "TriangleMesh",
+    "Vector",
+    "VolumeRendering",
+    "unit",
+]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "elvis.scene.errors": ("SceneError",),
+        "elvis.scene.frame": ("Frame", "Status"),
+        "elvis.scene.objects": (
+            "Contours",
+            "CutSurface",
+            "Faces",
+            "Isosurface",
+            "MeshLines",
+            "SceneObject",
+            "Style",
+            "Transfer",
+            "VolumeRendering",
+        ),
+        "elvis.scene.surfaces": (
+            "Cone",
+            "Cylinder",
+            "Implicit",
+            "Plane",
+            "Sphere",
+            "Surface",
+            "TriangleMesh",
+            "Vector",
+            "unit",
+        ),
+        "elvis.scene.whole": ("Camera", "Clip", "Light", "NAMED_VIEWS", "Scene"),
+    },
+)

@@ -1,0 +1,9 @@
+"""What can go wrong between a scene and its picture."""
+
+from __future__ import annotations
+
+from elvis.core.errors import ElvisError
+
+
+class SceneError(ElvisError):
+    """A scene that can't be drawn: an unknown field, an empty picture, a camera without direction."""
