@@ -62,7 +62,7 @@ def hard_wired(renderer: Renderer, part: Part, folder: Path) -> None:
 def write_hard_wired(path: Path, part: Part, together: bool, rows: int) -> None:
     """All shaders, with constants and the element type written where the renderer links them."""
     path.mkdir(parents=True)
-    for source in (devices.SHADERS, interface_folder(), Path(native.__file__).parent):
+    for source in (*devices.SHADERS, interface_folder(), Path(native.__file__).parent):
         for file in source.glob("*.slang"):
             text = file.read_text(encoding="utf-8")
             text = text.replace(

@@ -17,8 +17,8 @@ from tables import Table, seconds
 
 from elvis.renderer import Renderer, Scene, compositing
 from elvis.renderer.compositing import Coats
+from elvis.renderer.passes.volume.volume_rendering import Gathered, Medium, VolumeRenderer
 from elvis.renderer.stages import Stages
-from elvis.renderer.volume_rendering import Gathered, Medium, VolumeRenderer
 
 PARTS = ("cut", "faces", "isosurface", "volume")
 SHARINGS = {

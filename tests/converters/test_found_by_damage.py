@@ -16,7 +16,7 @@ from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
 from elvis.core.distances.files import triangles_of
 from elvis.core.errors import FormatError
-from elvis.renderer.hits import triangles
+from elvis.renderer.passes.solids.hits import triangles
 
 
 def put(name, row, column, value):

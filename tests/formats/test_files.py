@@ -15,7 +15,7 @@ from elvis.formats.strict import findings
 from elvis.plugins.discovery import chosen, installed
 from elvis.plugins.opening import open_files
 from elvis.reference.record import Record
-from elvis.renderer.hits import triangles
+from elvis.renderer.passes.solids.hits import triangles
 from elvis.scene.files import read_scene
 from elvis.scene.palette import points_in
 

@@ -81,7 +81,7 @@ def coloured(paths):
 def triangulated(paths):
     """Triangles, for distances and for pictures."""
     from elvis.core.distances.files import triangles_of
-    from elvis.renderer.hits import triangles
+    from elvis.renderer.passes.solids.hits import triangles
 
     triangles.cache_clear()
     triangles(str(paths[0]))

@@ -18,11 +18,11 @@ from elvis.reference.picture import render as judge
 from elvis.renderer import Renderer, Scene, Status
 from elvis.renderer.adapters import ADVICE, adapters
 from elvis.renderer.compositing import Coats
-from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.faces.faces import FaceDrawer
+from elvis.renderer.passes.volume.volume_rendering import Medium, VolumeRenderer
 from elvis.renderer.rendering import completed
 from elvis.renderer.stages import quantities
-from elvis.renderer.volume_rendering import Medium, VolumeRenderer
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 #: nearer to the border of an element than this, neighbours may claim a point

@@ -6,8 +6,8 @@ import pytest
 from elvis.renderer import Camera
 from elvis.renderer.compositing import Coats
 from elvis.renderer.layer import Layer
-from elvis.renderer.lines import UNITS, Marks
 from elvis.renderer.painting import Brush, Look
+from elvis.renderer.passes.lines.lines import UNITS, Marks
 from elvis.scene import Light
 from elvis.scene.palette import NOT_A_NUMBER, Palette
 from elvis.scene.view import View

@@ -8,10 +8,10 @@ from elvis.core.testing import curved, grid, with_field
 from elvis.plugins.native.volume import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
-from elvis.renderer.contour_proof import ContourProof
-from elvis.renderer.cut import Cutter
-from elvis.renderer.lines import Lines
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.lines.contour_proof import ContourProof
+from elvis.renderer.passes.lines.lines import Lines
+from elvis.renderer.passes.plane.cut import Cutter
 from elvis.scene import Contours, CutSurface, Style
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView, View

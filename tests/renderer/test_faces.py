@@ -10,8 +10,8 @@ from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_vo
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Status
-from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import View
 

@@ -13,8 +13,8 @@ from elvis.plugins.nurbs.plugin import Nurbs
 from elvis.plugins.serving import volume_of
 from elvis.plugins.volume import Shown
 from elvis.renderer import Camera, Status
-from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.scene.view import View
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"

@@ -10,8 +10,8 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, SceneError, Status
-from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.renderer.pixels import NOBODY
 from elvis.scene import unit
 from elvis.scene.view import View

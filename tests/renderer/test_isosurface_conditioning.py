@@ -8,8 +8,8 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
-from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import View
 

@@ -11,8 +11,8 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Status
-from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View
 
 COUNT = 160

@@ -11,8 +11,8 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Isosurface, SceneError, Status
-from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]

@@ -11,13 +11,13 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.native.volume import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
-from elvis.renderer.cut import Cutter
-from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.gaps import beside
-from elvis.renderer.lines import Lines, covered, levels
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.faces.faces import FaceDrawer
+from elvis.renderer.passes.lines.lines import Lines, covered, levels
+from elvis.renderer.passes.plane.cut import Cutter
+from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.solids import sampled
 from elvis.scene.errors import SceneError
 from elvis.scene.view import PlaneView, View
 

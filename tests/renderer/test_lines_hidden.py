@@ -7,11 +7,11 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
-from elvis.renderer.cut import Cutter
-from elvis.renderer.lines import Lines, covered
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.lines.lines import Lines, covered
+from elvis.renderer.passes.plane.cut import Cutter
+from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.solids import sampled
 from elvis.scene.view import PlaneView, View
 
 SIZE = (130, 110)

@@ -32,7 +32,7 @@ from elvis.renderer import (
     VolumeRendering,
     rendering,
 )
-from elvis.renderer.hits import hits, outside
+from elvis.renderer.passes.solids.hits import hits, outside
 from elvis.scene import unit
 from elvis.scene.picture import picture
 from elvis.scene.view import View

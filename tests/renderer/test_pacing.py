@@ -20,11 +20,11 @@ from elvis.renderer import (
     Transfer,
     VolumeRendering,
     canvas,
-    faces,
     pacing,
 )
 from elvis.renderer.device import Kernel
 from elvis.renderer.pacing import Pace
+from elvis.renderer.passes.faces import faces
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))

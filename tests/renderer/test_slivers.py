@@ -7,9 +7,9 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.native.volume import NativeVolume
 from elvis.renderer import Camera, Plane
-from elvis.renderer.cut import Cutter
-from elvis.renderer.lines import Lines, covered
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.lines.lines import Lines, covered
+from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import PlaneView, View
 

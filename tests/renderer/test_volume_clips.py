@@ -6,7 +6,7 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.renderer import Camera
-from elvis.renderer.volume_rendering import Medium
+from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.scene import (
     Clip,
     Cone,

@@ -12,8 +12,8 @@ from elvis.core.testing import curved, grid, with_field
 from elvis.formats.writing import write
 from elvis.plugins import command
 from elvis.renderer import Camera, Isosurface, SceneError, Status
-from elvis.renderer.faces import FaceDrawer
-from elvis.renderer.volume_rendering import _March
+from elvis.renderer.passes.faces.faces import FaceDrawer
+from elvis.renderer.passes.volume.volume_rendering import _March
 from elvis.scene import Transfer, VolumeRendering
 from elvis.scene.view import View
 

@@ -1,4 +1,4 @@
-"""Coats of colour on a device: what lies before over what lies behind (shaders/coats.slang, compose.slang)."""
+"""Coats of colour on a device: what lies before over what lies behind (coats.slang, compose.slang)."""
 
 from __future__ import annotations
 

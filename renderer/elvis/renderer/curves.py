@@ -13,7 +13,7 @@ from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
 from elvis.core.quantities.sampling import Evaluator
-from elvis.renderer.lines import covered
+from elvis.renderer.passes.lines.lines import covered
 from elvis.scene import Camera, Faces, Plane, Scene, Style
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding

@@ -22,20 +22,22 @@ from elvis.renderer.pacing import Pace, Watch
 if TYPE_CHECKING:
     import slangpy
 
-SHADERS = Path(__file__).parent / "shaders"
+_HERE = Path(__file__).parent
+#: where kernels are: those of a pass stand beside its Python, what passes share in shaders
+SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdir() if any(path.glob("*.slang")))]
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
 #: stages that hold many copies of an element's code, as formulas do: loops compile sooner
 COMPACT = ("line_draw",)
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
-#: groups of a row, as in shaders/dispatch.slang
+#: groups of a row, as in dispatch.slang
 GROUPS_IN_ROW = 32768
 #: degree of the polynomials that stand for what isn't one, over a piece of an element
 STAND_IN = 4
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
-#: the number of a dispatch's first group, as in shaders/dispatch.slang
+#: the number of a dispatch's first group, as in dispatch.slang
 OFFSET = "first_group"
 #: what whoever uses a closed device is told
 CLOSED = "the device is closed: open another one"
@@ -74,7 +76,7 @@ class Device:
         self._opened: slangpy.Device | None = opened(self.adapter)
         self.cache = kernel_cache()
         self.watch = Watch(self._opened.wait_for_idle, _keeping(self._opened, self.cache))
-        self._folders = [SHADERS, interface_folder()]
+        self._folders = [*SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
         self._buffers: WeakSet[Buffer] = WeakSet()
@@ -107,7 +109,7 @@ class Device:
     def include(self, folder: Path) -> None:
         """Medium for the modules of plugins in this folder, and in no other plugin's."""
         if folder != self._folders[-1]:
-            self._folders = [SHADERS, interface_folder(), folder]
+            self._folders = [*SHADERS, interface_folder(), folder]
             self._session = None
 
     def buffer(self, data: NDArray[Any]) -> Buffer:

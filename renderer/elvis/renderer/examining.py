@@ -1,4 +1,4 @@
-"""What the elements of a volume answer at given reference points (shaders/examine.slang)."""
+"""What the elements of a volume answer at given reference points (examine.slang)."""
 
 from __future__ import annotations
 

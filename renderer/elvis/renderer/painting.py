@@ -1,4 +1,4 @@
-"""The colours of a layer, made where it lies: colour map, light and lines on the device (shaders/paint.slang)."""
+"""The colours of a layer, made where it lies: colour map, light and lines on the device (paint.slang)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elvis.renderer.compositing import Coats
 from elvis.renderer.device import Buffer, Device
 from elvis.renderer.layer import Layer
-from elvis.renderer.lines import Marks, sight
+from elvis.renderer.passes.lines.lines import Marks, sight
 from elvis.scene import Light, Vector, unit
 from elvis.scene.palette import NOT_A_NUMBER, Palette
 from elvis.scene.view import View
@@ -69,7 +69,7 @@ class Brush:
         *,
         whole: bool = False,
     ) -> None:
-        """Run shaders/paint.slang: packed colours where they are to be whole, else a coat."""
+        """Run paint.slang: packed colours where they are to be whole, else a coat."""
         device, kernel = self._device, self._device.kernel("paint")
         record = np.zeros(1, kernel.dtype("look"))
         table = np.array([look.colors, look.colors])
@@ -105,7 +105,7 @@ class Brush:
 
 
 def _lamps(lights: Sequence[Light], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The Lamp records of shaders/paint.slang."""
+    """The Lamp records of paint.slang."""
     lamps = np.zeros(len(lights), dtype)
     for lamp, light in zip(lamps, lights, strict=True):
         if light.direction is not None:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from elvis.scene.frame import Status
 
 NOBODY = 0xFFFFFFFF
-#: verdicts, as in shaders/invert.slang
+#: verdicts, as in invert.slang
 INSIDE, UNKNOWN = 1, 2
-#: reference units within which a point counts as on an element's border, as in shaders/invert.slang
+#: reference units within which a point counts as on an element's border, as in invert.slang
 BORDER = 1e-10
 
 

@@ -1,4 +1,4 @@
-"""Point location on the device: which elements hold given points, and the field there (shaders/locate.slang)."""
+"""Point location on the device: which elements hold given points, and the field there (locate.slang)."""
 
 from __future__ import annotations
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.renderer.compositing import Coats
-from elvis.renderer.contour_proof import ContourProof
 from elvis.renderer.layer import Layer
-from elvis.renderer.lines import levels
 from elvis.renderer.painting import Brush, Look
+from elvis.renderer.passes.lines.contour_proof import ContourProof
+from elvis.renderer.passes.lines.lines import levels
+from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import Sheet, Stages
-from elvis.renderer.volume_rendering import Medium
 from elvis.scene import Implicit, Scene, Style, Vector, VolumeRendering
 from elvis.scene.conditioning import uncertainties
 from elvis.scene.frame import Legend, Status

@@ -19,18 +19,18 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
-from elvis.renderer.cut import Cutter
-from elvis.renderer.distance import DistanceDrawer
-from elvis.renderer.faces import FaceDrawer
-from elvis.renderer.hits import outside
-from elvis.renderer.isosurface import IsosurfaceDrawer
 from elvis.renderer.layer import Layer
-from elvis.renderer.lines import Lines
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.faces.faces import FaceDrawer
+from elvis.renderer.passes.isosurface.distance import DistanceDrawer
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
+from elvis.renderer.passes.lines.lines import Lines
+from elvis.renderer.passes.plane.cut import Cutter
+from elvis.renderer.passes.solids.hits import outside
+from elvis.renderer.passes.solids.solids import SolidDrawer, sampled
+from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder
-from elvis.renderer.solids import SolidDrawer, sampled
-from elvis.renderer.volume_rendering import VolumeRenderer
 from elvis.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, Style, VolumeRendering
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status

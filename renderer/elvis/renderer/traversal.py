@@ -1,4 +1,4 @@
-"""Rays through straight tetrahedra: what of a part each tile of a picture may see (shaders/ray*.slang)."""
+"""Rays through straight tetrahedra: what of a part each tile of a picture may see (ray*.slang)."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Traversal:
         return self._corners[number]
 
     def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> Buffer:
-        """The Rays record of the stages (shaders/ray.slang)."""
+        """The Rays record of the stages (ray.slang)."""
         record = np.zeros(1, kernel.dtype("rays"))
         record["eye"], record["forward"] = view.camera.eye, view.camera.basis()[2]
         record["corner"], record["column"], record["row"] = view.corner, view.column, view.row
@@ -109,7 +109,7 @@ class Traversal:
 
 
 def binned(sections: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
-    """Tiles of the picture as bins (shaders/iso.slang), and the sections seen in one after another, in their order."""
+    """Tiles of the picture as bins (iso.slang), and the sections seen in one after another, in their order."""
     aligned = sections.copy()
     aligned["least"][:, :2] = sections["least"][:, :2] // TILE * TILE
     tiles = tiles_of(aligned, _TILE)

@@ -12,7 +12,7 @@ from elvis.scene.view import PlaneView, View
 EPSILON = float(np.finfo(np.float64).eps)
 #: roundings of coordinates that places are computed with
 _ROUNDINGS = 8
-#: part of a depth up to which it may be uncertain and yet certain, as in shaders/iso.slang
+#: part of a depth up to which it may be uncertain and yet certain, as in iso.slang
 MOST = 1e-8
 #: cosines, and heights in parts of the greatest coordinate, above which no ray runs along a plane
 _NEAR = 1e-6

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.hits import Hits, hits
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.solids.hits import Hits, hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder, Places
 from elvis.scene.conditioning import MOST, doubted, uncertainties
@@ -114,7 +114,7 @@ def _layer(view: View, met: Hits, places: Places, chosen: Ints) -> Layer:
 
 
 def sampled(loaded: Loaded, layer: Layer, quantity: str | None) -> Floats:
-    """(n,) a quantity (None: the parts' own field) at the hits of a layer, NaN elsewhere (shaders/sample.slang)."""
+    """(n,) a quantity (None: the parts' own field) at the hits of a layer, NaN elsewhere (sample.slang)."""
     values, hit = np.full(len(layer.owner), np.nan), np.flatnonzero(layer.owner != NOBODY)
     part = np.searchsorted(loaded.first, layer.owner[hit], side="right") - 1
     for number in np.unique(part):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.hits import Hits, hits, outside, ray_depths
+from elvis.renderer.passes.solids.hits import Hits, hits, outside, ray_depths
 from elvis.scene import Clip, Implicit, Plane, TriangleMesh, unit
 from elvis.scene.surfaces import Solid
 from elvis.scene.view import View

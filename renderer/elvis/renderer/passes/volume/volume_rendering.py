@@ -1,4 +1,4 @@
-"""Volumes: the light that elements send out and take up along each ray (stages: shaders/volume_*.slang)."""
+"""Volumes: the light that elements send out and take up along each ray (stages: volume_*.slang)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import Coats
 from elvis.renderer.device import STAND_IN, Kernel
-from elvis.renderer.faces import FaceDrawer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.faces.faces import FaceDrawer
+from elvis.renderer.passes.volume.visibility import Visibility
 from elvis.renderer.tiles import TILE
 from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
-from elvis.renderer.visibility import Visibility
 from elvis.scene import Clip, Transfer
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -76,7 +76,7 @@ class Gathered:
     """
 
     def __init__(self, tally: NDArray[np.uint32], lost: Ints, lights: Callable[[], NDArray[Any]]) -> None:
-        """From what shaders/volume_march.slang counts, and what reads its lights."""
+        """From what volume_march.slang counts, and what reads its lights."""
         self.segments, self.undefined, self.lost = tally[:, 0], tally[:, 1] >> 1, lost
         self._glows, self._read = tally[:, 1] & 1, lights
 

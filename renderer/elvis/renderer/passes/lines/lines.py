@@ -1,4 +1,4 @@
-"""Contour lines and mesh lines on any layer: how much of each pixel they cover (stages: shaders/line_*.slang).
+"""Contour lines and mesh lines on any layer: how much of each pixel they cover (stages: line_*.slang).
 
 A line's coverage of a pixel follows from the distance, in pixels, of the pixel's centre from the middle of the line.
 Contours are found in the square of every pixel, from the polynomials of each element that shows there and within that
@@ -28,7 +28,7 @@ MOST, WIDEST = 1024, 100.0
 #: a mark is a distance in these parts of a pixel; that of a contour has its number in place of the lowest bits
 UNITS = 1 << 26
 NOTHING = 0xFFFFFFFF
-#: an element to be searched around a pixel, as in shaders/line.slang
+#: an element to be searched around a pixel, as in line.slang
 PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32), ("element", np.uint32)])
 #: lanes of a wave where lanes share what they read (native_data.slang)
 WAVE = 8
@@ -209,7 +209,7 @@ def _waves(pieces: NDArray[Any]) -> NDArray[Any]:
 
 
 def sight(kernel: Kernel, view: View, **rest: float) -> NDArray[Any]:
-    """The Sight record of the stages (shaders/line.slang)."""
+    """The Sight record of the stages (line.slang)."""
     record = np.zeros(1, kernel.dtype("view"))
     record["eye"], record["ahead"] = view.camera.eye, view.camera.basis()[2]
     record["corner"], record["column"], record["row"] = view.corner, view.column, view.row

@@ -1,4 +1,4 @@
-"""Isosurfaces in object order: elements are halved until rays meet each piece once at most (stages: shaders/iso_*)."""
+"""Isosurfaces in object order: elements are halved until rays meet each piece once at most (stages: iso_*)."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from elvis.core.arrays import Bools, Floats
 from elvis.renderer.device import STAND_IN, Buffer, Kernel
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.solids import sampled
 from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
 from elvis.scene.conditioning import misplaced
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
-#: what becomes of a piece, as in shaders/iso.slang
+#: what becomes of a piece, as in iso.slang
 SPLIT, UNDEFINED = 0, 4
 #: pieces that are halved at once; beyond it nothing more is proved
 MOST_PIECES = 1 << 19
@@ -210,7 +210,7 @@ class IsosurfaceDrawer:
         draw(len(bins), buffers, groups=True, work=bins["end"] - bins["first"])
 
     def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> Buffer:
-        """The Ask record of the stages (shaders/iso.slang)."""
+        """The Ask record of the stages (iso.slang)."""
         record = np.zeros(1, kernel.dtype("ask"))
         eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel

@@ -37,7 +37,7 @@ from elvis.scene.frame import Status
 from elvis.scene.view import View
 
 if TYPE_CHECKING:
-    from elvis.renderer.lines import Lines
+    from elvis.renderer.passes.lines.lines import Lines
 
 #: cells of a square's side, one after the other
 _CELLS = (1, 4, 16)

@@ -1,4 +1,4 @@
-"""Plane cuts in object order: each element is drawn into the pixels of its section (stages: shaders/cut_*.slang)."""
+"""Plane cuts in object order: each element is drawn into the pixels of its section (stages: cut_*.slang)."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ class Cutter:
         return self.device.kernel(stage, part)
 
     def _view(self, kernel: Kernel, view: PlaneView, number: int, count: int) -> Buffer:
-        """The View record of the stages (shaders/cut.slang)."""
+        """The View record of the stages (cut.slang)."""
         record = np.zeros(1, kernel.dtype("view"))
         record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
         record["point"], record["normal"] = view.plane.point, view.across

@@ -14,8 +14,8 @@ from elvis.plugins.faces import Faces
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.pieces import THIN, Edges, Pieces, pieces_of
-from elvis.renderer.sides import Sides
+from elvis.renderer.passes.faces.pieces import THIN, Edges, Pieces, pieces_of
+from elvis.renderer.passes.faces.sides import Sides
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.scene.frame import Status
 from elvis.scene.view import View
@@ -83,7 +83,7 @@ class FaceDrawer:
 
         select  as words; or (elements,) whether all faces of an element count, by its running number
         rows    the first row and the one after the last, all by default
-        The records are those of shaders/face_list.slang.  A face appears as often as a ray meets it.  A ray within the
+        The records are those of face_list.slang.  A face appears as often as a ray meets it.  A ray within the
         tolerance of an edge may meet the faces on both sides of it, at one depth.
         """
         found = [np.empty(0, self.loaded.device.kernel("face_list", self.loaded.parts[0]).dtype("hits"))]
@@ -181,7 +181,7 @@ class FaceDrawer:
         return self._seen[1]
 
     def _records(self, number: int, pieces: Pieces, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Piece records (shaders/face.slang) of a block's pieces."""
+        """Piece records (face.slang) of a block's pieces."""
         block, rows = self.faces.blocks[number], self._chosen[1][number][0][pieces.face]
         record = np.zeros(len(rows), dtype)
         record["element"], record["square"] = block.element[rows], len(block.space.halves) == 2
@@ -195,7 +195,7 @@ class FaceDrawer:
         return record
 
     def _record(self, dtype: np.dtype[Any], view: View) -> NDArray[Any]:
-        """The FaceView record (shaders/face.slang)."""
+        """The FaceView record (face.slang)."""
         record, forward = np.zeros(1, dtype), view.camera.basis()[2]
         record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
         record["to_depth"] = np.append(forward, view.depth_of(np.zeros(3)))

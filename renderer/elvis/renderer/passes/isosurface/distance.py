@@ -1,4 +1,4 @@
-"""Isosurfaces of distances: rays meet them, then elements are looked up (stage: shaders/iso_distance)."""
+"""Isosurfaces of distances: rays meet them, then elements are looked up (stage: iso_distance)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.plugins.volume import Part, Quantity
-from elvis.renderer.hits import Hits
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.solids.hits import Hits
+from elvis.renderer.passes.solids.solids import SolidDrawer
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.solids import SolidDrawer
 from elvis.renderer.traversal import Traversal
 from elvis.scene.view import View
 

@@ -12,7 +12,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.nets import FaceSpace
-from elvis.renderer.pieces import Pieces
+from elvis.renderer.passes.faces.pieces import Pieces
 
 #: part of the greatest coordinate within which two maps are one
 SAME = 1e-13

@@ -1,0 +1,1 @@
+"""Curved faces: patches of them are drawn into the pixels that they may cover."""

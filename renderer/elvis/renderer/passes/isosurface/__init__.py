@@ -1,0 +1,1 @@
+"""Isosurfaces of fields, of expressions and of distances."""

@@ -1,0 +1,1 @@
+"""Plane cuts: each element is drawn into the pixels of its section."""

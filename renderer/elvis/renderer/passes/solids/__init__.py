@@ -1,0 +1,1 @@
+"""Surfaces in space that cut the data: spheres, cylinders, cones, triangle meshes."""

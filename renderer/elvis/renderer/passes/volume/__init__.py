@@ -1,0 +1,1 @@
+"""Volumes: what elements send out and take up along each ray."""
