@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.formats.shapes import Shape
-from elvis.formats.testing import grid, with_field
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid, with_field
 from elvis.renderer import Camera, Contours, CutSurface, Faces, MeshLines, Plane, Style, rendering
-from elvis.renderer.lines import covered
+from elvis.renderer.passes.lines.lines import covered
 
 SIZE, STEP = (24, 20), 0.008
 #: sides and corners of a picture, in columns to the right and rows downwards
