@@ -90,7 +90,7 @@ def run(*arguments):
 
 
 def test_a_grid_of_data_is_exact_inside_and_nan_outside(files, tmp_path, monkeypatch):
-    monkeypatch.setattr("elvis.formats.commands.probe._TOGETHER", 50)
+    monkeypatch.setattr("elvis.renderer.commands.probe._TOGETHER", 50)
     assert run(*files, "--grid", "6,5,4", "--box", "0,0,0:1.25,1,1", "-o", tmp_path / "a.nrrd") == ""
     header, keys, found = read(tmp_path / "a.nrrd")
     assert keys["fields"] == "u v"

@@ -15,8 +15,8 @@ from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.formats import read, write
-from elvis.formats.commands.info import info
 from elvis.formats.strict import findings
+from elvis.renderer.commands.info import info
 
 
 def with_fields(mesh, modes=4):

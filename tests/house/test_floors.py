@@ -1,6 +1,7 @@
 """A slice of the namespace imports only from those below it."""
 
 import ast
+import re
 
 #: slices that each one may import beside itself; an area is a folder at the top and holds one or two slices
 BELOW = {
@@ -12,6 +13,9 @@ BELOW = {
     "renderer": {"core", "formats", "plugins", "scene"},
     "reference": {"core", "formats", "plugins", "converters", "scene"},
 }
+
+
+MODULE = re.compile(r"elvis(\.\w+)+")
 
 
 def imported_slices(tree):
@@ -47,6 +51,42 @@ def test_imports_across_areas_are_absolute(root, modules):
         if isinstance(node, ast.ImportFrom) and node.level > depth[path]
     ]
     assert not wrong
+
+
+def test_modules_that_are_named_in_text_are_below_too(root, modules):
+    """What ``import_module``, ``lazy_names`` and their like are told."""
+    wrong = []
+    for path, tree in modules.items():
+        own = path.relative_to(root).parts[2]
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and MODULE.fullmatch(node.value):
+                other = node.value.split(".")[1]
+                if other in BELOW and other not in {own, *BELOW[own]} and node.value not in groups(root):
+                    wrong.append(f"{path.relative_to(root)}:{node.lineno}: {own} names {node.value}")
+    assert not wrong
+
+
+def test_no_command_is_handed_what_stands_above_it(root, modules):
+    """The object of click's context holds the settings of a run and nothing else; it is read where it is made."""
+    readers = {
+        path.relative_to(root).as_posix()
+        for path, tree in modules.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and node.attr == "obj"
+    }
+    assert readers == {"plugins/elvis/plugins/running.py"}
+
+
+def test_entry_points_are_there_for_other_distributions_too(root):
+    """A group that only our own slices used would be an import upwards in disguise."""
+    page = (root / "plugins" / "README.md").read_text(encoding="utf-8")
+    assert groups(root) == set(re.findall(r"^\| `(elvis\.\w+)` \|", page, re.M))
+
+
+def groups(root):
+    """The groups of entry points that the distribution uses."""
+    text = (root / "pyproject.toml").read_text(encoding="utf-8")
+    return set(re.findall(r'^\[project\.entry-points\."([\w.]+)"\]', text, re.M))
 
 
 def test_every_way_to_import_is_seen():

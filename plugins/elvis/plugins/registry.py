@@ -19,7 +19,6 @@ GROUPS = {
     "elvis.converters": "a conversion plugin",
     "elvis.volumes": "a runtime plugin",
     "elvis.devices": "a device that draws",
-    "elvis.examiners": "a device that evaluates elements",
 }
 #: our own plugins come first, so that no other distribution can take their names away
 _OWN = "elvis-viz"

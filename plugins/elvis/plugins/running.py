@@ -9,10 +9,8 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -21,21 +19,12 @@ from elvis.core.terminal import one_line
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.registry import Plugin, PluginError, plugins
 
-if TYPE_CHECKING:
-    from elvis.plugins.answers import Answers
-
 
 @dataclass
 class Settings:
     """What holds for the whole run; ``debug`` shows the traceback of a failure."""
 
     debug: bool
-
-    def ask(self, paths: Sequence[Path], plugin: str | None, report: Callable[[str], object]) -> Answers | None:
-        """What a runtime plugin answers about the files, for commands of floors below; None where none opens them."""
-        from elvis.plugins.answers import answers
-
-        return answers(paths, plugin, report)
 
 
 def run(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:

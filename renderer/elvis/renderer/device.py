@@ -107,7 +107,7 @@ class Device:
         self.close()
 
     def include(self, folder: Path) -> None:
-        """Medium for the modules of plugins in this folder, and in no other plugin's."""
+        """Let kernels import the Slang modules of a plugin in this folder, and of no other plugin."""
         if folder != self._folders[-1]:
             self._folders = [*SHADERS, interface_folder(), folder]
             self._session = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.formats.commands.arguments import overwrite_option
+from elvis.plugins.commands.arguments import overwrite_option
 
 if TYPE_CHECKING:
     from elvis.converters.exporting import Export, Loss
@@ -50,7 +50,7 @@ def export(
     Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.
     """
     from elvis.core.files.output import check_places
-    from elvis.formats.commands.arguments import field_names, read_data
+    from elvis.plugins.commands.arguments import field_names, read_data
 
     if output.suffix not in (".vtu", ".msh"):
         raise click.BadParameter(f"expected a name ending in .vtu or .msh, found {output}", param_hint="'-o'")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.formats.commands.arguments import overwrite_option
+from elvis.plugins.commands.arguments import overwrite_option
 from elvis.scene.commands.options import scene_options
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None)
 def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
     """The exact picture of a scene against linear ones; ``output`` is to hold the scene."""
     from elvis.core.terminal import stage
-    from elvis.formats.commands.arguments import read_data
+    from elvis.plugins.commands.arguments import read_data
     from elvis.reference.study import compare_scene
     from elvis.scene.commands.composing import composed
     from elvis.scene.errors import SceneError

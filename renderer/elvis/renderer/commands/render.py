@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.formats.commands.arguments import overwrite_option
+from elvis.plugins.commands.arguments import overwrite_option
 from elvis.scene.commands.options import OUTPUT, option, scene_options
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def render(
 def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
     """Errors about outputs, before any long work."""
     from elvis.core.files.output import check_places
-    from elvis.formats.commands.arguments import inputs
+    from elvis.plugins.commands.arguments import inputs
     from elvis.scene.files import check_scene_suffix, scene_text
     from elvis.scene.saving import check_suffix
     from elvis.scene.tables import input_files
@@ -82,7 +82,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 def _frame(scene: Scene) -> Frame:
     """Read the data, or let a runtime plugin open them, and draw them."""
     from elvis.core.terminal import progress, warn
-    from elvis.formats.commands.arguments import read_data
+    from elvis.plugins.commands.arguments import read_data
     from elvis.plugins.opening import open_files
     from elvis.renderer import SceneError
     from elvis.renderer import render as draw

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from elvis.formats.commands.arguments import Parsed
+from elvis.plugins.commands.arguments import Parsed
 
 CAMERA = (
     "fit (straight at a single plane, else iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, or "

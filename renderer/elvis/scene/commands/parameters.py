@@ -8,7 +8,7 @@ import click
 from PIL import ImageColor
 
 from elvis import scene
-from elvis.formats.commands.arguments import numbers, triples
+from elvis.plugins.commands.arguments import numbers, triples
 from elvis.scene.objects import check_range
 from elvis.scene.surfaces import check
 from elvis.scene.tables import KINDS

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elvis.core.errors import ElvisError
-from elvis.formats.commands.arguments import (
+from elvis.plugins.commands.arguments import (
     Parsed,
     Triple,
     asked,
@@ -19,12 +19,11 @@ from elvis.formats.commands.arguments import (
     expressions,
     field_option,
     inputs,
-    opened,
     overwrite_option,
     plugin_option,
-    read_data,
     triples,
 )
+from elvis.renderer.commands.source import source_of
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.files.nrrd import Grid
     from elvis.core.quantities import Expression
-    from elvis.formats.commands.arguments import Answers
+    from elvis.renderer.evaluation import Evaluation
 
 _COLUMNS = ("point", "x", "y", "z", "element", "status")
 
@@ -133,7 +132,7 @@ def probe(
         _write_grid(data, plugin, asked(fields, quantities), grid, box, output, alone=not others and not every)
         return
     places = _places(points, line, plane, counts)
-    columns = _columns(_source(data, plugin), places, asked(fields, quantities), every)
+    columns = _columns(source_of(data, plugin), places, asked(fields, quantities), every)
     if output is not None:
         write_columns(output, columns)
     else:
@@ -177,12 +176,7 @@ def _places(
     return points_in_table(points)
 
 
-def _source(data: tuple[Path, ...], plugin: str | None) -> Answers | Dataset:
-    """What is asked: what a plugin opens, else a dataset."""
-    return opened(data, plugin) or read_data(data)
-
-
-def _columns(source: Answers | Dataset, places: Floats, texts: list[str] | None, every: bool) -> Columns:
+def _columns(source: Dataset | Evaluation, places: Floats, texts: list[str] | None, every: bool) -> Columns:
     """The table: what was asked, what was found, and one column a quantity."""
     from elvis.core.dataset import Dataset
     from elvis.core.quantities.sampling import Sampler
@@ -217,7 +211,7 @@ def _write_grid(
 
     if counts is None or output is None or not alone:
         raise click.UsageError("expected --grid with -o NAME.nrrd, and no other points", click.get_current_context())
-    source = _source(data, plugin)
+    source = source_of(data, plugin)
     grid = _grid(source, counts, box)
     step = max(1, _TOGETHER // (counts[0] * counts[1]))
 
@@ -235,7 +229,7 @@ def _write_grid(
     write_nrrd(output, grid, list(opening), parts())
 
 
-def _grid(source: Answers | Dataset, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
+def _grid(source: Dataset | Evaluation, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
     """The grid in a box, by default that of the data; ElvisError where several points would be at one place."""
     from elvis.core.dataset import Dataset
     from elvis.core.files.nrrd import Grid

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.formats.commands.arguments import (
+from elvis.plugins.commands.arguments import (
     data_argument,
     expressions,
     field_option,
     json_option,
-    opened,
     plugin_option,
-    read_data,
 )
+from elvis.renderer.commands.source import source_of
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -68,6 +67,7 @@ def info(
     with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
     --field adds the certified range of any quantity. What runtime plugins open is sampled where they give no bounds.
     """
+    from elvis.core.dataset import Dataset
     from elvis.core.terminal import stage
 
     many = None if everything else _MANY
@@ -76,25 +76,25 @@ def info(
     if strict:
         _check(data, as_json)
         return
-    if answers := opened(data, plugin):
+    source = source_of(data, plugin)
+    if not isinstance(source, Dataset):
         if jacobian:
             raise click.UsageError("--jacobian proves what is native, but a runtime plugin opens these data")
         with stage("measuring"):
-            facts = answers.facts(quantities)
+            facts = source.facts(quantities)
         _tell(facts, as_json, lambda: _print_opened(facts))
         return
-    dataset = read_data(data)
     if jacobian:
-        _prove(dataset, as_json, many)
+        _prove(source, as_json, many)
         return
     from elvis.core.summary import summary
 
     with stage("measuring"):
-        facts = summary(dataset)
+        facts = summary(source)
         if quantities:
-            asked = expressions(dataset, quantities)
-            facts["quantities"] = {each.text: _range(dataset, each) for each in asked}
-            facts["distances"] = _distances(dataset, asked)
+            asked = expressions(source, quantities)
+            facts["quantities"] = {each.text: _range(source, each) for each in asked}
+            facts["distances"] = _distances(source, asked)
     _tell(facts, as_json, lambda: _print(facts, many))
 
 

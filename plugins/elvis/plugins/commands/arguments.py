@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
-    from elvis.core.arrays import Floats
     from elvis.core.dataset import Dataset
-    from elvis.core.files.columns import Columns
-    from elvis.core.norms import Norm
     from elvis.core.quantities import Expression
 
 Triple = tuple[float, float, float]
@@ -38,26 +35,6 @@ plugin_option = click.option(
 overwrite_option = click.option("--overwrite", is_flag=True, help="Also write over the inputs, which else is refused.")
 
 
-class Answers(Protocol):
-    """What can be asked of data that aren't native, but opened by a runtime plugin."""
-
-    def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
-        """The quantities, or all fields."""
-        ...
-
-    def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
-        """The columns of ``elvis probe``."""
-        ...
-
-    def norms(self, texts: Sequence[str] | None) -> Mapping[str, Norm]:
-        """Norms of coordinates and fields, or of the quantities."""
-        ...
-
-    def facts(self, texts: Sequence[str]) -> dict[str, Any]:
-        """What is in the data, as plain data, with the ranges of quantities."""
-        ...
-
-
 def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None = None) -> list[Path]:
     """All files that a command reads: data, the file of a plugin, a table of points."""
     found = list(data)
@@ -65,15 +42,6 @@ def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None =
         found.append(Path(plugin))
     if points is not None and points != "-":
         found.append(Path(points))
-    return found
-
-
-def opened(paths: Sequence[Path], plugin: str | None) -> Answers | None:
-    """What a runtime plugin answers about the files, None where none opens them; ``elvis`` itself knows the plugins."""
-    from elvis.core.terminal import warn
-
-    ask = getattr(click.get_current_context().find_root().obj, "ask", None)
-    found: Answers | None = ask(paths, plugin, warn) if ask else None
     return found
 
 

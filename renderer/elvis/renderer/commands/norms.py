@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.formats.commands.arguments import (
+from elvis.plugins.commands.arguments import (
     data_argument,
     expressions,
     field_option,
     json_option,
-    opened,
     plugin_option,
-    read_data,
 )
+from elvis.renderer.commands.source import source_of
 
 if TYPE_CHECKING:
     from elvis.core.norms import Norm
@@ -43,20 +42,19 @@ def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, pl
     integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
     are refined until they agree.
     """
+    from elvis.core.dataset import Dataset
     from elvis.core.norms import norms as norms_of
     from elvis.core.norms import quantity_norm
     from elvis.core.terminal import print_json, print_table, stage
 
-    answers = opened(data, plugin)
-    dataset = None if answers else read_data(data)
+    source = source_of(data, plugin)
     with stage("integrating"):
-        if dataset is None:
-            assert answers is not None
-            found = dict(answers.norms(quantities or None))
+        if not isinstance(source, Dataset):
+            found = source.norms(quantities or None)
         elif quantities:
-            found = {each.text: quantity_norm(dataset, each) for each in expressions(dataset, quantities)}
+            found = {each.text: quantity_norm(source, each) for each in expressions(source, quantities)}
         else:
-            found = norms_of(dataset)
+            found = norms_of(source)
     _tell_measure(quantities, found)
     if as_json:
         print_json({name: {"L2": norm.l2, "Linf": norm.linf} for name, norm in found.items()})

@@ -1,4 +1,4 @@
-"""What commands ask of data that a runtime plugin opens: points, norms and facts, from the plugin's own kernels."""
+"""Points, norms and facts of data that a runtime plugin opens, evaluated by the plugin's own kernels."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +20,12 @@ from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression
-from elvis.plugins.examining import Examiner, checked
-from elvis.plugins.opening import Opened, open_files
-from elvis.plugins.registry import load
+from elvis.plugins.examining import checked
+from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
+from elvis.renderer.rendering import Renderer
 
 #: modes of rules that are tried in turn, the change of a norm below which it is settled, and the most points of a rule
 _MODES, _SETTLED, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1e-11, 1 << 22
@@ -39,14 +38,8 @@ _AMBIGUOUS, _INSIDE = 2, 1
 _STEPS, _SHORT = 40, 1e-9
 
 
-def answers(paths: Sequence[Path], plugin: str | None, report: Callable[[str], object]) -> Answers | None:
-    """What can be asked of the files; None where no runtime plugin opens them (see `open_files`)."""
-    opened = open_files(paths, plugin, report)
-    return None if opened is None else Answers(opened, report)
-
-
 @dataclass
-class Answers:
+class Evaluation:
     """Data that a plugin has opened; ``report`` is told of what isn't as well known as it should be."""
 
     opened: Opened
@@ -60,10 +53,10 @@ class Answers:
         return [Expression.parse(text, names) for text in (self.opened.fields if texts is None else texts)]
 
     @contextmanager
-    def _shown(self, expressions: Sequence[Expression]) -> Iterator[tuple[Volume, Examiner]]:
+    def _shown(self, expressions: Sequence[Expression]) -> Iterator[tuple[Volume, Renderer]]:
         """The volume that serves quantities, brought to a device, after a few checks."""
         volume = volume_of(self.opened, [each.text for each in expressions])
-        with cast(Any, load("elvis.examiners", "kernels"))() as device:
+        with Renderer() as device:
             device.show(volume, self.opened)
             checked(self.opened.name, volume, device)
             yield volume, device
@@ -86,7 +79,7 @@ class Answers:
             axes = AXES[: volume.dimension] if texts is None else ()
             return self._norms([*axes, *(each.text for each in expressions)], volume, device)
 
-    def _norms(self, names: Sequence[str], volume: Volume, device: Examiner) -> dict[str, Norm]:
+    def _norms(self, names: Sequence[str], volume: Volume, device: Renderer) -> dict[str, Norm]:
         before = np.full(len(names), np.nan)
         for modes in _MODES:
             rules = [_rule(part, modes) for part in volume.parts]
@@ -125,7 +118,7 @@ class Answers:
         }
 
 
-def _places(points: Floats, volume: Volume, device: Examiner, every: bool) -> tuple[Ints, Ints, Ints, Floats, Ints]:
+def _places(points: Floats, volume: Volume, device: Renderer, every: bool) -> tuple[Ints, Ints, Ints, Floats, Ints]:
     """Where points are: number of the point, part (-1 nowhere), element of the part, reference point and status."""
     found = device.probe(points)
     first = np.cumsum([0, *map(len, volume.parts)])
@@ -153,7 +146,7 @@ def _places(points: Floats, volume: Volume, device: Examiner, every: bool) -> tu
     return point, part, local, reference, status
 
 
-def _inverted(number: int, elements: Ints, points: Floats, device: Examiner) -> tuple[Floats, Bools]:
+def _inverted(number: int, elements: Ints, points: Floats, device: Renderer) -> tuple[Floats, Bools]:
     """Reference points (n, 3) of world points (n, 3) in elements (n,) of a part, and whether they lie inside.
 
     By Newton's method from the centre, whose steps are those of the kernels' maps.
@@ -171,7 +164,7 @@ def _inverted(number: int, elements: Ints, points: Floats, device: Examiner) -> 
     return reference, (np.abs(step).max(axis=1) < _SHORT) & (margin >= -TOLERANCE)
 
 
-def _values(text: str, part: Ints, local: Ints, reference: Floats, volume: Volume, device: Examiner) -> Floats:
+def _values(text: str, part: Ints, local: Ints, reference: Floats, volume: Volume, device: Renderer) -> Floats:
     """(n,) a quantity where points were found, NaN elsewhere."""
     values = np.full(len(part), np.nan)
     for number in range(len(volume.parts)):
@@ -186,7 +179,7 @@ def _named(volume: Volume, text: str) -> str | None:
     return text if text in volume.parts[0].quantities else None
 
 
-def _examined(number: int, elements: Ints, reference: Floats, device: Examiner, quantity: str | None) -> Samples:
+def _examined(number: int, elements: Ints, reference: Floats, device: Renderer, quantity: str | None) -> Samples:
     """Samples at reference points (n, 3) of elements (n,), the plugin's own coordinates."""
     center = device.examine(number, elements[:1], np.zeros((1, 3))).center[0]
     parts = [slice(first, first + _BATCH) for first in range(0, len(elements), _BATCH)]
@@ -206,7 +199,7 @@ def _rule(part: Part, modes: int) -> Cubature:
 
 
 def _sums(
-    number: int, names: Sequence[str], rule: Cubature, volume: Volume, device: Examiner
+    number: int, names: Sequence[str], rule: Cubature, volume: Volume, device: Renderer
 ) -> tuple[Floats, Floats, Floats]:
     """Integrals of squares, least and greatest values of coordinates and quantities over a part, (k,) each."""
     part = volume.parts[number]
@@ -224,7 +217,7 @@ def _sums(
     return (table**2) @ measure, table.min(axis=1), table.max(axis=1)
 
 
-def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Examiner) -> list[Samples]:
+def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer) -> list[Samples]:
     """Samples of each quantity at many points of a part's elements."""
     part = volume.parts[number]
     if part.shape is None:

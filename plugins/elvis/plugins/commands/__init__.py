@@ -1,0 +1,1 @@
+"""What commands have in common: arguments, and how they become data."""
