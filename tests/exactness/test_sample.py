@@ -43,8 +43,6 @@ def gallery():
 @pytest.mark.parametrize(("family", "number"), [(name, n) for name, numbers in SAMPLE.items() for n in numbers])
 @pytest.mark.parametrize("device", ["vulkan", "reference"])
 def test_nothing_certain_is_wrong(gallery, device, family, number):
-    if (device, family, number) == ("reference", "probes", 5):
-        pytest.xfail("not mended: the host's search loses points between two triangles 2^20 from the origin")
     found = gallery(device).count(case_of(family, SEED, number, (60, 50) if device == "vulkan" else (36, 30)))
     assert not found.first
     assert found.wrong == found.failed == 0

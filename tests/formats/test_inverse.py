@@ -114,7 +114,7 @@ def test_the_search_alone_agrees_with_newton(shape, n):
     rows = np.zeros(len(points), int)
     known = invert(patch, rows, points)
     precision = np.full(len(points), 1e-12)
-    reference, found, undecided = search(Targets(patch, rows, points, precision, precision))
+    reference, found, undecided = search(Targets(patch, rows, points, precision, precision, np.zeros(len(points))))
     assert not undecided.any()
     np.testing.assert_array_equal(found, known.status == Status.INSIDE)
     np.testing.assert_allclose(reference[found], known.reference[found], rtol=0, atol=1e-9)

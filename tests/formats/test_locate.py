@@ -145,6 +145,49 @@ def test_no_point_of_a_mesh_is_lost(shape):
     assert (locate(parts, beyond).status == Status.OUTSIDE).all()
 
 
+def shifted(mesh, shift):
+    """The mesh of straight elements elsewhere."""
+    return replace(mesh, vertices=frozen_floats(mesh.vertices + shift))
+
+
+@pytest.mark.parametrize("power", [20, 30])
+@pytest.mark.parametrize("cells", [2, 4])
+def test_no_point_far_from_the_origin_is_lost(cells, power):
+    """Rounding of world coordinates is more than the tolerance of borders: points were between two triangles."""
+    shift = 2.0**power * np.array([1.0, -1.0, 0.0])
+    dataset = Dataset(shifted(grid(Shape.TRIANGLE, cells), shift))
+    lines = np.arange(33) / 32
+    near = np.stack([*np.meshgrid(lines, lines), np.zeros((33, 33))], axis=-1).reshape(-1, 3)
+    assert (locate(dataset, near + shift).status == Status.INSIDE).all()
+
+    # what is outside by more than rounding is so still
+    rounding = 2.0 ** (power - 46)
+    beyond = np.concatenate([near[near[:, axis] == 1] + np.eye(3)[axis] * rounding for axis in (0, 1)])
+    assert (locate(dataset, beyond + shift).status == Status.OUTSIDE).all()
+
+
+def test_no_border_of_a_curved_element_far_from_the_origin_is_in_doubt():
+    """The search ends where rounding does not let it shrink its cells further."""
+    shift, bump = 2.0**30 * np.array([1.0, -1.0, 1.0]), ripple(0.03, 1)
+    mesh = curved(shifted(grid(Shape.TETRAHEDRON, 1), shift), lambda points: bump(points - shift) + shift, 4)
+    within = np.random.default_rng(2).random((600, 3))
+    within[:, 0] = np.random.default_rng(3).integers(0, 2, 600)
+    found = locate(Dataset(mesh), bump(within) + shift)
+    assert (found.status != Status.FAILED).all()
+    assert (found.status == Status.INSIDE).sum() > 200
+
+
+def test_only_rounding_across_a_facet_counts():
+    """Slivers a millionth thick: rounding of thicknesses does not make them longer."""
+    shift = np.array([0.0, 0.0, 2.0**10])
+    thin = grid(Shape.TETRAHEDRON, 1)
+    thin = replace(thin, vertices=frozen_floats(thin.vertices * [1, 1, 2.0**-20] + shift))
+    lines = np.arange(17) / 16
+    points = np.stack(np.meshgrid(lines, lines, lines), axis=-1).reshape(-1, 3) * [1, 1, 2.0**-20] + shift
+    assert (locate(Dataset(thin), points).status == Status.INSIDE).all()
+    assert (locate(Dataset(thin), points[points[:, 0] == 1] + [1e-8, 0, 0]).status == Status.OUTSIDE).all()
+
+
 def test_holes_in_the_domain_are_outside():
     mesh = grid(Shape.QUADRILATERAL, 3)
     ring = replace(mesh.composites[0], parts=(("Q", frozen_ints([0, 1, 2, 3, 5, 6, 7, 8])),))

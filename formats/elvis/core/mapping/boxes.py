@@ -24,6 +24,8 @@ Boxes = NDArray[np.float32]
 
 #: part of their diagonal by which boxes are enlarged, so that points within tolerance of an element are in its box
 MARGIN = 1e-9
+#: unit roundings that a world coordinate of a point or of an element may be off by
+ROUNDINGS = 16
 
 _EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)
 #: numbers in an intermediate array
@@ -49,9 +51,14 @@ def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
 
 
 def outward(low: Floats, high: Floats, margin: float) -> Boxes:
-    """Boxes a little larger than the corners (n, 3), whatever the rounding; empty beyond the range of 32-bit floats."""
+    """Boxes a little larger than the corners (n, 3), whatever the rounding; empty beyond the range of 32-bit floats.
+
+    margin  part of the diagonal by which they are larger; rounding of the coordinates adds to it
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        extra = margin * np.sqrt(3) * (high - low).max(axis=1, keepdims=True)
+        greatest = np.maximum(np.abs(low), np.abs(high)).max(axis=1, keepdims=True)
+        rounding = ROUNDINGS * np.finfo(np.float64).eps * greatest
+        extra = margin * np.sqrt(3) * (high - low).max(axis=1, keepdims=True) + rounding
         inner = np.concatenate([low - extra, high + extra], axis=1)
         box = inner.astype(np.float32)
     box[:, :3] = np.where(box[:, :3] > inner[:, :3], np.nextafter(box[:, :3], np.float32(-np.inf)), box[:, :3])

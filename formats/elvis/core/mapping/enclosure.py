@@ -15,7 +15,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.dataset import Expansion
-from elvis.core.mapping.margins import TOLERANCE, margins
+from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.newton import Targets, newton
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.tangents import duals
@@ -28,6 +28,8 @@ _ROUNDS = 200
 _BATCH = 1 << 21
 _MOST_CELLS = 1 << 12
 _SMALLEST = 1e-13
+#: roundings of world coordinates across the image of a cell whose points are not told apart
+_ONE_POINT = 16
 
 #: directions whose s add up to at most 1
 _SIMPLEX = {Shape.TRIANGLE: [0, 1], Shape.TETRAHEDRON: [0, 1, 2], Shape.PRISM: [0, 2]}
@@ -36,7 +38,7 @@ _SIMPLEX = {Shape.TRIANGLE: [0, 1], Shape.TETRAHEDRON: [0, 1, 2], Shape.PRISM: [
 def search(targets: Targets) -> tuple[Floats, Bools, Bools]:
     """Reference points (n, d), whether they are roots inside (n,), and whether nothing could be decided (n,).
 
-    Where neither holds the element has no root with a margin of -1e-10 or more.
+    Where neither holds the element has no root with a margin of -1e-10 or more, whatever rounding did.
     """
     reference = np.full((len(targets), targets.patch.shape.dimension), np.nan)
     found, undecided = np.zeros((2, len(targets)), bool)
@@ -132,16 +134,19 @@ class _Search:
         ready = np.flatnonzero(linear & (width < 0.1))
         middles = cells.low[ready] + cells.high[ready] - 1
         starts = uncollapse(self.shape, middles) if self.shape is Shape.PYRAMID else middles
-        points, converged, root = newton(self.targets.part(cells.pair[ready]), starts)
-        inside = root & (margins(self.shape, points) >= -TOLERANCE)
-        self.reference[cells.pair[ready[inside]]] = points[inside]
-        self.found[cells.pair[ready[inside]]] = True
+        feet = newton(self.targets.part(cells.pair[ready]), starts)
+        self.reference[cells.pair[ready[feet.inside]]] = feet.reference[feet.inside]
+        self.found[cells.pair[ready[feet.inside]]] = True
+
+        # cells cannot shrink below rounding: all their points are one, and what is found from there decides on it
+        going = ~self.found[cells.pair]
+        spans = np.ptp(cells.net[ready], axis=tuple(range(2, cells.net.ndim))).max(axis=1, initial=0)
+        going[ready[feet.converged & (spans <= _ONE_POINT * self.targets.rounding[cells.pair[ready]])]] = False
 
         # on curves and surfaces a foot near a tiny cell is the answer for it: cells cannot shrink below the distance
-        going = ~self.found[cells.pair]
         if self.shape.dimension < 3:
-            near = np.abs(points - starts).max(axis=1, initial=0) < 0.01
-            going[ready[converged & near & (width[ready] < 1e-3)]] = False
+            near = np.abs(feet.reference - starts).max(axis=1, initial=0) < 0.01
+            going[ready[feet.converged & near & (width[ready] < 1e-3)]] = False
         return going
 
     def _given_up(self, cells: _Cells) -> _Cells:

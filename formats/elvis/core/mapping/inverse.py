@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.mapping.boxes import ROUNDINGS
 from elvis.core.mapping.enclosure import search
-from elvis.core.mapping.margins import TOLERANCE, heights, margins
-from elvis.core.mapping.newton import Targets, newton
+from elvis.core.mapping.margins import heights, margins
+from elvis.core.mapping.newton import Targets, heights_rounding, newton
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
@@ -88,8 +89,9 @@ def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distanc
     """Where the world points (n, 3) are in the elements ``rows`` (n,) of a patch.
 
     A point is inside where its reference coordinates have a margin of at least -1e-10 and map to it with a residual of
-    1e-13 of the element's size (on a curve or surface: lie within ``distance`` of it).  FAILED is what even the search
-    cannot decide.  Without ``prove`` pairs that need the search are UNCERTAIN.
+    1e-13 of the element's size (on a curve or surface: lie within ``distance`` of it).  Where rounding of world
+    coordinates is more than that, it counts instead.  FAILED is what even the search cannot decide.  Without ``prove``
+    pairs that need the search are UNCERTAIN.
     """
     roots = Roots.none(len(rows), patch.shape.dimension)
     for part in chunks(len(rows), max(256, _BATCH // patch.geometry_coefficients[:1].size)):
@@ -112,36 +114,36 @@ def decide(patch: Patch, rows: Ints, points: Floats, roots: Roots, distance: flo
 def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, roots: Roots) -> None:
     """Leave out what can't be, try Newton's method on the rest; answers go to the rows ``chosen`` of ``roots``."""
     guess = elements.guess(rows, points)
-    possible = elements.may_hold(rows, guess)
+    possible = elements.may_hold(rows, points, guess)
     chosen, targets = chosen[possible], elements.targets(rows[possible], points[possible])
-    outside = _try(elements.patch.shape, targets, guess[possible], chosen, roots) & elements.is_affine
+    outside = _try(targets, guess[possible], chosen, roots) & elements.is_affine
     roots.status[chosen[outside]] = Status.OUTSIDE
 
     # a second try from nearby where the linear part misled the first
     again = roots.status[chosen] == Status.UNCERTAIN
     chosen, targets = chosen[again], targets.part(again)
-    _try(elements.patch.shape, targets, elements.nearest(targets.rows, targets.points), chosen, roots)
+    _try(targets, elements.nearest(targets.rows, targets.points), chosen, roots)
 
 
-def _try(shape: Shape, targets: Targets, starts: Floats, chosen: Ints, roots: Roots) -> Bools:
+def _try(targets: Targets, starts: Floats, chosen: Ints, roots: Roots) -> Bools:
     """Newton's method; what it finds inside goes to the rows ``chosen`` of ``roots``.
 
     Returns (n,) whether it converged elsewhere.
     """
-    reference, converged, root = newton(targets, starts)
-    margin = margins(shape, reference)
-    inside = root & (margin >= -TOLERANCE)
+    feet = newton(targets, starts)
+    inside = feet.inside
     roots.status[chosen] = np.where(inside, Status.INSIDE, Status.UNCERTAIN)
-    roots.reference[chosen[inside]], roots.margin[chosen[inside]] = reference[inside], margin[inside]
-    return converged & ~inside
+    roots.reference[chosen[inside]], roots.margin[chosen[inside]] = feet.reference[inside], feet.margin[inside]
+    return feet.converged & ~inside
 
 
 class _Elements:
     """Facts about distinct elements ``rows`` (u,), sorted, of a patch.
 
-    size    (u,)  diagonal of the box round the Bernstein net; magnitude (u,) greatest coordinate
+    size    (u,)  diagonal of the box round the Bernstein net; rounding (u,) of the greatest coordinate
+    low, high (u, 3) corners of that box, a little larger
     centre        of the reference shape, its image (u, 3) and dual tangents (u, 3, d) there
-    lowest  (u, k) least height of the net over each facet, seen through the linear part of the map
+    lowest  (u, k) least height of the net over each facet, seen through the linear part of the map, less its rounding
     """
 
     def __init__(self, patch: Patch, rows: Ints, distance: float) -> None:
@@ -151,7 +153,9 @@ class _Elements:
         coefficients = patch.geometry_coefficients[rows]
         net = bernstein_coefficients(patch.geometry, coefficients)
         self.size = np.linalg.norm(np.ptp(net, axis=2), axis=1)
-        self.magnitude = np.abs(net).max(axis=(1, 2), initial=0)
+        self.rounding = ROUNDINGS * np.finfo(float).eps * np.abs(net).max(axis=(1, 2), initial=0)
+        extra = (self._side * self.size + self.rounding)[:, None]
+        self.low, self.high = net.min(axis=2) - extra, net.max(axis=2) + extra
 
         # the linear part of the map at the centre, and the net seen through it
         self.centre = patch.shape.vertices.mean(axis=0)
@@ -160,7 +164,8 @@ class _Elements:
         self.duals = duals(coefficients @ slopes[0].T)
         seen = self._seen(net - self.image[:, :, None])
         above = heights(patch.shape, seen.reshape(-1, patch.shape.dimension))
-        self.lowest = above.reshape(*seen.shape[:2], above.shape[1]).min(axis=1)
+        room = heights_rounding(patch.shape, self.duals, self.rounding)
+        self.lowest = above.reshape(*seen.shape[:2], above.shape[1]).min(axis=1) - room
 
     def _seen(self, offsets: Floats) -> Floats:
         """(u, k, d) reference coordinates, by the linear part, of points at ``offsets`` (u, 3, k) from the image."""
@@ -170,9 +175,10 @@ class _Elements:
     def targets(self, rows: Ints, points: Floats) -> Targets:
         """The points (n, 3) as targets in the elements ``rows`` (n,), which are among these."""
         place = np.searchsorted(self.rows, rows)
-        precision = np.maximum(_NET * RESIDUAL * self.size, 16 * np.finfo(float).eps * self.magnitude)[place]
+        rounding = self.rounding[place]
+        precision = np.maximum(_NET * RESIDUAL * self.size[place], rounding)
         distance = self._distance * self.size[place] if self.patch.shape.dimension < 3 else precision
-        return Targets(self.patch, rows, points, precision, np.maximum(distance, precision))
+        return Targets(self.patch, rows, points, precision, np.maximum(distance, precision), rounding)
 
     def guess(self, rows: Ints, points: Floats) -> Floats:
         """(n, d) reference coordinates of the points by the linear part of the map."""
@@ -190,11 +196,13 @@ class _Elements:
             best[part] = ((images - points[part, :, None]) ** 2).sum(axis=1).argmin(axis=1)
         return lattice[best]
 
-    def may_hold(self, rows: Ints, guess: Floats) -> Bools:
-        """(n,) whether the guesses don't lie beyond all of the net of their element on some side."""
-        lowest = self.lowest[np.searchsorted(self.rows, rows)]
+    def may_hold(self, rows: Ints, points: Floats, guess: Floats) -> Bools:
+        """(n,) whether the points, and their guesses, don't lie beyond all of the net of their element on some side."""
+        place = np.searchsorted(self.rows, rows)
+        outside = (points < self.low[place]) | (points > self.high[place])
         with np.errstate(invalid="ignore"):
-            return np.asarray(~(heights(self.patch.shape, guess) < lowest - self._side).any(axis=1))
+            beyond = heights(self.patch.shape, guess) < self.lowest[place] - self._side
+        return np.asarray(~(outside.any(axis=1) | beyond.any(axis=1)))
 
 
 @cache

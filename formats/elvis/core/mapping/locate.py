@@ -31,7 +31,8 @@ class Location:
     patch, row  (k,)    the patch and the row in it, -1 where no element holds the point
     element_id  (k,)    global id, -1 likewise
     reference   (k, D)  reference coordinates, then a zeta for each homogeneous direction; NaN likewise
-    margin      (k,)    least height over the facets of the element, from -1e-10 to 1/2 (`margins`); NaN likewise
+    margin      (k,)    least height over the facets of the element (`margins`), NaN likewise: from -1e-10 to 1/2, and
+                        below -1e-10 where rounding of the coordinates is more than that
     status      (k,)    of `Status`: INSIDE, OUTSIDE, or FAILED where no element holds the point but one is in doubt
     """
 

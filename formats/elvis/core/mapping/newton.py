@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.mapping.margins import drawn_in
+from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
+from elvis.core.shapes import Shape
 
 #: how far iterates may leave the element, as a margin
 _SLACK = 0.25
@@ -25,6 +26,7 @@ class Targets:
     points     (n, 3)  world coordinates
     precision  (n,)    length of a last Newton step, measured in the world
     distance   (n,)    greatest distance of a point from its image: more than the precision off curves and surfaces only
+    rounding   (n,)    how far each world coordinate of a point or of its image may be off
     """
 
     patch: Patch
@@ -32,23 +34,40 @@ class Targets:
     points: Floats
     precision: Floats
     distance: Floats
+    rounding: Floats
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def part(self, chosen: Ints | Bools) -> Targets:
         """Some of the targets."""
-        precision, distance = self.precision[chosen], self.distance[chosen]
-        return Targets(self.patch, self.rows[chosen], self.points[chosen], precision, distance)
+        precision, distance, rounding = self.precision[chosen], self.distance[chosen], self.rounding[chosen]
+        return Targets(self.patch, self.rows[chosen], self.points[chosen], precision, distance, rounding)
 
 
-def newton(targets: Targets, starts: Floats) -> tuple[Floats, Bools, Bools]:
-    """The nearest reference points found (n, d), whether the method converged there (n,), and to a root (n,).
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """The nearest reference points that were found.
 
-    starts  (n, d)  first guesses
+    reference  (n, d)
+    margin     (n,)    least height over the facets there
+    converged  (n,)    whether the method converged there
+    inside     (n,)    whether that is a root inside
+    """
+
+    reference: Floats
+    margin: Floats
+    converged: Bools
+    inside: Bools
+
+
+def newton(targets: Targets, starts: Floats) -> Feet:
+    """The nearest reference points that are found from first guesses (n, d).
+
     Steps are quartered where they don't bring the image nearer; iterates are kept near the element; what makes no
     headway is given up.  On a curve or surface it converges to the foot of the point (Gauss-Newton), which is a root
-    where it is near.
+    where it is near.  Inside is what lies beyond the facets by the tolerance of margins at most, and by what rounding
+    of world coordinates may have moved it: no point between two elements that share a face is outside of both.
     """
     state = _State(targets, starts)
     for _ in range(_ITERATIONS):
@@ -57,7 +76,23 @@ def newton(targets: Targets, starts: Floats) -> tuple[Floats, Bools, Bools]:
         state.advance()
     converged = state.change <= targets.precision
     root = (converged & (state.distance <= targets.distance)) | (state.distance <= targets.precision)
-    return state.best, converged, root
+    above = heights(targets.patch.shape, state.best)
+    margin = above.min(axis=1)
+    inside = root & (margin >= -TOLERANCE)
+    beyond = np.flatnonzero(root & ~inside)
+    room = heights_rounding(targets.patch.shape, state.duals[beyond], targets.rounding[beyond])
+    inside[beyond] = (above[beyond] >= -TOLERANCE - room).all(axis=1)
+    return Feet(state.best, margin, converged, inside)
+
+
+def heights_rounding(shape: Shape, duals: Floats, rounding: Floats) -> Floats:
+    """(n, k) how far heights over facets may be off where each world coordinate may be by ``rounding`` (n,).
+
+    duals  (n, 3, d)  derivatives of reference coordinates with respect to world coordinates
+    """
+    normals, _ = facets(shape)
+    slopes = np.einsum("ki,nci->nkc", normals, duals)
+    return np.asarray(np.abs(slopes).sum(axis=2) * rounding[:, None])
 
 
 class _State:
@@ -65,6 +100,7 @@ class _State:
 
     best      (n, d)  nearest point so far, with its distance (n,), the Newton step (n, d) from it and that step's
                       length in the world, change (n,)
+    duals     (n, 3, d)  inverse of the map's Jacobian at the best point
     damping   (n,)    part of the step to be tried
     idle      (n,)    steps in succession that hardly helped
     """
@@ -75,6 +111,7 @@ class _State:
         self.best = self._near(starts)
         self.distance, self.change = np.full((2, count), np.inf)
         self.step, self.damping, self.idle = np.zeros_like(starts), np.ones(count), np.zeros(count, np.int64)
+        self.duals = np.full((count, 3, starts.shape[1]), np.nan)
 
     def _near(self, points: Floats) -> Floats:
         return drawn_in(self.targets.patch.shape, points, _SLACK)
@@ -98,7 +135,8 @@ class _State:
         self.idle[rows] = np.where(hardly, self.idle[rows] + 1, 0)
         self.best[rows], self.distance[rows], self.damping[rows] = trial, distance, 1.0
         with np.errstate(invalid="ignore", over="ignore"):
-            step = np.einsum("nci,nc->ni", duals(slopes), gap)
+            self.duals[rows] = duals(slopes)
+            step = np.einsum("nci,nc->ni", self.duals[rows], gap)
             self.change[rows] = np.linalg.norm(np.einsum("nci,ni->nc", slopes, step), axis=1)
             longest = np.abs(step).max(axis=1, keepdims=True, initial=1.0)
             self.step[rows] = step / longest
