@@ -27,6 +27,8 @@ SPLIT, UNDEFINED = 0, 4
 MOST_PIECES = 1 << 19
 #: rounds of halving, and pieces that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
+#: drafts of a part: pieces in which rays take too many steps are drawn once more in parts, with closer bounds
+_DRAFTS = 5
 
 
 class IsosurfaceDrawer:
@@ -136,23 +138,30 @@ class IsosurfaceDrawer:
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
 
-    def _pieces(self, view: View, number: int, quantity: str | None, value: float) -> NDArray[Any]:
-        """Pieces of a part that are to be drawn, in order of depth."""
-        start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
+    def _whole(self, split: Kernel, number: int, quantity: str | None, value: float) -> NDArray[Any]:
+        """The elements of a part that may have the value, as pieces."""
         elements = np.flatnonzero(self._holding(number, quantity, value))
-        parents = np.zeros(len(elements), split.dtype("pieces"))
-        parents["element"], parents["half"] = elements, 1.0
-        parents["error"] = self.traversal.rounding(number, quantity, value)[elements]
+        pieces = np.zeros(len(elements), split.dtype("pieces"))
+        pieces["element"], pieces["half"] = elements, 1.0
+        pieces["error"] = self.traversal.rounding(number, quantity, value)[elements]
+        return pieces
+
+    def _pieces(
+        self, view: View, number: int, quantity: str | None, value: float, weary: NDArray[Any] | None = None
+    ) -> NDArray[Any]:
+        """Pieces of a part that are to be drawn, in order of depth: of all its elements, or parts of those given."""
+        start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
+        parents = self._whole(split, number, quantity, value) if weary is None else weary
         degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
         buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
         done = [parents[:0]]
         for level in range(_ROUNDS):
-            ask = partial(
-                self._ask, split, view, number, value, last=len(parents) > MOST_PIECES or level == _ROUNDS - 1
-            )
+            last = len(parents) > MOST_PIECES or level == _ROUNDS - 1
+            ask = partial(self._ask, split, view, number, value, last=last)
+            halved = level > 0 or weary is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
-            found = [self._kept(split if level else start, batch, level > 0, buffers, ask) for batch in batches]
+            found = [self._kept(split if halved else start, batch, halved, buffers, ask) for batch in batches]
             done += [pieces[pieces["fate"] != SPLIT] for pieces in found]
             parents = _joined([parents[:0], *(pieces[pieces["fate"] == SPLIT] for pieces in found)])
             if not len(parents):
@@ -194,20 +203,37 @@ class IsosurfaceDrawer:
         value: float,
         buffers: dict[str, Buffer],
     ) -> None:
-        """The other elements of a part, in pieces."""
+        """The other elements of a part, in pieces, and in parts of those in which rays take too many steps."""
         self.counts["flat"] += int(self.traversal.flat(number, quantity, value).sum())
-        pieces = self._pieces(view, number, quantity, value)
-        if not len(pieces):
-            return
+        certified = self.traversal.degree(number, quantity) > 0
+        ask = partial(self._ask, draw, view, number, value, certified=certified)
+        weary = None
+        for draft in range(_DRAFTS):
+            pieces = self._pieces(view, number, quantity, value, weary)
+            if not len(pieces):
+                return
+            last = draft == _DRAFTS - 1 or len(pieces) > MOST_PIECES
+            weary = pieces[self._draft(draw, buffers, pieces, partial(ask, last=last))]
+            if not len(weary):
+                return
+
+    def _draft(
+        self, draw: Kernel, buffers: dict[str, Buffer], pieces: NDArray[Any], ask: Callable[..., Buffer]
+    ) -> Bools:
+        """Draws pieces; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
         sections = np.zeros(len(pieces), SECTION)
         sections["least"], sections["most"] = -(1 << 20), 1 << 20
         sections["least"][:, :2], sections["most"][:, :2] = pieces["bounds"][:, :2], pieces["bounds"][:, 2:]
         bins, order = binned(sections, draw.dtype("bins"))
-        certified = self.traversal.degree(number, quantity) > 0
-        buffers["ask"] = self._ask(draw, view, number, value, count=len(bins), certified=certified)
-        buffers["bins"], buffers["order"] = self.device.buffer(bins), self.device.buffer(order)
-        buffers["pieces"] = self.device.buffer(pieces)
-        draw(len(bins), buffers, groups=True, work=bins["end"] - bins["first"])
+        lists = {
+            "ask": ask(count=len(bins)),
+            "bins": self.device.buffer(bins),
+            "order": self.device.buffer(order),
+            "pieces": self.device.buffer(pieces),
+            "weary": self.device.buffer(np.zeros(len(pieces), np.uint32)),
+        }
+        draw(len(bins), {**buffers, **lists}, groups=True, work=bins["end"] - bins["first"])
+        return np.asarray(self.device.read(lists["weary"], np.uint32)[: len(pieces)] > 0)
 
     def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> Buffer:
         """The Ask record of the stages (iso.slang)."""
