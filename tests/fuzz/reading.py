@@ -2,12 +2,19 @@
 
 import importlib
 import os
+import resource
 import signal
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import cache
 from pathlib import Path
 
-import numpy as np
+#: what workers load
+MODULES = {
+    "gmsh_library": ("gmsh",),
+    "mfem_library": ("mfem.ser",),
+    "ngsolve_library": ("ngsolve",),
+    "vtk_library": ("vtkmodules.vtkIOLegacy", "vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
+}
 
 
 @cache
@@ -117,71 +124,51 @@ def _command(*arguments):
 
 
 @contextmanager
-def forked_trials():
-    """Trials of libraries in a fork of this process, which has them loaded, instead of in one that loads them.
+def forked():
+    """Libraries at work in forks of this process, which has them loaded, instead of in processes that load them.
 
     Their memory has a limit of its own and is not counted; their time is.
     """
-    from elvis.converters import trial
+    from elvis.converters import apart
 
-    programs = {"vtkmodules": "vtk", "gmsh": "gmsh", "mfem": "mfem.ser", "ngsolve": "ngsolve"}
-
-    def attempt(program, paths, size=None):
-        for word, module in programs.items():
-            if f"import {word}" in program or f"from {word}" in program:
-                importlib.import_module(module)
-        size = sum(path.stat().st_size for path in paths) if size is None else size
-        read_end, write_end = os.pipe()
-        child = os.fork()
-        if not child:
-            os.close(read_end)
-            _child(trial, program, paths, size, write_end)
-        os.close(write_end)
-        with os.fdopen(read_end, "rb") as stream:
-            said = stream.read()
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        return trial.Outcome(status, " ".join(said.decode("utf-8", "replace").split()))
-
-    original = trial.attempt
-    users = [
-        importlib.import_module(f"elvis.converters.{name}")
-        for name in ("gmsh_mesh", "mfem_files", "vtk_files", "ngsolve_files")
-    ]
-    for module in (trial, *users):
-        module.attempt = attempt
+    original = apart.launched
+    apart.launched = _Fork
     try:
         yield
     finally:
-        for module in (trial, *users):
-            module.attempt = original
+        apart.launched = original
 
 
-def _child(trial, program, paths, size, stream):
-    """The program of a trial, with its limits, in this process; never returns."""
-    import resource
-    import sys
-    import time
+class _Fork:
+    """A fork of this process that serves a worker, with what `subprocess.Popen` has and is asked of it."""
 
-    status = 1
-    with suppress(BaseException):
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        own = taken + trial.MEMORY + trial.MEMORY_PER_BYTE * size
-        resource.setrlimit(resource.RLIMIT_AS, (own if hard < 0 else min(own, hard), hard))
-        seconds = trial.SECONDS + size // trial.BYTES_PER_SECOND
+    def __init__(self, worker, memory):
+        from elvis.converters.apart import serve
 
-        def bound():
-            limit = int(time.process_time()) + 1 + seconds
-            resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+        importlib.import_module(worker.partition(":")[0])
+        for module in MODULES.get(worker.partition(":")[0].rpartition(".")[2], ()):
+            importlib.import_module(module)
+        requests, self._asking = os.pipe()
+        self._answering, answers = os.pipe()
+        self._status = None
+        self.pid = os.fork()
+        if not self.pid:
+            with suppress(BaseException):
+                os.dup2(requests, 0)
+                os.dup2(answers, 1)
+                os.closerange(3, 256)
+                taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+                serve(worker, taken + memory)
+            os._exit(1)
+        os.close(requests)
+        os.close(answers)
+        self.stdin, self.stdout = os.fdopen(self._asking, "wb"), os.fdopen(self._answering, "rb")
 
-        def say(text):
-            os.write(stream, text.encode("utf-8", "replace")[:4000])
+    def kill(self):
+        if self._status is None:
+            os.kill(self.pid, signal.SIGKILL)
 
-        sys.argv = ["-c", *map(str, paths)]
-        try:
-            exec(program, {"bound": bound, "say": say, "sys": sys, "os": os, "suppress": suppress, "np": np})
-            status = 0
-        except SystemExit as end:
-            status = end.code if isinstance(end.code, int) else 1
-    os._exit(status)
+    def wait(self):
+        if self._status is None:
+            self._status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self._status

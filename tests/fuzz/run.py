@@ -187,6 +187,8 @@ def main():
         whole = sum(SHARES[name] for name in names)
         for name in names:
             own = [each for each in every if each.reader == name]
+            if not own and not given.small:
+                raise SystemExit(f"there are no files for {name}")
             count = round(given.cases * SHARES[name] / whole)
             if own:
                 reader = Reader(own, given.seed, given.keep, log)
@@ -199,7 +201,7 @@ def main():
 
 
 def summed(logs):
-    """Print the table of what several runs have logged."""
+    """Print the table of what several runs have logged; a reader without a case is a failure."""
     tallies, seen = {name: Tally() for name in SHARES}, set()
     for line in (line for log in logs for line in log.read_text().splitlines()):
         found = json.loads(line)
@@ -207,11 +209,14 @@ def summed(logs):
         if key not in seen:
             tallies[found["reader"]].add(found)
         seen.add(key)
-    rows = [tally.row(name) for name, tally in tallies.items() if tally.cases]
+    rows = [tally.row(name) for name, tally in tallies.items()]
     print(table(rows))
     failures = sum(int(row[4]) for row in rows)
     print(f"{len(seen)} cases, {failures} failures")
-    return 1 if failures else 0
+    left = [name for name, tally in tallies.items() if not tally.cases]
+    if left:
+        print(f"no cases of {', '.join(left)}")
+    return 1 if failures or left else 0
 
 
 def report(reader):

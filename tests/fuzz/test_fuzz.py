@@ -1,6 +1,7 @@
 """A sample of damaged files, with a fixed seed: all is read or refused in a sentence; ``make fuzz`` does many more."""
 
 import importlib.util
+import json
 import os
 import subprocess
 import sys
@@ -18,16 +19,47 @@ def run(*arguments):
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 
 
+def loaded(name):
+    """A module of the harness."""
+    spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        del sys.modules[name]
+    return module
+
+
 #: our own readers: what the others' libraries take in memory differs from machine to machine, and is for ``make fuzz``
 OWN = (
     "native XML,native HDF5,scene toml,scene yaml,scene json,palette,triangles,"
     "points,record,fourier,nurbs,elvisdat,nek,gmf"
 )
 
+READERS = (*OWN.split(","), "exodus", "hopr", "pyfr", "ngsolve", "gmsh", "vtk", "mfem", "cgns")
+
 
 def test_damaged_files_are_read_or_refused(tmp_path):
     done = run("--small", "--cases", "900", "--seed", "14", "--only", OWN, "--keep", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_sum_tells_readers_without_a_case(tmp_path):
+    cases = [{"reader": name, "seed": 1, "case": 0, "kind": "read", "seconds": 0.1, "ratio": 1.0} for name in READERS]
+    for count, missing in ((len(cases), ""), (len(cases) - 2, f"no cases of {READERS[-2]}, {READERS[-1]}\n")):
+        (tmp_path / "log").write_text("".join(json.dumps(case) + "\n" for case in cases[:count]))
+        done = run("--sum", str(tmp_path / "log"))
+        assert done.returncode == (1 if missing else 0), done.stdout + done.stderr
+        assert done.stdout.endswith(missing or f"{count} cases, 0 failures\n")
+
+
+def test_each_reader_has_files(tmp_path):
+    corpus = loaded("corpus")
+    if not corpus.SHARED.is_dir():
+        pytest.skip(f"there is no {corpus.SHARED}")
+    found = corpus.subjects(tmp_path, READERS)
+    assert {each.reader for each in found} == set(READERS)
+    assert all(path.is_file() for each in found for path in each.files)
 
 
 @pytest.mark.parametrize(
@@ -61,9 +93,7 @@ def test_each_kind_of_failure_is_noticed(tmp_path, body, kind):
 
 
 def test_a_case_is_damaged_alike_each_time(tmp_path):
-    spec = importlib.util.spec_from_file_location("mutations", HERE / "mutations.py")
-    mutations = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(mutations)
+    mutations = loaded("mutations")
     sound = "".join(f"<V ID='{i}'>{i / 7} 0 1</V>\n" for i in range(50)).encode()
     found = []
     for _ in range(2):

@@ -26,9 +26,6 @@ INTERPRETER = 40 << 10
 #: bytes of address space that cases may take beyond what the process has
 ROOM = 6 << 30
 
-#: readers that use libraries of other languages
-LIBRARIES = ("cgns", "gmsh", "mfem", "ngsolve", "vtk")
-
 #: bytes about which a file is as likely to be chosen as an empty one
 LIGHT = 20_000
 
@@ -45,7 +42,7 @@ class Worker:
     def run(self, numbers):
         """Cases of these numbers."""
         _bound()
-        with reading.forked_trials():
+        with reading.forked():
             for number in numbers:
                 self.case(number)
 
@@ -62,7 +59,7 @@ class Worker:
         self.tell({"case": number, "state": "damaging", "subject": subject.name, "file": target.name, "action": action})
         damage = mutations.damage(target, random)
         self.tell({"case": number, "state": "reading", "damage": damage})
-        outcome = self._isolated(action, paths) if subject.reader in LIBRARIES else self._measured(action, paths)
+        outcome = self._measured(action, paths)
         total = INTERPRETER + outcome["memory"]
         outcome["ratio"] = round(total / (INTERPRETER + memory), 3)
         if outcome["kind"] in ("read", "refused"):
@@ -82,23 +79,6 @@ class Worker:
             self.baselines[key] = found["memory"], found["seconds"]
             self.tell({"state": "baseline", "key": key, "name": self.subjects[which].name, "action": action, **found})
         return self.baselines[key]
-
-    def _isolated(self, action, paths):
-        """As `_measured`, in a process of its own: libraries keep what damaged files left behind."""
-        read_end, write_end = os.pipe()
-        child = os.fork()
-        if not child:
-            os.close(read_end)
-            os.write(write_end, json.dumps(self._measured(action, paths)).encode())
-            os._exit(0)
-        os.close(write_end)
-        with os.fdopen(read_end, "rb") as stream:
-            said = stream.read()
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        if not status:
-            return json.loads(said)
-        kind = "hang" if status == -signal.SIGPROF else "crash"
-        return {"kind": kind, "message": f"status {status}", "seconds": 0.0, "memory": 0}
 
     def _copies(self, subject):
         for path in self.folder.iterdir():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -9,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from elvis.converters.exporting import Cell, Export, Piece, Target, moved
-from elvis.converters.gmsh_mesh import CORNERS, session
+from elvis.converters.gmsh_mesh import CORNERS
 from elvis.core.arrays import Floats, Ints
 from elvis.core.files.output import replacing
 from elvis.core.mapping.orientation import local_vertices
@@ -33,7 +35,7 @@ class GmshTarget(Target):
     highest, highest_pyramid = 9, 2
 
     def __enter__(self) -> GmshTarget:
-        self._session = session()
+        self._session = _session()
         self.gmsh: Any = self._session.__enter__()
         return self
 
@@ -61,6 +63,31 @@ class GmshTarget(Target):
         _, dimension, _, count, local, corners = self.gmsh.model.mesh.getElementProperties(number)
         nodes = np.asarray(local, np.float64).reshape(count, -1)[:, :dimension]
         return nodes, nodes[list(CORNERS.get(shape, range(corners)))]
+
+
+@contextmanager
+def _session() -> Iterator[Any]:
+    """The library, begun and ended here, or a model of its own in one that is at work."""
+    import gmsh
+
+    is_ours = not gmsh.isInitialized()
+    if is_ours:
+        gmsh.initialize(["elvis"], readConfigFiles=False, interruptible=False)
+    options = ("General.Terminal", "General.AbortOnError")
+    before = {name: gmsh.option.getNumber(name) for name in options}
+    current = None if is_ours else gmsh.model.getCurrent()
+    for name in options:
+        gmsh.option.setNumber(name, 0)
+    try:
+        yield gmsh
+    finally:
+        if is_ours:
+            gmsh.finalize()
+        else:
+            gmsh.model.remove()
+            gmsh.model.setCurrent(current)
+            for name, value in before.items():
+                gmsh.option.setNumber(name, value)
 
 
 def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: float | None) -> None:

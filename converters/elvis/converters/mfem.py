@@ -1,4 +1,4 @@
-"""MFEM meshes and grid functions, read and evaluated by the library itself.
+"""MFEM meshes and grid functions, read and evaluated by the library itself, in a process of its own.
 
 Of spaces with one value a degree of freedom (H1, L2, of any basis) the functions are evaluated once a shape and order;
 everything else (NURBS, H(div), H(curl), integral L2) is asked of the library element by element.
@@ -6,17 +6,17 @@ everything else (NURBS, H(div), H(curl), integral L2) is asked of the library el
 
 from __future__ import annotations
 
-import ctypes
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from elvis.converters.apart import Apart, LibraryError
 from elvis.converters.mfem_files import check_mesh, is_field, is_mesh, named_attributes, rounding, values_after_header
-from elvis.converters.mfem_pieces import Piece, Source, is_stream, pieces
+from elvis.converters.mfem_pieces import Piece, is_stream, pieces
 from elvis.converters.names import components
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
@@ -31,11 +31,8 @@ _SHAPES = {(shape.dimension, len(shape.vertices)): shape for shape in Shape}
 #: orders that functions which are no polynomials get above their own
 _RATIONAL, _VECTOR = 4, 2
 
-#: the library's numbers: of functions that are vectors, of those that are divided by the Jacobian, of continuous spaces
-_IS_VECTOR, _IS_INTEGRAL, _IS_CONTINUOUS = 1, 1, 0
-
-#: the library's number of pyramids; how near to the apex discontinuous functions still have one value
-_PYRAMID, _NEAR_APEX = 7, 1e-13
+#: reads and evaluates in another process
+_WORKER = "elvis.converters.mfem_library:Library"
 
 #: vertices of several parts that are as near as this, as a share of the largest coordinate, are one
 _TOGETHER = 1e-10
@@ -55,21 +52,20 @@ class Mfem(Converter):
         return bool(paths) and all(is_mesh(path) or is_field(path) or is_stream(path) for path in paths)
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        import mfem.ser as mfem
-
-        mfem.out.Disable()
-        mfem.err.Disable()
+        found = pieces(paths)
+        texts = [source.text for piece in found for source in (piece.mesh, *piece.functions.values())]
+        library = Apart(_WORKER, sum(map(len, texts)))
         with TemporaryDirectory() as folder:
-            self._parts = [_Part(piece, Path(folder)) for piece in pieces(paths)]
+            self._parts = [_Part(number, piece, Path(folder), library) for number, piece in enumerate(found)]
         self.is_conforming = all(part.is_conforming for part in self._parts)
         self.precision = max(part.precision for part in self._parts)
-        vertices = _numbered([part.vertices() for part in self._parts])
+        vertices = _numbered([part.vertices for part in self._parts])
         self.blocks, self._orders, first = [], [], 0
         for part, numbers in zip(self._parts, vertices, strict=True):
             for block, orders in part.blocks(numbers, first):
                 self.blocks.append(block)
                 self._orders.append(orders)
-            first += part.mesh.GetNE()
+            first += len(part.attributes)
         self._make_fields()
         self.boundaries = _joined(self._parts, vertices)
 
@@ -96,45 +92,65 @@ class Mfem(Converter):
         self.fields = fields
 
 
+class _Asked:
+    """A mesh in the library's process, by its number there; ``path`` is its file."""
+
+    def __init__(self, library: Apart, number: int, path: Path) -> None:
+        self._library, self._number, self._path = library, number, path
+
+    def read(self, method: str, *given: Any, size: int, path: Path) -> dict[str, Any]:
+        """What the library reads from a file of so many bytes; FormatError, naming ``path``, where it doesn't."""
+        try:
+            found: dict[str, Any] = self._library.ask(method, *given, str(path), size=size)
+        except LibraryError as failure:
+            raise _refused(failure, path) from failure
+        return found
+
+    def function(self, file: Path, size: int, path: Path) -> dict[str, Any]:
+        """As `read`, a function on the mesh."""
+        return self.read("function", self._number, str(file), size=size, path=path)
+
+    def values(self, method: str, elements: Ints, points: Floats, *given: Any, width: int) -> Floats:
+        """What the library finds at points in elements, ``width`` numbers for each element."""
+        size = 8 * width * len(elements)
+        try:
+            return np.asarray(self._library.ask(method, self._number, elements, points, *given, size=size))
+        except LibraryError as failure:
+            raise _refused(failure, self._path) from failure
+
+
+def _refused(failure: LibraryError, path: Path) -> FormatError:
+    found = f"some on which it {'takes too long' if failure.is_out_of_time else 'crashes'}"
+    return FormatError(f"expected data that MFEM reads, found {found}", file=path)
+
+
 class _Part:
-    """One mesh of the library with the functions on it."""
+    """One mesh with the functions on it: those of ``number`` in the library's process.
 
-    def __init__(self, piece: Piece, folder: Path) -> None:
-        import mfem.ser as mfem
+    vertices    (n, d) places
+    attributes  (m,) of the elements
+    """
 
+    def __init__(self, number: int, piece: Piece, folder: Path, library: Apart) -> None:
         self.path, text = piece.mesh.named, piece.mesh.text
-        check_mesh(self.path, piece.mesh.file(folder), text)
-        self.mesh = mesh = _guarded(self.path, lambda: mfem.Mesh(str(piece.mesh.file(folder)), 1, 0, False))
-        self.is_rational = mesh.NURBSext is not None and not _has_unit_weights(text)
-        self._linear = mfem.LinearFECollection()
-        self._straight = _guarded(self.path, lambda: mfem.FiniteElementSpace(mesh, self._linear))
-        self._corners = _Table(self._straight)
-        self.geometry = self._map(text)
-        self.names = list(piece.functions)
-        self.functions = [_read(mfem, mesh, each, folder) for each in piece.functions.values()]
-        self.is_conforming = self._straight.GetTrueVSize() == self._straight.GetVSize()
+        self._asked = _Asked(library, number, self.path)
+        check_mesh(self.path, text)
+        found = self._asked.read("mesh", str(piece.mesh.file(folder)), size=len(text), path=self.path)
+        self.vertices, self.attributes = found["vertices"], found["attributes"]
+        self.is_rational = found["has_weights"] and not _has_unit_weights(text)
+        self.is_conforming = found["is_conforming"]
+        self._dimension, self._faces = found["dimension"], found["faces"]
+        self._corners = _Table(found["corners"])
+        self.geometry = _Function(self._asked, 0, found["map"], self._corners.sizes)
+        if found["has_nodes"] and "FiniteElementCollection:" in text:
+            values_after_header(self.path, text, found["map"]["size"], is_last=False)
+        self.names, self.functions = list(piece.functions), []
+        for at, source in enumerate(piece.functions.values(), 1):
+            own = self._asked.function(source.file(folder), len(source.text), source.named)
+            values_after_header(source.named, source.text, own["size"], is_last=True)
+            self.functions.append(_Function(self._asked, at, own, self._corners.sizes))
         self.precision = rounding(text)
         self._regions, self._borders = (named_attributes(text, f"{w}attribute_sets") for w in ("", "bdr_"))
-
-    def _map(self, text: str) -> _Function:
-        import mfem.ser as mfem
-
-        nodes = self.mesh.GetNodes()
-        if nodes is not None:
-            if "FiniteElementCollection:" in text:
-                values_after_header(self.path, text, nodes.Size(), is_last=False)
-            return _Function(nodes, nodes.FESpace())
-        vertices = mfem.Vector()
-        self.mesh.GetVertices(vertices)
-        return _Function(vertices, self._straight, self.mesh.SpaceDimension())
-
-    def vertices(self) -> Floats:
-        """(n, d) where the library has its vertices."""
-        import mfem.ser as mfem
-
-        found = mfem.Vector()
-        self.mesh.GetVertices(found)
-        return np.array(found.GetDataArray(), np.float64).reshape(-1, self.mesh.GetNV()).T
 
     def blocks(self, numbers: Ints, first: int) -> Iterator[tuple[Elements, Ints]]:
         """Elements by shape, region and the orders of all functions on them, with these orders.
@@ -142,7 +158,7 @@ class _Part:
         numbers  (n,) of the vertices, over all parts
         first    number of the first element
         """
-        attributes = np.asarray(self.mesh.GetAttributeArray(), np.int64)
+        attributes = self.attributes
         if not len(attributes):
             raise FormatError("expected elements, found none", file=self.path, place="elements")
         own = np.unique(attributes)
@@ -151,11 +167,11 @@ class _Part:
             regions[:] = ""
         of = np.unique(regions, return_inverse=True)[1][np.searchsorted(own, attributes)]
         functions = [self.geometry, *self.functions]
-        columns = [self._corners.sizes, of, *(each.orders(self._corners.sizes) for each in functions)]
+        columns = [self._corners.sizes, of, *(each.orders for each in functions)]
         kinds, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
         for number, kind in enumerate(kinds):
             rows = np.flatnonzero(which.reshape(-1) == number)
-            shape = _SHAPES[self.mesh.Dimension(), int(kind[0])]
+            shape = _SHAPES[self._dimension, int(kind[0])]
             block = Elements(
                 shape,
                 len(rows),
@@ -172,41 +188,24 @@ class _Part:
 
     def borders(self, numbers: Ints) -> Iterator[tuple[str, tuple[int, ...]]]:
         """Name or number of the attribute, and vertices, of every face on the border; ``numbers`` of the vertices."""
-        for i in range(self.mesh.GetNBE()):
-            attribute = self.mesh.GetBdrAttribute(i)
+        attributes, vertices = self._faces["attributes"].tolist(), self._faces["vertices"]
+        for attribute, own in zip(attributes, np.split(vertices, self._faces["offsets"][:-1])[1:], strict=True):
             name = self._borders.get(attribute, f"boundary{attribute}")
-            yield name, tuple(numbers[list(self.mesh.GetBdrElementVertices(i))].tolist())
+            yield name, tuple(numbers[own].tolist())
 
     def positions(self, elements: Ints, points: Floats) -> Floats:
         """(n, n_points, d) where points of elements lie."""
         if self.geometry.is_nodal:
             return self.geometry.values(elements, points)
-        return self._each(elements, points, self.mesh.SpaceDimension(), self._places)
+        return self._asked.values("positions", elements, points, width=len(points) * self.vertices.shape[1])
 
     def sample(self, elements: Ints, function: int, component: int, points: Floats) -> Floats:
         """(n, n_points) values of a component of a function."""
         own = self.functions[function]
         if own.is_nodal:
             return own.values(elements, points, component)
-        return np.asarray(self._each(elements, points, own.count, own.evaluate)[:, :, component])
-
-    def _each(self, elements: Ints, points: Floats, count: int, evaluate: Any) -> Floats:
-        """(n, n_points, count) from a function of the map of one element and a rule."""
-        import mfem.ser as mfem
-
-        result = np.empty((len(elements), len(points), count))
-        if not len(elements):
-            return result
-        rule = _rule(points, self.mesh.GetElementBaseGeometry(int(elements[0])))
-        table = mfem.DenseMatrix()
-        for row, element in enumerate(elements.tolist()):
-            evaluate(element, self.mesh.GetElementTransformation(element), rule, table)
-            result[row] = np.asarray(table.GetDataArray()).T
-        return result
-
-    @staticmethod
-    def _places(element: int, transformation: Any, rule: Any, table: Any) -> None:
-        transformation.Transform(rule, table)
+        width = len(points) * own.count
+        return self._asked.values("values", elements, points, function + 1, component, width=width)
 
 
 def _numbered(places: Sequence[Floats]) -> list[Ints]:
@@ -232,10 +231,8 @@ def _joined(parts: Sequence[_Part], vertices: Sequence[Ints]) -> list[Boundary]:
 class _Table:
     """The degrees of freedom of every element of a space, (n, k) for elements of one kind."""
 
-    def __init__(self, space: Any) -> None:
-        table = space.GetElementToDofTable()
-        self.offsets = _ints(table.HostReadI(), table.Size() + 1)
-        self.numbers = _ints(table.HostReadJ(), table.Size_of_connections())
+    def __init__(self, plain: Mapping[str, Ints]) -> None:
+        self.offsets, self.numbers = plain["offsets"], plain["numbers"]
         self.sizes = np.diff(self.offsets)
 
     def rows(self, elements: Ints) -> Ints:
@@ -245,83 +242,36 @@ class _Table:
 
 
 class _Function:
-    """A function of the library with its space; ``dimension`` where the values are a mere vector."""
+    """A function, ``which`` of those that the library has on a mesh, made of what that says of it.
 
-    def __init__(self, function: Any, space: Any, dimension: int | None = None) -> None:
-        self.function, self.space = function, space
-        first, name = space.GetFE(0), space.FEColl().Name()
-        self.is_nurbs = name.startswith("NURBS")
-        self.is_vector = first.GetRangeType() == _IS_VECTOR
-        self.is_nodal = not (self.is_nurbs or self.is_vector or first.GetMapType() == _IS_INTEGRAL)
-        self.is_continuous = space.FEColl().GetContType() == _IS_CONTINUOUS and not self.is_vector
-        self.count = dimension or (space.GetMesh().SpaceDimension() if self.is_vector else space.GetVDim())
-        self.highest = max(int(first.GetOrder()), 1)
+    corners  (m,) of the elements, which tell their shapes
+    """
+
+    def __init__(self, asked: _Asked, which: int, plain: Mapping[str, Any], corners: Ints) -> None:
+        self._asked, self._which, self._corners = asked, which, corners
+        self.is_nurbs, self.is_nodal, self.is_continuous = (plain[f"is_{w}"] for w in ("nurbs", "nodal", "continuous"))
+        self.count, self.highest, self.orders = plain["count"], plain["highest"], plain["orders"]
         self._tables: dict[Any, tuple[Floats, Floats]] = {}
         if self.is_nodal:
-            self.table, flat = _Table(space), np.array(function.GetDataArray(), np.float64)
-            by_node = flat.reshape(self.count, -1).T if dimension or space.GetOrdering() == 0 else None
-            self.data = flat.reshape(-1, self.count) if by_node is None else by_node
-
-    def orders(self, corners: Ints) -> Ints:
-        """(n,) order on every element; ``corners`` tell the shapes."""
-        if self.is_nurbs or self.space.IsVariableOrder():
-            return np.array([self.space.GetFE(i).GetOrder() for i in range(len(corners))], np.int64)
-        _, first, which = np.unique(corners, return_index=True, return_inverse=True)
-        return np.array([self.space.GetFE(int(i)).GetOrder() for i in first], np.int64)[which.reshape(-1)]
+            self._table, self._data = _Table(plain["table"]), plain["data"]
 
     def values(self, elements: Ints, points: Floats, component: int | None = None) -> Floats:
         """(n, n_points) of a component of a nodal function on elements of one kind; for None (n, n_points, count)."""
         if not len(elements):
             return np.empty((0, len(points), self.count)[: 3 if component is None else 2])
-        dofs, basis = self.table.rows(elements), self._basis(int(elements[0]), points)
+        dofs, basis = self._table.rows(elements), self._basis(int(elements[0]), points)
         if component is None:
-            return np.asarray(np.einsum("enc,pn->epc", self.data[dofs], basis))
-        return np.asarray(self.data[:, component][dofs] @ basis.T)
-
-    def evaluate(self, element: int, transformation: Any, rule: Any, table: Any) -> None:
-        """Fill a (count, n_points) table of the library with the values on an element."""
-        if self.is_vector:
-            self.function.GetVectorValues(transformation, rule, table)
-            return
-        import mfem.ser as mfem
-
-        values = mfem.Vector()
-        table.SetSize(self.count, rule.GetNPoints())
-        for component in range(self.count):
-            self.function.GetValues(element, rule, values, component + 1)
-            table.SetRow(component, values)
+            return np.asarray(np.einsum("enc,pn->epc", self._data[dofs], basis))
+        return np.asarray(self._data[:, component][dofs] @ basis.T)
 
     def _basis(self, element: int, points: Floats) -> Floats:
         """(n_points, n) the functions of the space on elements of the kind of one."""
-        import mfem.ser as mfem
-
-        own = self.space.GetFE(element)
-        key = (own.GetGeomType(), own.GetOrder())
+        key = (int(self._corners[element]), int(self.orders[element]))
         if key not in self._tables or self._tables[key][0] is not points:
-            rule, values, rows = _rule(points, own.GetGeomType()), mfem.Vector(own.GetDof()), []
-            for i in range(len(points)):
-                own.CalcShape(rule.IntPoint(i), values)
-                rows.append(np.array(values.GetDataArray()))
-            self._tables[key] = (points, np.array(rows))
+            width = len(points) * int(self._table.sizes[element])
+            one = np.array([element])
+            self._tables[key] = (points, self._asked.values("basis", one, points, self._which, width=width))
         return self._tables[key][1]
-
-
-def _read(mfem: Any, mesh: Any, source: Source, folder: Path) -> _Function:
-    """A grid function from its text."""
-    file = source.file(folder)
-    function = _guarded(source.named, lambda: mfem.GridFunction(mesh, str(file)))
-    values_after_header(source.named, source.text, function.Size(), is_last=True)
-    return _Function(function, function.FESpace())
-
-
-def _guarded(path: Path, read: Any) -> Any:
-    """What ``read`` returns; FormatError with the library's reason where it fails."""
-    try:
-        return read()
-    except RuntimeError as error:
-        lines = [line.strip(" ->") for line in str(error).splitlines() if "... in " not in line]
-        reason = " ".join(" ".join(lines).replace("PyMFEM error (mfem::ErrorException):", "").split())
-        raise FormatError(f"expected data that MFEM reads, found: {reason}", file=path) from None
 
 
 def _has_unit_weights(text: str) -> bool:
@@ -329,22 +279,3 @@ def _has_unit_weights(text: str) -> bool:
     _, found, after = text.partition("\nweights")
     words = after.split("FiniteElementSpace")[0].split()
     return bool(found) and all(word.replace(".", "").strip("0") == "1" for word in words)
-
-
-def _rule(points: Floats, geometry: int) -> Any:
-    """Points (n, d) as the library takes them; the apex of pyramids as the end of the edge at the origin."""
-    import mfem.ser as mfem
-
-    if geometry == _PYRAMID:
-        points = np.where(points[:, 2:] > 1 - _NEAR_APEX, (0, 0, 1 - _NEAR_APEX), points)
-
-    rule = mfem.IntegrationRule(len(points))
-    for i, point in enumerate(points.tolist()):
-        rule.IntPoint(i).Set3(*point, *(0.0,) * (3 - len(point)))
-    return rule
-
-
-def _ints(pointer: Any, count: int) -> Ints:
-    """A copy of an array of the library."""
-    array = np.ctypeslib.as_array(ctypes.cast(int(pointer), ctypes.POINTER(ctypes.c_int)), (count,))
-    return np.array(array, np.int64)

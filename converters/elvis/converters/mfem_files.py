@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.converters.trial import attempt
 from elvis.core.arrays import Floats
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, leading
@@ -20,18 +19,6 @@ from elvis.plugins.conversion import DOUBLE, EIGHT_DIGITS
 
 #: number of vertices by the number of a geometry
 _CORNERS = (1, 2, 3, 4, 4, 8, 6, 5)
-
-#: for the library does not survive all faults in kinds of files unchecked here
-_TRIAL = """
-import mfem.ser as mfem
-bound()
-mesh = mfem.Mesh(sys.argv[1], 1, 0, False)
-collection = mfem.LinearFECollection()
-space = mfem.FiniteElementSpace(mesh, collection)
-for i in range(mesh.GetNE()):
-    mesh.GetElementTransformation(i).Transform(mfem.Geometries.GetCenter(mesh.GetElementBaseGeometry(i)))
-del space, mesh
-"""
 
 #: numbers with as few digits as streams write where nothing else is asked for, and how many of them are looked at
 _FEW_DIGITS, _LOOKED_AT = 9, 500
@@ -62,10 +49,8 @@ def load(path: Path) -> str:
     return re.sub(r"(?m)^\s*#.*$", "", text)
 
 
-def check_mesh(path: Path, file: Path, text: str) -> None:
-    """FormatError, naming ``path``, where the elements of a mesh in a file name vertices that aren't there."""
-    if not text.startswith("MFEM mesh"):
-        _try(path, file)
+def check_mesh(path: Path, text: str) -> None:
+    """FormatError, naming ``path``, where the elements of a mesh name vertices that aren't there."""
     if not text.startswith(("MFEM mesh", "MFEM NURBS mesh")) or "\npatches" in text:
         return
     vertices = _words(text, "vertices")
@@ -110,12 +95,6 @@ def rounding(text: str) -> float:
     numbers = re.findall(r"\d*\.\d+", text[-30 * _LOOKED_AT :])
     digits = max((len(number.replace(".", "").lstrip("0")) for number in numbers), default=_FEW_DIGITS + 1)
     return EIGHT_DIGITS if 5 < digits <= _FEW_DIGITS else DOUBLE
-
-
-def _try(path: Path, file: Path) -> None:
-    """FormatError, naming ``path``, where the library dies of a file; what it says of others comes with reading."""
-    if attempt(_TRIAL, [file]).status < 0:
-        raise FormatError("expected data that MFEM reads, found some on which it crashes", file=path)
 
 
 def _words(text: str, section: str) -> list[str]:

@@ -7,7 +7,6 @@ looked for before it reads.
 from __future__ import annotations
 
 import gzip
-import json
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,11 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.ngsolve_export import samples
-from elvis.converters.trial import attempt
+from elvis.converters.apart import Apart, LibraryError
 from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
-from elvis.core.files.archives import Archive
 from elvis.core.files.plain import content, leading
 from elvis.plugins.discovery import EXTRA
 
@@ -50,21 +47,8 @@ _LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsg
 #: how compressed files begin, and how many times their size they may hold: ten times what meshes do
 _GZIP, _EXPANSION = b"\x1f\x8b", 100
 
-#: reads and samples in a process of its own, where the library may crash, and keeps the samples in a file
-_PROGRAM = """
-import json
-from pathlib import Path
-import ngsolve
-from elvis.converters.ngsolve_files import in_library
-from elvis.core.errors import ElvisError
-bound()
-try:
-    in_library(json.loads(Path(sys.argv[1]).read_text()))
-except ElvisError as error:
-    say(str(error))
-    os._exit(1)
-os._exit(0)
-"""
+#: reads and samples in another process, where the library may crash
+_WORKER = "elvis.converters.ngsolve_library:Library"
 
 
 def is_mesh(path: Path) -> bool:
@@ -108,33 +92,12 @@ def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
 
 def _apart(path: Path, link: Path, fields: Mapping[str, tuple[str, str, int]], size: int) -> dict[str, Any]:
     """The samples, made by another process; FormatError with what that says."""
-    out, request = link.with_name("samples.npz"), link.with_name("request.json")
-    request.write_text(json.dumps({"mesh": str(link), "named": str(path), "fields": fields, "out": str(out)}))
-    outcome = attempt(_PROGRAM, [request], size)
-    if outcome.said:
-        raise FormatError(outcome.said)
-    if outcome.status:
-        raise FormatError(f"expected a mesh that NGSolve reads, found {outcome.reason}", file=path)
-    with Archive(out) as archive:
-        return {name: archive[name] for name in archive.names}
-
-
-def in_library(request: dict[str, Any]) -> None:
-    """Read ``mesh`` and functions ``fields`` (file, space, order by name) by the library, and write samples to ``out``.
-
-    ``named`` is what messages call the mesh.
-    ElvisError where a function has another number of values than its space, or the samples can't be made.
-    """
-    import ngsolve
-
-    mesh = ngsolve.Mesh(request["mesh"])
-    fields = {name: _function(ngsolve, mesh, Path(file), *own) for name, (file, *own) in request["fields"].items()}
     try:
-        data = samples(mesh, fields)
-    except ElvisError as error:
-        raise FormatError(str(error), file=request["named"]) from error
-    with open(request["out"], "wb") as file:
-        np.savez(file, **data)
+        with Apart(_WORKER, size) as library:
+            data: dict[str, Any] = library.ask("samples", str(link), str(path), dict(fields), size=size)
+    except LibraryError as failure:
+        raise FormatError(f"expected a mesh that NGSolve reads, found {failure.reason}", file=path) from failure
+    return data
 
 
 @contextmanager
@@ -160,17 +123,6 @@ def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, t
             raise ElvisError(f"expected a space among {expected}, found {text!r}")
         result.append((path, (match[1], int(match[2]))))
     return result
-
-
-def _function(ngsolve: Any, mesh: Any, path: Path, kind: str, order: int) -> Any:
-    """The grid function of a file; FormatError where it has another number of values than the space."""
-    space = getattr(ngsolve, kind)(mesh, order=order)
-    if path.stat().st_size != 8 * space.ndof:
-        expected = f"{space.ndof} numbers of {kind} of order {order}"
-        raise FormatError(f"expected {expected}, found {path.stat().st_size / 8:g}", file=path)
-    function = ngsolve.GridFunction(space)
-    function.Load(str(path))
-    return function
 
 
 def _name(mesh: Path, path: Path) -> str:

@@ -1,18 +1,15 @@
-"""Files of VTK, read by the library into arrays: unstructured grids, their parts, collections of them over time."""
+"""Files of VTK: unstructured grids, their parts, collections of them over time, read by the library elsewhere."""
 
 from __future__ import annotations
 
 import mmap
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from elvis.converters.trial import attempt
+from elvis.converters.apart import Apart, LibraryError
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import DEFLATE_RATIO, check_plain, content, leading
@@ -45,24 +42,8 @@ _OTHERS = {
 #: what XML declares a number of
 _COUNT = re.compile(rb"""\b(NumberOf\w+)\s*=\s*["']\s*(\d{1,400})""")
 
-_TRIAL = """
-from pathlib import Path
-from vtkmodules import vtkIOLegacy, vtkIOXML
-from elvis.converters.vtk_files import kind_of, read_one
-from elvis.core.errors import FormatError
-bound()
-for name in sys.argv[1:]:
-    with suppress(FormatError):
-        read_one(Path(name))
-os._exit(0)
-"""
-
-#: arrays of the library's own, and those with a meaning of their own
-_DEGREES, _WEIGHTS, _GHOSTS = "HigherOrderDegrees", "RationalWeights", "vtkGhostType"
-_TIMES = ("TimeValue", "TIME", "time", "Time")
-
-#: bits of a ghost cell: it is another part's, or it is hidden
-_DUPLICATE, _HIDDEN = 1, 32
+#: reads in another process
+_WORKER = "elvis.converters.vtk_library:Library"
 
 
 @dataclass(eq=False)
@@ -125,18 +106,29 @@ def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
             files += [(member, time) for member in members]
         else:
             files.append((path, None))
-    _try([path for path, _ in files])
+    paths = [path for path, _ in files]
+    size = _checked_size(paths)
     grids: list[Grid] = []
-    for path, when in files:
-        found = read_one(path)
-        for grid in found:
-            grid.time = grid.time if when is None else when
-        grids += found
+    with Apart(_WORKER, size) as library:
+        for path, when in files:
+            found = [Grid(str(path), **own) for own in _read_one(library, path, size)]
+            for grid in found:
+                grid.time = grid.time if when is None else when
+            grids += found
     return grids
 
 
-def _try(paths: Sequence[Path]) -> None:
-    """FormatError where the library dies of files, or takes too long; what it says of others comes with reading."""
+def _read_one(library: Apart, path: Path, size: int) -> list[dict[str, Any]]:
+    """What makes the grids of a file, or of the files that it names; FormatError with the library's first complaint."""
+    try:
+        found: list[dict[str, Any]] = library.ask("grids", str(path), kind_of(path), size=size)
+    except LibraryError as failure:
+        raise FormatError(f"expected a whole VTK file, found {failure.reason}", file=path) from failure
+    return found
+
+
+def _checked_size(paths: Sequence[Path]) -> int:
+    """Bytes of all files, those that they name included; FormatError where one declares more than these hold."""
     every, left = dict.fromkeys(paths), list(paths)
     while left:
         found = [piece for piece in _pieces(left.pop()) if piece not in every]
@@ -145,11 +137,7 @@ def _try(paths: Sequence[Path]) -> None:
     size = sum(path.stat().st_size for path in every)
     for path in every:
         _check_counts(path, size)
-    outcome = attempt(_TRIAL, paths, size)
-    if outcome.status:
-        names = ", ".join(path.name for path in paths[1:])
-        among = f" (or among {names})" if names else ""
-        raise FormatError(f"expected a whole VTK file, found {outcome.reason}{among}", file=paths[0])
+    return size
 
 
 def _check_counts(path: Path, size: int) -> None:
@@ -195,138 +183,3 @@ def _members(path: Path, step: int) -> tuple[float, list[Path]]:
         if not kind_of(member):
             raise FormatError(f"expected a VTK file {member.name} beside it, found none", file=path)
     return time, members
-
-
-def read_one(path: Path) -> list[Grid]:
-    """The grids of a file, or of the files that it names; FormatError with the first complaint of the library."""
-    from vtkmodules import vtkIOLegacy, vtkIOXML
-
-    reader: Any = {
-        "legacy": vtkIOLegacy.vtkUnstructuredGridReader,
-        "grid": vtkIOXML.vtkXMLUnstructuredGridReader,
-        "parts": vtkIOXML.vtkXMLPUnstructuredGridReader,
-        "blocks": vtkIOXML.vtkXMLMultiBlockDataReader,
-    }[kind_of(path)]()
-    if kind_of(path) == "legacy":
-        reader.ReadAllScalarsOn()
-        reader.ReadAllVectorsOn()
-        reader.ReadAllTensorsOn()
-        reader.ReadAllFieldsOn()
-    reader.SetFileName(str(path))
-    with _refusing(path):
-        reader.Update()
-    return [_grid(path, name, each) for name, each in _leaves(reader.GetOutputDataObject(0), "")]
-
-
-@contextmanager
-def _refusing(path: Path) -> Iterator[None]:
-    """FormatError with the first complaint of the library, which would print them all."""
-    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
-
-    before, ours, verbosity = (
-        vtkOutputWindow.GetInstance(),
-        vtkStringOutputWindow(),
-        vtkLogger.GetCurrentVerbosityCutoff(),
-    )
-    vtkOutputWindow.SetInstance(ours)
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    try:
-        yield
-    finally:
-        vtkOutputWindow.SetInstance(before)
-        vtkLogger.SetStderrVerbosity(vtkLogger.ConvertToVerbosity(verbosity))
-    found = re.search(r"(?s)ERROR: In [^\n]*\n(?:\w+ \([^)]*\): )?(.*?)(?:\n\n|$)", ours.GetOutput())
-    if found is not None:
-        reason = " ".join(re.sub(r"vtk\w+ \(0x[0-9a-f]+\): ", "", found[1]).split())
-        raise FormatError(f"expected a whole VTK file, found: {reason}", file=path)
-
-
-def _leaves(data: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """The unstructured grids in a tree of blocks, with their names."""
-    if data is None:
-        return
-    if data.IsA("vtkUnstructuredGrid"):
-        yield name, data
-    elif data.IsA("vtkMultiBlockDataSet"):
-        for i in range(data.GetNumberOfBlocks()):
-            has_name = data.HasMetaData(i) and data.GetMetaData(i).Has(data.NAME())
-            yield from _leaves(data.GetBlock(i), data.GetMetaData(i).Get(data.NAME()) if has_name else name)
-    elif data.IsA("vtkMultiPieceDataSet"):
-        for i in range(data.GetNumberOfPieces()):
-            yield from _leaves(data.GetPiece(i), name)
-
-
-def _grid(path: Path, name: str, data: Any) -> Grid:
-    """The arrays of a grid of the library."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    cells, count = data.GetCells(), data.GetNumberOfCells()
-    points = np.zeros((0, 3)) if data.GetPoints() is None else vtk_to_numpy(data.GetPoints().GetData())
-    types, offsets, nodes = np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64)
-    if count:
-        types = _integers(data.GetCellTypes() if _is_recent() else data.GetCellTypesArray())
-        offsets, nodes = _integers(cells.GetOffsetsArray()), _integers(cells.GetConnectivityArray())
-    if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
-        found = f"{nodes.min()} to {nodes.max()}"
-        raise FormatError(f"expected points 0 to {len(points) - 1} in cells, found {found}", file=path)
-    on_points, on_cells = _arrays(data.GetPointData(), len(points)), _arrays(data.GetCellData(), count)
-    for own in (on_points, on_cells):
-        own.pop("vtkOriginalPointIds", None)
-        own.pop("vtkOriginalCellIds", None)
-    degrees, ghosts = on_cells.pop(_DEGREES, None), on_cells.pop(_GHOSTS, np.zeros((count, 1)))
-    weights = on_points.pop(_WEIGHTS, None)
-    on_points.pop(_GHOSTS, None)
-    return Grid(
-        str(path),
-        name,
-        points,
-        types,
-        nodes,
-        offsets,
-        (ghosts[:, 0].astype(np.int64) & (_DUPLICATE | _HIDDEN)),
-        None if degrees is None else degrees.astype(np.int64),
-        None if weights is None else weights[:, 0].astype(np.float64),
-        on_points,
-        on_cells,
-        _time(data.GetFieldData()),
-    )
-
-
-def _is_recent() -> bool:
-    """Whether grids give the types of their cells as an array that may be a rule."""
-    from vtkmodules.vtkCommonCore import vtkVersion
-
-    return (vtkVersion.GetVTKMajorVersion(), vtkVersion.GetVTKMinorVersion()) >= (9, 6)
-
-
-def _integers(array: Any) -> Ints:
-    """(n,) the numbers of an array, also of one that is a rule."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkIdTypeArray
-
-    plain = vtkIdTypeArray()
-    plain.DeepCopy(array)
-    return np.asarray(vtk_to_numpy(plain), np.int64)
-
-
-def _arrays(data: Any, count: int) -> dict[str, Floats]:
-    """(n, k) by name, without numberings of points and cells and without text."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    numbering = [each.GetName() for each in (data.GetGlobalIds(), data.GetPedigreeIds()) if each is not None]
-    found: dict[str, Floats] = {}
-    for i in range(data.GetNumberOfArrays()):
-        array = data.GetArray(i)
-        if array is None or array.GetName() in numbering or array.GetNumberOfTuples() != count:
-            continue
-        values = vtk_to_numpy(array)
-        found[array.GetName() or f"array{i}"] = values.reshape(len(values), -1)
-    return found
-
-
-def _time(data: Any) -> float | None:
-    for name in _TIMES:
-        array = data.GetArray(name)
-        if array is not None and array.GetNumberOfTuples():
-            return float(array.GetTuple1(0))
-    return None

@@ -1,0 +1,267 @@
+"""Libraries at work in a process of their own, for damaged files crash some libraries or never end.
+
+What is read there comes back through a pipe, as plain numbers, texts and arrays; this process never lets the library
+read such a file.  The other may take memory and processor time as the size of its files allows, far more than sound
+files need.  It looks for modules where this one does, so that none of the folder it runs in is taken for a library.
+
+A message is the length of a text, the text, and the bytes of arrays.  The text is JSON, in which ``{"array": [type,
+shape]}`` stands for the next of the arrays, and ``{"items": [[key, value], ...]}`` for a dictionary.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import traceback
+import weakref
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+from threading import Timer
+from typing import IO, Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.errors import ElvisError, FormatError
+
+#: bytes of memory at most: so many, and so many for each byte of the files
+MEMORY, MEMORY_PER_BYTE = 4 << 30, 200
+
+#: seconds of the processor at most for one question: so many, and one for so many bytes of the files or the answer
+SECONDS, BYTES_PER_SECOND = 4, 1 << 18
+
+#: how much longer than its processor time an answer may take, on a busy machine or a slow disk
+_PATIENCE = 30
+
+#: seconds beyond that, in which the library is loaded
+_LOADING = 60
+
+_PROGRAM = """
+import sys
+sys.path[:] = {places!r}
+from elvis.converters.apart import serve
+serve({worker!r}, {memory!r})
+"""
+
+#: by what a process ends that takes longer than it may
+_OUT_OF_TIME = -int(getattr(signal, "SIGPROF", 27))
+
+#: types of numbers and texts, the only ones of arrays in messages
+_TYPES = "biufcU"
+
+
+class LibraryError(Exception):
+    """The library didn't answer: the text is the traceback of the other process, where there is one."""
+
+    def __init__(self, is_out_of_time: bool = False, trace: str = "") -> None:
+        super().__init__(trace)
+        self.is_out_of_time = is_out_of_time
+
+    @property
+    def reason(self) -> str:
+        """What the file is, as what a sentence says was found."""
+        if self.is_out_of_time:
+            return "one on which the library takes too long"
+        return "one on which the library fails"
+
+
+class Apart:
+    """An object in a process of its own, which ends with the context, or with this object.
+
+    worker  ``module:class`` of the object, which is made without arguments and loads its library then
+    size    in bytes of all files that it reads
+    """
+
+    def __init__(self, worker: str, size: int) -> None:
+        self._memory = MEMORY + MEMORY_PER_BYTE * size
+        self._process = launched(worker, self._memory)
+        self._end = weakref.finalize(self, _ended, self._process)
+        self._patience = _LOADING
+
+    def __enter__(self) -> Apart:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self._end()
+
+    def ask(self, method: str, *given: Any, size: int) -> Any:
+        """What a method of the object returns; FormatError and ElvisError as it raises them.
+
+        given  numbers, texts, None, arrays, and lists and dictionaries of these
+        size   in bytes of the files that it reads for it, or of what it returns
+        LibraryError where the process ends, takes too long, or meets any other exception.
+        """
+        seconds = SECONDS + size // BYTES_PER_SECOND
+        late: list[bool] = []
+        timer = Timer(self._patience + _PATIENCE * (seconds + 1), _give_up, (self._process, late))
+        timer.start()
+        try:
+            assert self._process.stdin is not None
+            assert self._process.stdout is not None
+            send(self._process.stdin, [method, seconds, *given])
+            kind, *found = receive(self._process.stdout, self._memory)
+        except (OSError, EOFError):  # it has ended, or is about to
+            status = self._process.wait()
+            raise LibraryError(bool(late) or status == _OUT_OF_TIME) from None
+        except ValueError:
+            self._process.kill()
+            raise LibraryError from None
+        finally:
+            timer.cancel()
+        self._patience = 0
+        if kind == "format":
+            message, file, place = found
+            raise FormatError(message, file=file, place=place)
+        if kind == "error":
+            raise ElvisError(*found)
+        if kind == "failed":
+            raise LibraryError(False, *found)
+        return found[0]
+
+
+def launched(worker: str, memory: int) -> subprocess.Popen[bytes]:
+    """A process that serves a worker, asked through its input and answering through its output."""
+    places = [place for place in sys.path if place]
+    program = _PROGRAM.format(places=places, worker=worker, memory=memory)
+    return subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def serve(worker: str, memory: int) -> NoReturn:
+    """Answer what is asked of a worker until there are no more questions; the life of the other process."""
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nothing, 0)  # what the library reads and prints is none of the messages
+    os.dup2(nothing, 1)
+    _limit("RLIMIT_CORE", 0)
+    _limit("RLIMIT_AS", memory)
+    module, _, name = worker.partition(":")
+    made = getattr(import_module(module), name)()
+    with suppress(EOFError, OSError):  # where nobody asks or listens any more
+        while True:
+            method, seconds, *given = receive(requests, memory)
+            with suppress(AttributeError):  # not all systems have this clock, which ends the process
+                signal.setitimer(signal.ITIMER_PROF, seconds)
+            send(answers, _answer(made, method, given))
+    os._exit(0)  # of damaged files libraries leave things behind that they complain of at the end
+
+
+def _answer(made: object, method: str, given: Sequence[Any]) -> list[Any]:
+    """The kind of an answer, and what belongs to it."""
+    try:
+        return ["found", getattr(made, method)(*given)]
+    except FormatError as error:
+        file = None if error.file is None else str(error.file)
+        return ["format", error.message, file, error.place]
+    except ElvisError as error:
+        return ["error", str(error)]
+    except Exception as error:
+        return ["failed", "".join(traceback.format_exception(error))]
+
+
+def send(stream: IO[bytes], value: Any) -> None:
+    """Write a message; TypeError for values that are none of those of `Apart.ask`."""
+    arrays: list[NDArray[Any]] = []
+    text = json.dumps(_plain(value, arrays)).encode("ascii")
+    stream.write(len(text).to_bytes(8, "little") + text)
+    for array in arrays:
+        stream.write(array.reshape(-1).view(np.uint8).data)
+    stream.flush()
+
+
+def receive(stream: IO[bytes], limit: int) -> Any:
+    """Read a message of so many bytes at most; EOFError where it ends early, ValueError where it is none."""
+    length = int.from_bytes(_filled(stream, np.empty(8, np.uint8)).tobytes(), "little")
+    if length > limit:
+        raise ValueError(f"expected at most {limit} bytes, found {length}")
+    text = _filled(stream, np.empty(length, np.uint8)).tobytes()
+    try:
+        return _Reader(stream, limit - length).value(json.loads(text))
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+
+
+class _Reader:
+    """Values of a message from its JSON, with the arrays that follow in a stream; ``left`` bytes of these at most."""
+
+    def __init__(self, stream: IO[bytes], left: int) -> None:
+        self._stream, self._left = stream, left
+
+    def value(self, plain: Any) -> Any:
+        """What a part of the text stands for."""
+        if isinstance(plain, list):
+            return [self.value(each) for each in plain]
+        if not isinstance(plain, dict):
+            return plain
+        ((kind, found),) = plain.items()
+        if kind == "items":
+            return {key: self.value(each) for key, each in found}
+        return self._array(*found)
+
+    def _array(self, name: str, shape: Sequence[int]) -> NDArray[Any]:
+        dtype, count = np.dtype(name), math.prod(shape)
+        if dtype.kind not in _TYPES or min(shape, default=0) < 0 or count * dtype.itemsize > self._left:
+            raise ValueError(f"expected an array of {self._left} bytes at most, found {shape} of {dtype}")
+        self._left -= count * dtype.itemsize
+        array = np.empty(shape, dtype)
+        _filled(self._stream, array.reshape(-1).view(np.uint8))
+        return array
+
+
+def _plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
+    """A value as JSON knows it, its arrays appended to a list."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in _TYPES:
+            raise TypeError(f"expected numbers or texts, found {value.dtype}")
+        arrays.append(np.ascontiguousarray(value))
+        return {"array": [value.dtype.str, list(value.shape)]}
+    if isinstance(value, dict):
+        return {"items": [[key, _plain(each, arrays)] for key, each in value.items()]}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each, arrays) for each in value]
+    return value
+
+
+def _filled(stream: IO[bytes], array: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An array of bytes, filled from a stream."""
+    at = 0
+    while at < len(array):
+        count = stream.readinto(array.data[at:])  # type: ignore[attr-defined]
+        if not count:
+            raise EOFError
+        at += count
+    return array
+
+
+def _limit(name: str, value: int) -> None:
+    """Set a limit of this process, on systems that have it."""
+    with suppress(ImportError, AttributeError, ValueError, OSError):
+        import resource
+
+        kind = getattr(resource, name)
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (value if hard < 0 else min(value, hard), hard))
+
+
+def _give_up(process: subprocess.Popen[bytes], late: list[bool]) -> None:
+    late.append(True)
+    process.kill()
+
+
+def _ended(process: subprocess.Popen[bytes]) -> None:
+    """End a process, which holds nothing that would be missed."""
+    process.kill()
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with suppress(OSError):
+                stream.close()
+    process.wait()

@@ -1,0 +1,155 @@
+"""What VTK's library does with files, in a process of its own: unstructured grids as numbers, texts and arrays."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
+
+#: arrays of the library's own, and those with a meaning of their own
+_DEGREES, _WEIGHTS, _GHOSTS = "HigherOrderDegrees", "RationalWeights", "vtkGhostType"
+_TIMES = ("TimeValue", "TIME", "time", "Time")
+
+#: bits of a ghost cell: it is another part's, or it is hidden
+_DUPLICATE, _HIDDEN = 1, 32
+
+
+class Library:
+    """The library, which reads files."""
+
+    def __init__(self) -> None:
+        from vtkmodules import vtkIOLegacy, vtkIOXML
+
+        self._readers: dict[str, Any] = {
+            "legacy": vtkIOLegacy.vtkUnstructuredGridReader,
+            "grid": vtkIOXML.vtkXMLUnstructuredGridReader,
+            "parts": vtkIOXML.vtkXMLPUnstructuredGridReader,
+            "blocks": vtkIOXML.vtkXMLMultiBlockDataReader,
+        }
+
+    def grids(self, path: str, kind: str) -> list[dict[str, Any]]:
+        """What makes an `elvis.converters.vtk_files.Grid`, of each in a file and in those that it names.
+
+        FormatError with the library's first complaint, and where cells have points that aren't there.
+        """
+        reader = self._readers[kind]()
+        if kind == "legacy":
+            reader.ReadAllScalarsOn()
+            reader.ReadAllVectorsOn()
+            reader.ReadAllTensorsOn()
+            reader.ReadAllFieldsOn()
+        reader.SetFileName(path)
+        with _refusing(path):
+            reader.Update()
+        return [_grid(path, name, each) for name, each in _leaves(reader.GetOutputDataObject(0), "")]
+
+
+@contextmanager
+def _refusing(path: str) -> Iterator[None]:
+    """FormatError with the first complaint of the library, which would print them all."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+
+    complaints = vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(complaints)
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    yield
+    found = re.search(r"(?s)ERROR: In [^\n]*\n(?:\w+ \([^)]*\): )?(.*?)(?:\n\n|$)", complaints.GetOutput())
+    if found is not None:
+        reason = " ".join(re.sub(r"vtk\w+ \(0x[0-9a-f]+\): ", "", found[1]).split())
+        raise FormatError(f"expected a whole VTK file, found: {reason}", file=path)
+
+
+def _leaves(data: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The unstructured grids in a tree of blocks, with their names."""
+    if data is None:
+        return
+    if data.IsA("vtkUnstructuredGrid"):
+        yield name, data
+    elif data.IsA("vtkMultiBlockDataSet"):
+        for i in range(data.GetNumberOfBlocks()):
+            has_name = data.HasMetaData(i) and data.GetMetaData(i).Has(data.NAME())
+            yield from _leaves(data.GetBlock(i), data.GetMetaData(i).Get(data.NAME()) if has_name else name)
+    elif data.IsA("vtkMultiPieceDataSet"):
+        for i in range(data.GetNumberOfPieces()):
+            yield from _leaves(data.GetPiece(i), name)
+
+
+def _grid(path: str, name: str, data: Any) -> dict[str, Any]:
+    """The arrays of a grid of the library."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    cells, count = data.GetCells(), data.GetNumberOfCells()
+    points = np.zeros((0, 3)) if data.GetPoints() is None else vtk_to_numpy(data.GetPoints().GetData())
+    types, offsets, nodes = np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64)
+    if count:
+        types = _integers(data.GetCellTypes() if _is_recent() else data.GetCellTypesArray())
+        offsets, nodes = _integers(cells.GetOffsetsArray()), _integers(cells.GetConnectivityArray())
+    if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
+        found = f"{nodes.min()} to {nodes.max()}"
+        raise FormatError(f"expected points 0 to {len(points) - 1} in cells, found {found}", file=path)
+    on_points, on_cells = _arrays(data.GetPointData(), len(points)), _arrays(data.GetCellData(), count)
+    for own in (on_points, on_cells):
+        own.pop("vtkOriginalPointIds", None)
+        own.pop("vtkOriginalCellIds", None)
+    degrees, ghosts = on_cells.pop(_DEGREES, None), on_cells.pop(_GHOSTS, np.zeros((count, 1)))
+    weights = on_points.pop(_WEIGHTS, None)
+    on_points.pop(_GHOSTS, None)
+    return {
+        "name": name,
+        "points": points,
+        "types": types,
+        "nodes": nodes,
+        "offsets": offsets,
+        "ghosts": ghosts[:, 0].astype(np.int64) & (_DUPLICATE | _HIDDEN),
+        "degrees": None if degrees is None else degrees.astype(np.int64),
+        "weights": None if weights is None else weights[:, 0].astype(np.float64),
+        "point_data": on_points,
+        "cell_data": on_cells,
+        "time": _time(data.GetFieldData()),
+    }
+
+
+def _is_recent() -> bool:
+    """Whether grids give the types of their cells as an array that may be a rule."""
+    from vtkmodules.vtkCommonCore import vtkVersion
+
+    return (vtkVersion.GetVTKMajorVersion(), vtkVersion.GetVTKMinorVersion()) >= (9, 6)
+
+
+def _integers(array: Any) -> Ints:
+    """(n,) the numbers of an array, also of one that is a rule."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkIdTypeArray
+
+    plain = vtkIdTypeArray()
+    plain.DeepCopy(array)
+    return np.asarray(vtk_to_numpy(plain), np.int64)
+
+
+def _arrays(data: Any, count: int) -> dict[str, Floats]:
+    """(n, k) by name, without numberings of points and cells and without text."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    numbering = [each.GetName() for each in (data.GetGlobalIds(), data.GetPedigreeIds()) if each is not None]
+    found: dict[str, Floats] = {}
+    for i in range(data.GetNumberOfArrays()):
+        array = data.GetArray(i)
+        if array is None or array.GetName() in numbering or array.GetNumberOfTuples() != count:
+            continue
+        values = vtk_to_numpy(array)
+        found[array.GetName() or f"array{i}"] = values.reshape(len(values), -1)
+    return found
+
+
+def _time(data: Any) -> float | None:
+    for name in _TIMES:
+        array = data.GetArray(name)
+        if array is not None and array.GetNumberOfTuples():
+            return float(array.GetTuple1(0))
+    return None

@@ -1,0 +1,207 @@
+import gc
+import io
+import os
+import signal
+import sys
+import threading
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from elvis.converters import apart
+from elvis.converters.apart import Apart, LibraryError, receive, send
+from elvis.converters.cgns import Cgns
+from elvis.converters.gmsh import Gmsh
+from elvis.converters.mfem import Mfem
+from elvis.converters.ngsolve import NGSolve
+from elvis.converters.vtk import Vtk
+from elvis.core.errors import ElvisError, FormatError
+
+WORKER = """
+import os, resource, signal, sys, time
+from elvis.core.errors import ElvisError, FormatError
+class Worker:
+    def same(self, *given):
+        return list(given)
+    def limits(self):
+        return [resource.getrlimit(resource.RLIMIT_AS)[0], signal.getitimer(signal.ITIMER_PROF)[0]]
+    def fail(self, how):
+        exec(how)
+"""
+
+
+@pytest.fixture
+def worker(tmp_path, monkeypatch):
+    """The name of a worker in a module that this process can import."""
+    (tmp_path / "working_apart.py").write_text(WORKER)
+    monkeypatch.syspath_prepend(tmp_path)
+    return "working_apart:Worker"
+
+
+def test_numbers_texts_and_arrays_come_back_as_they_were(worker):
+    arrays = [
+        np.arange(6.0).reshape(2, 3).T,
+        np.zeros((0, 4), np.int32),
+        np.array(7.5),
+        np.array(["a", "größer", ""]),
+        np.array([True, False]),
+        np.arange(5, dtype=">i8")[::2],
+        np.array([1, 2**64 - 1], np.uint64),
+    ]
+    given = [None, 1, -2.5, "\udc80\n", {"": 1, "array": {"items": arrays[0]}}, [[], {}], float("inf"), *arrays]
+    with Apart(worker, 0) as process:
+        found = process.ask("same", *given, size=0)
+    assert found[:4] == given[:4]
+    assert list(found[4]) == ["", "array"]
+    assert np.array_equal(found[4]["array"]["items"], arrays[0])
+    assert found[5:7] == given[5:7]
+    for own, wanted in zip(found[7:], arrays, strict=True):
+        assert own.dtype == wanted.dtype
+        assert own.shape == wanted.shape
+        assert np.array_equal(own, wanted)
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("while True: pass", "one on which the library takes too long"),
+        ("os.abort()", "one on which the library fails"),
+        ("os._exit(0)", "one on which the library fails"),
+        ("large = bytes(1 << 30)", "one on which the library fails"),
+        ("print('x' * 10000)\nraise ValueError", "one on which the library fails"),
+    ],
+)
+def test_a_failure_has_a_reason(worker, monkeypatch, how, reason):
+    monkeypatch.setattr(apart, "SECONDS", 1)
+    monkeypatch.setattr(apart, "MEMORY", 1 << 29)
+    with Apart(worker, 0) as process, pytest.raises(LibraryError) as caught:
+        process.ask("fail", how, size=0)
+    assert caught.value.reason == reason
+
+
+def test_a_library_that_waits_for_ever_is_given_up(worker, monkeypatch):
+    monkeypatch.setattr(apart, "SECONDS", 1)
+    monkeypatch.setattr(apart, "_PATIENCE", 0.5)
+    monkeypatch.setattr(apart, "_LOADING", 20)
+    with Apart(worker, 0) as process:
+        process.ask("same", size=0)
+        with pytest.raises(LibraryError) as caught:
+            process.ask("fail", "time.sleep(1000)", size=0)
+    assert caught.value.is_out_of_time
+
+
+def test_errors_of_ours_come_back(worker):
+    with Apart(worker, 0) as process:
+        with pytest.raises(FormatError) as caught:
+            process.ask("fail", "raise FormatError('expected x', file='a.b', place='c')", size=0)
+        assert (caught.value.message, caught.value.file, caught.value.place) == ("expected x", "a.b", "c")
+        with pytest.raises(ElvisError, match="a sentence") as plain:
+            process.ask("fail", "raise ElvisError('a sentence')", size=0)
+        assert not isinstance(plain.value, FormatError)
+        with pytest.raises(LibraryError, match="ValueError: 7"):
+            process.ask("fail", "raise ValueError(7)", size=0)
+        assert process.ask("same", 3, size=0) == [3]
+
+
+def test_limits_grow_with_the_files(worker):
+    for size, seconds in ((0, apart.SECONDS), (10 * apart.BYTES_PER_SECOND, apart.SECONDS + 10)):
+        with Apart(worker, size) as process:
+            memory, left = process.ask("limits", size=size)
+        assert memory == apart.MEMORY + apart.MEMORY_PER_BYTE * size
+        assert seconds - 1 < left < seconds + 0.5
+
+
+def test_processes_end_with_their_objects(worker):
+    process = Apart(worker, 0)
+    (number,) = process.ask("same", 1, size=0)
+    child = process._process.pid
+    gc.disable()
+    try:
+        del process
+        with pytest.raises(ProcessLookupError):
+            os.kill(child, 0)
+    finally:
+        gc.enable()
+    assert number == 1
+    assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('{"array": ["<f8", [1000000]]}', "expected an array of 10.* bytes at most"),
+        ('{"array": ["|O", [1]]}', "expected an array"),
+        ('{"array": ["<f8", [-1]]}', "expected an array"),
+        ('{"array": ["?!", [1]]}', "not understood"),
+        ("x", "Expecting value"),
+    ],
+)
+def test_messages_that_hold_other_things_are_refused(text, sentence):
+    raw = len(text).to_bytes(8, "little") + text.encode() + bytes(100)
+    with pytest.raises(ValueError, match=sentence):
+        receive(io.BytesIO(raw), 1 << 20)
+
+
+def test_objects_are_not_sent():
+    for value in (np.array([None]), object(), np.float32(1)):
+        with pytest.raises(TypeError):
+            send(io.BytesIO(), value)
+
+
+#: files of each library, and its modules that read them
+READ = {
+    Gmsh: (["gmsh/mixed_o2_v22.msh"], ["gmsh"]),
+    Cgns: (["cgns/gmsh_mixed_o2.cgns"], ["gmsh"]),
+    Vtk: (["vtk/dealii_shell_p4.vtu"], ["vtkmodules.vtkIOXML", "vtkmodules.vtkIOLegacy"]),
+    Mfem: (["mfem/pipe_nurbs.mesh", "mfem/pipe_nurbs.u.gf"], ["mfem.ser"]),
+    NGSolve: (["ngsolve/ballbox_p4.vol"], ["ngsolve"]),
+}
+
+
+@pytest.mark.parametrize("converter", READ)
+def test_no_library_reads_a_file_in_this_process(solvers, monkeypatch, converter):
+    files, modules = READ[converter]
+    for name in modules:
+        pytest.importorskip(name)
+        without = ModuleType(name)
+        without.__spec__ = ModuleSpec(name, None)
+        package, _, last = name.rpartition(".")
+        monkeypatch.setitem(sys.modules, name, without)
+        if package:
+            monkeypatch.setattr(sys.modules[package], last, without)
+    source = converter([solvers / file for file in files])
+    for block in source.blocks:
+        points = block.shape.vertices.mean(axis=0, keepdims=True) if block.frame is None else block.frame[:1]
+        first = block.take(np.arange(1))
+        assert np.isfinite(source.positions(first, points)).all()
+        for field in source.fields:
+            assert np.isfinite(source.sample(first, field, points)).all()
+
+
+def test_a_library_that_dies_of_a_question_later_is_told(solvers):
+    pytest.importorskip("mfem.ser")
+    source = Mfem([solvers / "mfem" / "pipe_nurbs.mesh"])
+    block = source.blocks[0]
+    source._parts[0]._asked._library._process.kill()
+    with pytest.raises(FormatError, match=r"pipe_nurbs\.mesh: expected data that MFEM reads, found some"):
+        source.positions(block, block.frame)
+
+
+@pytest.mark.parametrize("name", ["resource", "contextlib", "vtkmodules", "gmsh", "numpy"])
+def test_nothing_in_the_working_folder_is_run(tmp_path, monkeypatch, name):
+    (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'run')!r}, 'w')")
+    (tmp_path / "a.vtu").write_text('<VTKFile type="UnstructuredGrid">')
+    (tmp_path / "a.cgns").write_text("@(#)ADF Database Version A02011>")
+    monkeypatch.chdir(tmp_path)
+    for converter in (Vtk, Cgns):
+        with pytest.raises(FormatError, match="expected"):
+            converter([tmp_path / ("a.vtu" if converter is Vtk else "a.cgns")])
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_time_limit_is_told_from_other_signals():
+    assert apart._OUT_OF_TIME == -signal.SIGPROF
+    assert "too long" in LibraryError(True).reason
+    assert "too long" not in LibraryError().reason
