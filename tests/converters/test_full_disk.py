@@ -15,7 +15,7 @@ from elvis.core.files.columns import write_columns
 from elvis.core.files.nrrd import Grid, write_nrrd
 from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset, ElvisError, Shape, write
-from elvis.formats.nektar.hdf5_output import created
+from elvis.formats.nektar.hdf5 import created
 
 
 @contextmanager

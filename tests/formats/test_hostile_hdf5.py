@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.core.errors import FormatError
-from elvis.formats.nektar.heaps import check_heaps
-from elvis.formats.nektar.strings_hdf5 import attribute_data
+from elvis.formats.nektar.hdf5_checks import attribute_data, check_heaps
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 
 from elvis.core.polynomials.expansion import mode_count
 from elvis.formats import Basis, Block, Dataset, Expansion, Field, FormatError, Homogeneous, Shape, read, write
-from elvis.formats.nektar.counts import coefficient_counts
+from elvis.formats.nektar.sections import coefficient_counts
 
 
 def test_uniform_data_are_views_of_one_array(case_files):

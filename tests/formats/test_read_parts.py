@@ -10,24 +10,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elvis.formats import FormatError
-from elvis.formats.nektar import idlist, numbers, payload
+from elvis.formats.nektar import numbers, payload
+from elvis.formats.nektar.assembly import Lookup
 from elvis.formats.nektar.expressions import evaluate
-from elvis.formats.nektar.lookup import Lookup
 
 IDS = st.lists(st.integers(0, 40) | st.integers(0, 10**12), max_size=30)
 
 
 @given(IDS)
 def test_lists_of_ids_go_both_ways(ids):
-    text = idlist.format_ids(np.array(ids, np.int64))
-    parsed = idlist.parse(f" {text} ")
+    text = numbers.format_ids(np.array(ids, np.int64))
+    parsed = numbers.parse_ids(f" {text} ")
     assert parsed.count == len(ids)
     assert parsed.expand(30).tolist() == ids
 
 
 @given(IDS, st.sets(st.integers(0, 60)))
 def test_existing_ids_are_those_of_the_list_that_are_there(ids, present):
-    found = idlist.parse(idlist.format_ids(np.array(ids, np.int64))).existing(np.array(sorted(present), np.int64))
+    found = numbers.parse_ids(numbers.format_ids(np.array(ids, np.int64))).existing(np.array(sorted(present), np.int64))
     assert found.tolist() == [id for id in ids if id in present]
 
 
@@ -36,17 +36,17 @@ def test_existing_ids_are_those_of_the_list_that_are_there(ids, present):
 )
 def test_lists_that_are_none(text):
     with pytest.raises(FormatError, match="expected"):
-        idlist.parse(text)
+        numbers.parse_ids(text)
 
 
 def test_a_list_may_claim_more_than_memory_holds():
-    claimed = idlist.parse("0-99999999999999999,5")
+    claimed = numbers.parse_ids("0-99999999999999999,5")
     assert claimed.count == 10**17 + 1
     assert claimed.existing(np.array([3, 5])).tolist() == [3, 5, 5]
     with pytest.raises(FormatError, match="expected at most 100 ids, found a list of 100000000000000001"):
         claimed.expand(100)
     with pytest.raises(FormatError, match="found 100000000"):
-        idlist.parse(",".join(["0-9999"] * 10_000)).existing(np.arange(10_000))
+        numbers.parse_ids(",".join(["0-9999"] * 10_000)).existing(np.arange(10_000))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from elvis.converters.gmsh_mesh import read_mesh
 from elvis.converters.hdf5 import holds, opened
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import leading
-from elvis.formats.nektar.stored_hdf5 import check_stored
+from elvis.formats.nektar.hdf5_checks import check_stored
 from elvis.plugins.conversion import Boundary
 
 #: how files of the older container begin; the library sets the highest bit of the first four bytes

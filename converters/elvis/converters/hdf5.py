@@ -16,8 +16,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain
-from elvis.formats.nektar.heaps import check_heaps
-from elvis.formats.nektar.stored_hdf5 import check_attribute, check_stored, check_strings
+from elvis.formats.nektar.hdf5_checks import check_attribute, check_heaps, check_stored, check_strings
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]

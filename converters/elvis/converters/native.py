@@ -24,7 +24,8 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.shapes import Shape
 from elvis.formats import read
-from elvis.formats.nektar.sources import GZIP_SIGNATURE, HDF5_SIGNATURE
+from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
+from elvis.formats.nektar.xml import GZIP_SIGNATURE
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 
 _ROOT = re.compile(rb"<NEKTAR[\s>/]")

@@ -20,7 +20,7 @@ from elvis.converters.pyfr_old import Values
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
-from elvis.formats.nektar.stored_hdf5 import check_attribute
+from elvis.formats.nektar.hdf5_checks import check_attribute
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 from elvis.plugins.nodal import NodalBasis, native_points, space_size
 

@@ -9,15 +9,14 @@ from pathlib import Path
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError, FormatError
+from elvis.core.files.plain import leading
 from elvis.core.mesh import Mesh
-from elvis.formats.nektar import expansions, fields, fields_hdf5, fields_xml, geometry_hdf5, geometry_xml, hdf5, xml
-from elvis.formats.nektar.assembly import assemble
-from elvis.formats.nektar.metadata import time_of
-from elvis.formats.nektar.partition import unite
-from elvis.formats.nektar.raw import RawGeometry
+from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
+from elvis.formats.nektar.assembly import RawGeometry, assemble, unite
+from elvis.formats.nektar.fields_input import time_of
+from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.sections import Section
-from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, head, load
-from elvis.formats.nektar.xml import Element
+from elvis.formats.nektar.xml import Element, head, load
 
 _MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
 _FIELD_PIECE = re.compile(r"P\d+\.fld")
@@ -75,7 +74,7 @@ class _Reader:
         """Take in a file or a folder."""
         if path.is_dir():
             self._add_folder(path)
-        elif first_bytes(path) == HDF5_SIGNATURE:
+        elif leading(path, len(HDF5_SIGNATURE)) == HDF5_SIGNATURE:
             self._add_hdf5(path)
         else:
             self._add_xml(path)
@@ -84,7 +83,7 @@ class _Reader:
         """All that was taken in; FormatError where there is no mesh."""
         rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
         mesh = self._mesh(names)
-        found = fields.assemble(self._sections, mesh)
+        found = fields_input.assemble(self._sections, mesh)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         return Dataset(mesh, found, time_of(metadata), metadata, expansions.resolve(rules, mesh))
 
@@ -110,7 +109,7 @@ class _Reader:
         if is_geometry:
             self._bare.append(path)
             return
-        sections, metadata = fields_hdf5.read_fields(path)
+        sections, metadata = fields_input.read_hdf5(path)
         self._sections += sections
         self._field_metadata.update(metadata)
 
@@ -123,9 +122,9 @@ class _Reader:
             for child in root.children():
                 is_field |= child.tag in ("ELEMENTS", *_PARTITIONS)
                 if child.tag == "ELEMENTS":
-                    self._sections.append(fields_xml.read_section(child))
+                    self._sections.append(fields_input.read_section(child))
                 elif child.tag == "Metadata":
-                    metadata.update(fields_xml.read_metadata(child))
+                    metadata.update(fields_input.read_metadata(child))
                 elif child.tag in _PARTITIONS:
                     parts.append(_file_name(child))
                 else:

@@ -11,12 +11,12 @@ from typing import Literal, get_args
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import Outputs, check_places
-from elvis.formats.nektar import fields_output, geometry_hdf5_output, geometry_output
-from elvis.formats.nektar.domain import with_domain
-from elvis.formats.nektar.expansions_output import completed_rules, write_rules
-from elvis.formats.nektar.metadata import time_of
-from elvis.formats.nektar.output_xml import document, write_metadata
-from elvis.formats.nektar.sections_output import OutputSection, output_sections
+from elvis.formats.nektar import fields_output, geometry_hdf5, geometry_output
+from elvis.formats.nektar.composites import with_domain
+from elvis.formats.nektar.expansions import completed_rules, write_rules
+from elvis.formats.nektar.fields_input import time_of
+from elvis.formats.nektar.fields_output import OutputSection, output_sections
+from elvis.formats.nektar.xml import document, write_metadata
 
 MeshFormat = Literal["compressed", "text", "hdf5"]
 FieldFormat = Literal["xml", "hdf5"]
@@ -57,7 +57,7 @@ def write(
                 _write_fields(beside, sections, dataset.metadata, field_file, field_format)
         if hdf5_file:
             with files.file(hdf5_file) as beside:
-                geometry_hdf5_output.write_geometry(beside, dataset.mesh)
+                geometry_hdf5.write_geometry(beside, dataset.mesh)
         if mesh_file:
             with files.file(mesh_file) as beside:
                 _write_mesh_xml(beside, dataset, sections, mesh_file, mesh_format, field_file is None)

@@ -24,20 +24,22 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.shapes import Shape
 
-_FOURIER = (Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM)
+#: bases of homogeneous directions
+FOURIER = (Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM)
 _TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
 _MODIFIED = (Basis.MODIFIED_A,)
 _ORTHO = (Basis.ORTHO_A, Basis.LEGENDRE)
 _LAGRANGE = (Basis.GLL_LAGRANGE, Basis.GAUSS_LAGRANGE)
-_LINE = (*_MODIFIED, *_ORTHO, *_LAGRANGE, Basis.CHEBYSHEV, Basis.MONOMIAL, *_FOURIER)
+#: bases of one coordinate
+LINE = (*_MODIFIED, *_ORTHO, *_LAGRANGE, Basis.CHEBYSHEV, Basis.MONOMIAL, *FOURIER)
 
 #: families a shape can carry: for each direction the bases that go together
 FAMILIES: Mapping[Shape, tuple[tuple[tuple[Basis, ...], ...], ...]] = {
-    Shape.SEGMENT: ((_LINE,),),
-    Shape.QUADRILATERAL: ((_LINE, _LINE),),
-    Shape.HEXAHEDRON: ((_LINE, _LINE, _LINE),),
+    Shape.SEGMENT: ((LINE,),),
+    Shape.QUADRILATERAL: ((LINE, LINE),),
+    Shape.HEXAHEDRON: ((LINE, LINE, LINE),),
     Shape.TRIANGLE: ((_MODIFIED, (Basis.MODIFIED_B,)), (_ORTHO, (Basis.ORTHO_B,))),
-    Shape.PRISM: ((_MODIFIED, _LINE, (Basis.MODIFIED_B,)), (_ORTHO, _LINE, (Basis.ORTHO_B,))),
+    Shape.PRISM: ((_MODIFIED, LINE, (Basis.MODIFIED_B,)), (_ORTHO, LINE, (Basis.ORTHO_B,))),
     Shape.PYRAMID: (
         (_MODIFIED, _MODIFIED, (Basis.MODIFIED_PYR_C,)),
         (_ORTHO, _ORTHO, (Basis.ORTHO_PYR_C,)),
@@ -49,7 +51,7 @@ FAMILIES: Mapping[Shape, tuple[tuple[tuple[Basis, ...], ...], ...]] = {
 }
 
 #: pairs of directions whose numbers of modes must not decrease
-_ASCENDING: Mapping[Shape, tuple[tuple[int, int], ...]] = {
+ASCENDING: Mapping[Shape, tuple[tuple[int, int], ...]] = {
     Shape.SEGMENT: (),
     Shape.QUADRILATERAL: (),
     Shape.HEXAHEDRON: (),
@@ -72,7 +74,7 @@ def check(expansion: Expansion) -> None:
         raise FormatError(f"expected bases that belong together on this shape, found {names}", place=place)
     if min(modes) < 1:
         raise FormatError(f"expected at least one mode in each direction, found {_listed(modes)}", place=place)
-    for first, second in _ASCENDING[shape]:
+    for first, second in ASCENDING[shape]:
         if modes[first] > modes[second]:
             rule = f"no more modes in direction {first + 1} than in direction {second + 1}"
             raise FormatError(f"expected {rule}, found {_listed(modes)}", place=place)
@@ -98,7 +100,7 @@ def _check_homogeneous(planes: Homogeneous, place: str) -> None:
         raise FormatError(
             f"expected one basis and one length for each homogeneous direction, found {found}", place=place
         )
-    if any(basis not in _FOURIER for basis in planes.bases):
+    if any(basis not in FOURIER for basis in planes.bases):
         names = ", ".join(basis.label for basis in planes.bases)
         raise FormatError(f"expected Fourier bases in homogeneous directions, found {names}", place=place)
     if not planes.z_ids or len(planes.y_ids) != (len(planes.z_ids) if directions == 2 else 0):

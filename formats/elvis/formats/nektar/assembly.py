@@ -1,16 +1,216 @@
-"""From a mesh named by global ids to the mesh in memory: ids become rows, and everything named must exist."""
+"""From meshes as files hold them, everything named by global ids, to the mesh in memory, everything named by row.
+
+The codecs of geometry agree on `RawGeometry`; pieces of a partitioned mesh become one; what is named must exist.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Composite, Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
-from elvis.formats.nektar.lookup import Lookup
-from elvis.formats.nektar.raw import RawCurves, RawGeometry
+from elvis.formats.nektar.numbers import IdList
+
+#: a composite before its ids are compared with the mesh: id, tokens (tag letter, list), name
+RawComposite = tuple[int, tuple[tuple[str, IdList], ...], str | None]
+
+
+@dataclass(frozen=True, eq=False)
+class RawCurves:
+    """Curved edges or faces: ids of the entities, PointsType numbers, number of points of each, points (m, 3)."""
+
+    entities: Ints
+    kinds: Ints
+    counts: Ints
+    points: Floats
+
+    @staticmethod
+    def none() -> RawCurves:
+        """Nothing is curved."""
+        empty = np.empty(0, np.int64)
+        return RawCurves(empty, empty, empty, np.empty((0, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class RawGeometry:
+    """A mesh, or one piece of a partitioned one.
+
+    tables  by shape: ids (n,) and members (n, k), the ids of vertices, edges or faces in file order
+    """
+
+    file: str
+    dimension: int
+    space: int
+    vertex_ids: Ints
+    vertices: Floats
+    tables: Mapping[Shape, tuple[Ints, Ints]]
+    edge_curves: RawCurves = field(default_factory=RawCurves.none)
+    face_curves: RawCurves = field(default_factory=RawCurves.none)
+    composites: tuple[RawComposite, ...] = ()
+    domains: Mapping[int, IdList] = field(default_factory=dict)
+
+
+_AT_ONCE = 1 << 17
+
+#: ids up to so many times their number are looked up in a table, sparser ones by bisection
+_DENSE = 4
+
+
+class Lookup:
+    """Finds the row of each id in an array of distinct ids; ``what`` names the entities in messages."""
+
+    def __init__(self, ids: Ints, what: str) -> None:
+        self._what = what
+        self._table: Ints | None = None
+        if len(ids) and ids.min() < 0:
+            raise FormatError(f"expected {what} ids from 0 up, found {ids.min()}")
+        if len(ids) and ids.max() < _DENSE * len(ids) + _AT_ONCE:
+            self._table, again = _rows_by_id(ids)
+        else:
+            self._rows = np.argsort(ids, kind="stable")
+            self._sorted = ids[self._rows]
+            again = self._sorted[1:][self._sorted[1:] == self._sorted[:-1]]
+        if len(again):
+            raise FormatError(f"expected every {what} once, found {what} {again[0]} twice")
+
+    @property
+    def ids(self) -> Ints:
+        """The ids, ascending."""
+        return self._sorted if self._table is None else np.flatnonzero(self._table >= 0)
+
+    def present(self, ids: Ints) -> Bools:
+        """Whether each id is there."""
+        return self._found(ids)[1]
+
+    def rows(self, ids: Ints, user: str) -> Ints:
+        """Rows of the ids, in their shape; FormatError where one is unknown, ``user`` says who names it."""
+        return self.into_rows(ids.copy(), user)
+
+    def into_rows(self, ids: Ints, user: str) -> Ints:
+        """As `rows`, but the array itself is overwritten: no second one of its size is needed."""
+        ids = np.ascontiguousarray(ids)
+        flat = ids.reshape(-1)
+        for start in range(0, len(flat), _AT_ONCE):
+            part = flat[start : start + _AT_ONCE]
+            rows, known = self._found(part)
+            if not known.all():
+                wrong = part[~known][0]
+                raise FormatError(f"expected {self._what} ids that exist in the {user}, found {self._what} {wrong}")
+            part[:] = rows
+        return ids
+
+    def _found(self, ids: Ints) -> tuple[Ints, Bools]:
+        """Rows, and whether they are right."""
+        if self._table is not None:
+            rows = self._table[np.clip(ids, 0, len(self._table) - 1)]
+            return rows, (rows >= 0) & (ids >= 0) & (ids < len(self._table))
+        if not len(self._sorted):
+            return np.zeros_like(ids), np.zeros(ids.shape, bool)
+        places = np.minimum(np.searchsorted(self._sorted, ids), len(self._sorted) - 1)
+        return self._rows[places], self._sorted[places] == ids
+
+
+def _rows_by_id(ids: Ints) -> tuple[Ints, Ints]:
+    """Row by id, -1 where there is none, and the ids that are there twice."""
+    table = np.full(int(ids.max()) + 1, -1)
+    table[ids] = np.arange(len(ids))
+    return table, ids[table[ids] != np.arange(len(ids))]
+
+
+def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
+    """One mesh of all pieces; entities keep the order of first appearance.
+
+    FormatError where pieces differ in dimension, or give one entity other members.
+    """
+    first = pieces[0]
+    if len(pieces) == 1:
+        return first
+    for piece in pieces[1:]:
+        if (piece.dimension, piece.space) != (first.dimension, first.space):
+            expected = f"DIM {first.dimension} and SPACE {first.space} as in {first.file}"
+            raise FormatError(f"expected {expected}, found {piece.dimension} and {piece.space}", file=piece.file)
+
+    vertex_ids = np.concatenate([piece.vertex_ids for piece in pieces])
+    kept = first_rows(vertex_ids)
+    vertices = np.concatenate([piece.vertices for piece in pieces])
+    return RawGeometry(
+        first.file,
+        first.dimension,
+        first.space,
+        vertex_ids[kept],
+        vertices[kept],
+        {shape: _unite_table(shape, pieces) for shape in Shape if any(shape in piece.tables for piece in pieces)},
+        _unite_curves([piece.edge_curves for piece in pieces]),
+        _unite_curves([piece.face_curves for piece in pieces]),
+        _unite_composites(pieces),
+        _unite_domains(pieces),
+    )
+
+
+def first_rows(ids: Ints) -> Ints:
+    """(n,) rows where an id appears for the first time, ascending."""
+    return np.sort(np.unique(ids, return_index=True)[1])
+
+
+def _unite_table(shape: Shape, pieces: Sequence[RawGeometry]) -> tuple[Ints, Ints]:
+    tables = [piece.tables[shape] for piece in pieces if shape in piece.tables]
+    ids, members = np.concatenate([table[0] for table in tables]), np.concatenate([table[1] for table in tables])
+    _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
+    if not np.array_equal(members, members[first[inverse]]):
+        wrong = int(np.flatnonzero((members != members[first[inverse]]).any(axis=1))[0])
+        raise FormatError(
+            f"expected the same members of {shape.label.lower()} {ids[wrong]} in all pieces, found others",
+            file=pieces[0].file,
+        )
+    kept = np.sort(first)
+    return ids[kept], members[kept]
+
+
+def _unite_curves(parts: Sequence[RawCurves]) -> RawCurves:
+    entities = np.concatenate([part.entities for part in parts])
+    counts = np.concatenate([part.counts for part in parts])
+    kept = first_rows(entities)
+    is_kept = np.zeros(len(entities), bool)
+    is_kept[kept] = True
+    points = np.concatenate([part.points for part in parts])
+    kinds = np.concatenate([part.kinds for part in parts])
+    return RawCurves(entities[kept], kinds[kept], counts[kept], points[np.repeat(is_kept, counts)])
+
+
+def _unite_composites(pieces: Sequence[RawGeometry]) -> tuple[RawComposite, ...]:
+    """Composites by id, the tokens of all pieces put together tag by tag."""
+    found: dict[int, dict[str, list[IdList]]] = {}
+    names: dict[int, str | None] = {}
+    for piece in pieces:
+        for id, tokens, name in piece.composites:
+            names[id] = names.get(id) or name
+            for tag, ids in tokens:
+                found.setdefault(id, {}).setdefault(tag, []).append(ids)
+    return tuple(
+        (id, tuple((tag, _unite_lists(lists)) for tag, lists in found.get(id, {}).items()), names[id]) for id in names
+    )
+
+
+def _unite_domains(pieces: Sequence[RawGeometry]) -> dict[int, IdList]:
+    found: dict[int, list[IdList]] = {}
+    for piece in pieces:
+        for id, ids in piece.domains.items():
+            found.setdefault(id, []).append(ids)
+    return {id: _unite_lists(lists) for id, lists in found.items()}
+
+
+def _unite_lists(lists: list[IdList]) -> IdList:
+    """The ranges of all lists, each once; ids that several ranges hold come with the first."""
+    ranges = np.stack([np.concatenate([ids.first for ids in lists]), np.concatenate([ids.last for ids in lists])])
+    kept = np.sort(np.unique(ranges, axis=1, return_index=True)[1])
+    return IdList(ranges[0, kept], ranges[1, kept])
+
 
 #: dimension of what the tags name that stand for no one shape
 _DIMENSIONS = {"V": 0, "E": 1, "F": 2}

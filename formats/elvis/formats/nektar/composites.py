@@ -1,17 +1,19 @@
-"""Composites and domains as text: tokens such as ``T[0-9,12]`` (format notes 1.6)."""
+"""Composites and domains as text, tokens such as ``T[0-9,12]`` (format notes 1.6), and what is written of them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from elvis.core.arrays import Ints
 from elvis.core.errors import FormatError
-from elvis.formats.nektar import idlist
-from elvis.formats.nektar.idlist import IdList
-from elvis.formats.nektar.raw import RawComposite
+from elvis.core.mesh import Composite, Mesh
+from elvis.formats.nektar import numbers
+from elvis.formats.nektar.assembly import RawComposite
+from elvis.formats.nektar.numbers import IdList
 from elvis.formats.nektar.xml import Element, located
 
 _TOKEN = re.compile(rb"([A-Z])\[([^\[\]]*)\]")
@@ -25,7 +27,7 @@ def parse_tokens(text: bytes) -> tuple[tuple[str, IdList], ...]:
         _check_blank(text[end : token.start()])
         if token[1] not in _TAGS:
             raise FormatError(f"expected one of the tags {_TAGS.decode()}, found {token[1].decode()}")
-        found.append((token[1].decode(), idlist.parse(token[2])))
+        found.append((token[1].decode(), numbers.parse_ids(token[2])))
         end = token.end()
     _check_blank(text[end:])
     return tuple(found)
@@ -38,14 +40,14 @@ def _check_blank(text: bytes) -> None:
 
 def format_tokens(parts: Iterable[tuple[str, Ints]]) -> str:
     """The text of a composite, blanks around it as the format's own tools write it."""
-    return "".join(f" {tag}[{idlist.format_ids(ids)}]" for tag, ids in parts) + " "
+    return "".join(f" {tag}[{numbers.format_ids(ids)}]" for tag, ids in parts) + " "
 
 
 def composite_ids(text: bytes) -> IdList:
     """The list in ``C[…]``; several tokens and a bare list are understood as well."""
-    lists = [idlist.parse(ids) for _, ids in _TOKEN.findall(text)]
+    lists = [numbers.parse_ids(ids) for _, ids in _TOKEN.findall(text)]
     if not lists:
-        return idlist.parse(text)
+        return numbers.parse_ids(text)
     return IdList(np.concatenate([ids.first for ids in lists]), np.concatenate([ids.last for ids in lists]))
 
 
@@ -79,3 +81,24 @@ def number(element: Element, name: str, default: int | None = None) -> int:
     if not re.fullmatch(r"\s*[0-9]{1,18}\s*", text):
         raise element.error(f"expected {name} to be a number, found {text[:40]!r}")
     return int(text)
+
+
+def with_domain(mesh: Mesh) -> Mesh:
+    """The mesh with a domain: where it names none, every element, in one new composite a shape."""
+    if any(mesh.domains.values()):
+        return mesh
+    free = max((composite.id for composite in mesh.composites), default=-1) + 1
+    shapes = enumerate(mesh.elements.items(), free)
+    added = tuple(Composite(id, ((shape.tag, entities.ids),)) for id, (shape, entities) in shapes)
+    domains = {0: tuple(composite.id for composite in added)}
+    return replace(mesh, composites=(*mesh.composites, *added), domains=domains)
+
+
+def written_composites(mesh: Mesh) -> list[Composite]:
+    """The composites that hold anything; the format has no empty ones."""
+    found = []
+    for composite in mesh.composites:
+        parts = tuple((tag, ids) for tag, ids in composite.parts if len(ids))
+        if parts:
+            found.append(replace(composite, parts=parts))
+    return found

@@ -10,10 +10,9 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.mesh import Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
-from elvis.formats.nektar.composites import format_tokens
-from elvis.formats.nektar.domain import written_composites
-from elvis.formats.nektar.idlist import format_ids
-from elvis.formats.nektar.output_xml import COMPRESSED, Writer
+from elvis.formats.nektar.composites import format_tokens, written_composites
+from elvis.formats.nektar.numbers import format_ids
+from elvis.formats.nektar.xml import COMPRESSED, Writer
 
 _ROWS_AT_ONCE = 1 << 16
 

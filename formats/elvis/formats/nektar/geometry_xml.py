@@ -1,16 +1,24 @@
-"""The GEOMETRY section of an XML file: what its text and compressed forms share (format notes 1.1 to 1.7)."""
+"""The GEOMETRY section of an XML file in its two forms, text and compressed (format notes 1.1 to 1.7).
+
+Text has one entry a vertex, edge, face, element or curve; compressed sections are payloads of 8-byte records.
+"""
 
 from __future__ import annotations
+
+import re
+from collections.abc import Mapping
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import FormatError
 from elvis.core.mesh import MEMBERS
+from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
-from elvis.formats.nektar import composites, geometry_compressed, geometry_text
+from elvis.formats.nektar import composites, numbers
+from elvis.formats.nektar.assembly import RawCurves, RawGeometry
 from elvis.formats.nektar.expressions import evaluate
-from elvis.formats.nektar.payload import ENCODING
-from elvis.formats.nektar.raw import RawCurves, RawGeometry
+from elvis.formats.nektar.payload import ENCODING, decode
 from elvis.formats.nektar.xml import Element, located
 
 
@@ -77,8 +85,8 @@ def is_compressed(section: Element) -> bool:
     return bool(encoding)
 
 
-def _codec(section: Element) -> geometry_text.Codec | geometry_compressed.Codec:
-    return geometry_compressed.CODEC if is_compressed(section) else geometry_text.CODEC
+def _codec(section: Element) -> _TextCodec | _CompressedCodec:
+    return _COMPRESSED if is_compressed(section) else _TEXT
 
 
 def _tables(sections: dict[str, Element], dimension: int) -> list[tuple[Shape, tuple[Ints, Ints]]]:
@@ -100,7 +108,7 @@ def _section_tables(section: Element, tags: dict[str, Shape]) -> dict[Shape, tup
     with located(section):
         widths = {tag: MEMBERS[shape] for tag, shape in tags.items()}
         children_compressed = section.tag != "EDGE" and _first_child_compressed(section)
-        codec = geometry_compressed.CODEC if children_compressed else _codec(section)
+        codec = _COMPRESSED if children_compressed else _codec(section)
         rows = codec.read_rows(section, widths)
     return {tags[tag]: table for tag, table in rows.items() if len(table[0])}
 
@@ -120,3 +128,171 @@ def _curves(section: Element | None, scaling: Scaling) -> tuple[RawCurves, RawCu
         if is_compressed(section):
             scaling(faces.points)
         return edges, faces
+
+
+#: tag of a curve -> the attribute that names its edge or face
+_ENTITY = {"E": "EDGEID", "F": "FACEID"}
+
+
+class _TextCodec:
+    """Reads the sections of the text form."""
+
+    def read_vertices(self, section: Element) -> tuple[Ints, Floats]:
+        """Ids (n,) and points (n, 3)."""
+        return numbers.vertex_rows(section.data, section.start, section.stop)
+
+    def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
+        """By tag ids (n,) and members (n, width)."""
+        return numbers.rows(section.data, section.start, section.stop, widths)
+
+    def read_curves(self, section: Element) -> tuple[RawCurves, RawCurves]:
+        """Curved edges and curved faces."""
+        parts: dict[str, list[RawCurves]] = {"E": [], "F": []}
+        for chunk in numbers.chunks(section.data, section.start, section.stop):
+            for tag, curves in _chunk_curves(chunk).items():
+                parts[tag].append(curves)
+        return _join_curves(parts["E"]), _join_curves(parts["F"])
+
+
+_TEXT = _TextCodec()
+
+
+def _join_curves(parts: list[RawCurves]) -> RawCurves:
+    if not parts:
+        return RawCurves.none()
+    return RawCurves(
+        np.concatenate([part.entities for part in parts]),
+        np.concatenate([part.kinds for part in parts]),
+        np.concatenate([part.counts for part in parts]),
+        np.concatenate([part.points for part in parts]),
+    )
+
+
+def _chunk_curves(chunk: bytes) -> dict[str, RawCurves]:
+    """The curves of a piece of the section, edges and faces apart."""
+    heads = {tag: re.findall(rb"<%s\s([^<>]*)>" % tag.encode(), chunk) for tag in _ENTITY}
+    for code, tag in enumerate(_ENTITY):
+        chunk = re.sub(rb"<%s\s[^<>]*>" % tag.encode(), b" nan %d " % code, chunk)
+    values = numbers.section_numbers(chunk, np.float64)
+    starts = np.flatnonzero(np.isnan(values))
+    if len(values) and (not len(starts) or starts[0] != 0 or starts[-1] + 1 == len(values)):
+        raise FormatError(f"expected curves <E …> and <F …>, found {values[0]}")
+
+    # each curve is a mark, its code and its points
+    stops = np.append(starts[1:], len(values))
+    codes = values[starts + 1]
+    return {
+        tag: _curves_of(tag, heads[tag], values, starts[codes == code] + 2, stops[codes == code])
+        for code, tag in enumerate(_ENTITY)
+    }
+
+
+def _curves_of(tag: str, heads: list[bytes], values: Floats, starts: Ints, stops: Ints) -> RawCurves:
+    joined = b"\n".join(heads)
+    entities = numbers.ints(b" ".join(_head_attributes(tag, _ENTITY[tag], rb"[0-9]+", joined, len(heads))))
+    counts = numbers.ints(b" ".join(_head_attributes(tag, "NUMPOINTS", rb"[0-9]+", joined, len(heads))))
+    wrong = np.flatnonzero((counts > len(values)) | (stops - starts != 3 * np.minimum(counts, len(values))))
+    if len(wrong):
+        first = wrong[0]
+        message = f"expected {counts[first]} points on <{tag} {_ENTITY[tag]}={entities[first]}>"
+        raise FormatError(f"{message}, found {stops[first] - starts[first]} numbers")
+    kinds = _kinds(_head_attributes(tag, "TYPE", rb"[^\"'\n]*?", joined, len(heads)))
+    owned = np.repeat(starts - np.cumsum(3 * counts) + 3 * counts, 3 * counts) + np.arange(3 * counts.sum())
+    return RawCurves(entities, kinds, counts, values[owned].reshape(-1, 3))
+
+
+def _head_attributes(tag: str, name: str, pattern: bytes, heads: bytes, count: int) -> list[bytes]:
+    """The values of an attribute that every head must have."""
+    found: list[bytes] = re.findall(rb"\b%s\s*=\s*[\"']\s*(%s)\s*[\"']" % (name.encode(), pattern), heads)
+    if len(found) != count:
+        raise FormatError(f"expected an attribute {name} in each of {count} entries <{tag} …>, found {len(found)}")
+    return found
+
+
+def _kinds(labels: list[bytes]) -> Ints:
+    """PointsType numbers of the names."""
+    distinct, inverse = np.unique(np.array(labels, dtype=bytes), return_inverse=True)
+    known: list[int] = []
+    for label in distinct.tolist():
+        try:
+            known.append(PointsType.from_label(label.decode("ascii", "replace")))
+        except KeyError:
+            raise FormatError(f"expected the name of a family of points, found {label[:40]!r}") from None
+    return np.array(known, np.int64)[inverse] if known else np.empty(0, np.int64)
+
+
+#: columns of a curve record: id, entity, number of points, 0, offset into INDEX, PointsType
+_CURVE_WIDTH = 6
+
+
+class _CompressedCodec:
+    """Reads the sections of the compressed form."""
+
+    def read_vertices(self, section: Element) -> tuple[Ints, Floats]:
+        """Ids (n,) and points (n, 3)."""
+        records = decode(section.content, 4)
+        return records.view("<i8")[:, 0].astype(np.int64), records.view("<f8")[:, 1:].astype(np.float64)
+
+    def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
+        """By tag ids (n,) and members (n, width); EDGE is a payload itself, others have one a tag."""
+        if section.tag == "EDGE":
+            return {"E": _record_table(section, widths["E"])}
+        rows: dict[str, tuple[Ints, Ints]] = {}
+        for child in section.children():
+            if child.tag not in widths or child.tag in rows:
+                raise child.error(f"expected {', '.join(widths)}, each once, found <{child.tag}>")
+            rows[child.tag] = _record_table(child, widths[child.tag])
+        return rows
+
+    def read_curves(self, section: Element) -> tuple[RawCurves, RawCurves]:
+        """Curved edges and curved faces."""
+        children = {child.tag: child for child in section.children()}
+        data = children.get("DATAPOINTS")
+        parts = {child.tag: child for child in data.children()} if data else {}
+        if "INDEX" not in parts or "POINTS" not in parts:
+            raise FormatError("expected DATAPOINTS with INDEX and POINTS, found none")
+
+        index = _records(parts["INDEX"], 1)[:, 0]
+        with located(parts["POINTS"]):
+            _, points = self.read_vertices(parts["POINTS"])
+        if len(index) and not 0 <= index.min() <= index.max() < len(points):
+            raise parts["INDEX"].error(f"expected places in {len(points)} points, found one beyond them")
+        edges = _record_curves(children.get("E"), index, points)
+        return edges, _record_curves(children.get("F"), index, points)
+
+
+_COMPRESSED = _CompressedCodec()
+
+
+def _record_table(element: Element, width: int) -> tuple[Ints, Ints]:
+    """Ids and members of records of one more item."""
+    records = _records(element, width + 1)
+    return records[:, 0].copy(), records[:, 1:].copy()
+
+
+def _records(element: Element, width: int) -> Ints:
+    with located(element):
+        return decode(element.content, width).view("<i8").astype(np.int64, copy=False)
+
+
+def _record_curves(element: Element | None, rows: Ints, points: Floats) -> RawCurves:
+    """The curves of one kind; ``rows`` are those of INDEX in ``points``."""
+    if element is None or element.is_empty:
+        return RawCurves.none()
+    table = _records(element, _CURVE_WIDTH)
+    entities, counts, offsets, kinds = table[:, 1].copy(), table[:, 2].copy(), table[:, 4], table[:, 5].copy()
+    with located(element):
+        return RawCurves(entities, kinds, counts, points[rows[owned(counts, offsets, len(rows))]])
+
+
+def owned(counts: Ints, offsets: Ints, available: int) -> Ints:
+    """Places of the points of all curves, one after another; FormatError where they aren't among those available."""
+    if np.any((counts < 0) | (counts > available) | (offsets < 0) | (offsets > available - counts)):
+        raise FormatError(f"expected curves of at most {available} points, found one beyond them")
+    total = int(counts.sum())
+    if total > 16 * (available + 1):
+        raise FormatError(f"expected curves of {available} points in all, found {total}")
+    ends = np.cumsum(counts)
+    places = np.repeat(offsets - ends + counts, counts)
+    places += np.arange(total)
+    return places

@@ -2,12 +2,18 @@
 
 h5py raises many kinds of errors on damaged files; every call of it is made here, under `guarded`, which turns them
 into FormatError.
+
+When a file is written, a full disk is noticed here, not by the library.  That can't close a file that it can't write
+any more: it fails again at every attempt, the last time while the process ends.  It also reads again what it has
+written.  So it writes to a stream that goes on in memory when the disk is full, and remembers what the system has said.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO, FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +22,13 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.formats.nektar.heaps import check_heaps
-from elvis.formats.nektar.stored_hdf5 import check_attribute, check_stored, check_strings, is_plain
+from elvis.formats.nektar.hdf5_checks import check_attribute, check_heaps, check_stored, check_strings, is_plain
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_STRINGS = 1 << 24
 
 
@@ -198,3 +205,79 @@ def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype
 
 def _kind(found: h5py.Dataset) -> str:
     return f"{found.dtype} of shape {found.shape}"
+
+
+@contextmanager
+def created(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file, open for writing in the block; OSError at its end where not all of it could be written."""
+    import h5py
+
+    stream = _Stream(path)
+    try:
+        with h5py.File(stream, "w") as file:
+            yield file
+    finally:
+        stream.content.close()
+    if stream.failure:
+        raise stream.failure
+
+
+class _Stream:
+    """A file that can always be written and read again; the first failure of the disk is kept.
+
+    content  the file on the disk, after a failure the same in memory
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.content: FileIO | BytesIO = FileIO(path, "w+")
+        self.failure: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of it."""
+        start = self.content.tell()
+        rest = memoryview(data).cast("B")
+        size = len(rest)
+        try:
+            while rest:
+                rest = rest[self.content.write(rest) or 0 :]
+        except OSError as error:
+            self._go_on_in_memory(error)
+            self.content.seek(start)
+            self.content.write(data)
+        return size
+
+    def truncate(self, size: int) -> int:
+        """Make the file as long as said, which may need space, too."""
+        try:
+            return self.content.truncate(size)
+        except OSError as error:
+            self._go_on_in_memory(error)
+            missing = size - self.content.seek(0, os.SEEK_END)
+            self.content.write(bytes(max(missing, 0)))
+            return self.content.truncate(size)
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill the buffer with what comes next."""
+        return self.content.readinto(buffer) or 0
+
+    def read(self, size: int = -1) -> bytes:
+        """What comes next."""
+        return self.content.read(size) or b""
+
+    def seek(self, position: int, start: int = os.SEEK_SET) -> int:
+        """Go to a place."""
+        return self.content.seek(position, start)
+
+    def tell(self) -> int:
+        """The place."""
+        return self.content.tell()
+
+    def flush(self) -> None:
+        """There is no buffer."""
+
+    def _go_on_in_memory(self, failure: OSError) -> None:
+        self.failure = failure
+        self.content.seek(0)
+        written = self.content.read()
+        self.content.close()
+        self.content = BytesIO(written or b"")

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import DEFLATE_RATIO
-from elvis.formats.nektar.sources import ALWAYS_ALLOWED, GREATEST_RATIO
 
 ENCODING = "B64Z-LittleEndian"
 
+#: data of meshes and text shrink at most so far; what grows more on unpacking is refused
+GREATEST_RATIO = 64
+ALWAYS_ALLOWED = 1 << 24
 _STEP = 1 << 18
 _BLANKS = b" \t\r\n\f\v\0"
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"

@@ -1,12 +1,14 @@
 """Sections of field files: elements of one shape and set of bases with the coefficients of all fields.
 
 The two codecs of fields agree on this; `pieces` cuts a section into parts of one number of modes each.
+
+How many coefficients an element has is known in closed form, before anything is read (format notes 4).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +17,9 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion, Homogeneous
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.expansion import ASCENDING, FAMILIES, FOURIER, LINE
 from elvis.core.shapes import Shape
-from elvis.formats.nektar.basis_numbers import FOURIER
-from elvis.formats.nektar.counts import check_bases, coefficient_counts
-from elvis.formats.nektar.expansions import split
+from elvis.formats.nektar.numbers import split
 
 _SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")
 _ROWS_AT_ONCE = 1 << 14
@@ -184,3 +185,116 @@ def _gather(fields: Floats, starts: Ints, width: int) -> Floats:
         for field, target in zip(fields, out, strict=True):
             np.take(field, places, out=target[low : low + _ROWS_AT_ONCE])
     return out
+
+
+#: more modes in one direction than any solver uses; a bound on what a damaged file can ask for
+MOST_MODES = 1024
+
+
+def _admissible(shape: Shape) -> tuple[frozenset[Basis], ...]:
+    """By direction the bases that a file may name: those of all families, any line basis where one of them is.
+
+    These are more than can be evaluated: a file is read whose bases don't belong together.
+    """
+    directions = zip(*FAMILIES[shape], strict=True)
+    known = (frozenset().union(*bases) for bases in directions)
+    return tuple(bases.union(LINE) if bases.intersection(LINE) else bases for bases in known)
+
+
+_ADMISSIBLE: Mapping[Shape, tuple[frozenset[Basis], ...]] = {shape: _admissible(shape) for shape in Shape}
+
+
+def _triangle(p: Ints, q: Ints) -> Ints:
+    return p * (p + 1) // 2 + p * (q - p)
+
+
+def _tetrahedron(p: Ints, q: Ints, r: Ints) -> Ints:
+    """The sum over i < p, j < q - i of r - i - j."""
+    twelvefold: Ints = 12 * p * q * r - 6 * p * q * (q - 1) - 3 * (2 * r + 1) * p * (p - 1) + p * (p - 1) * (2 * p - 1)
+    return twelvefold // 12
+
+
+def _pyramid(p: Ints, q: Ints, r: Ints) -> Ints:
+    """The sum over i < p, j < q of r - max(i, j)."""
+    low, high = np.minimum(p, q), np.maximum(p, q)
+    square: Ints = low * low * r - low * (low - 1) * (4 * low + 1) // 6
+    rest: Ints = low * ((high - low) * r - (high * (high - 1) - low * (low - 1)) // 2)
+    return square + rest
+
+
+_COUNTS: Mapping[Shape, Callable[..., Ints]] = {
+    Shape.SEGMENT: lambda p: p,
+    Shape.TRIANGLE: _triangle,
+    Shape.QUADRILATERAL: lambda p, q: p * q,
+    Shape.TETRAHEDRON: _tetrahedron,
+    Shape.PYRAMID: _pyramid,
+    Shape.PRISM: lambda p, q, r: q * _triangle(p, r),
+    Shape.HEXAHEDRON: lambda p, q, r: p * q * r,
+}
+
+
+def coefficient_counts(shape: Shape, modes: Ints) -> Ints:
+    """(k,) numbers of coefficients for the numbers of modes (k, d), one row an element.
+
+    FormatError where a number isn't in 1 to MOST_MODES, or they don't ascend on a collapsed shape.
+    """
+    outside = (modes < 1) | (modes > MOST_MODES)
+    if outside.any():
+        raise FormatError(f"expected 1 to {MOST_MODES} modes in a direction, found {modes[outside].flat[0]}")
+    for low, high in ASCENDING[shape]:
+        wrong = np.flatnonzero(modes[:, low] > modes[:, high])
+        if len(wrong):
+            found = ",".join(map(str, modes[wrong[0]].tolist()))
+            raise FormatError(f"expected ascending numbers of modes on a {shape.label.lower()}, found {found}")
+    return _COUNTS[shape](*modes.T.astype(np.int64))
+
+
+def check_bases(shape: Shape, bases: tuple[Basis, ...]) -> None:
+    """FormatError where a shape can't have these bases; data from before 5.0 on pyramids are named as such."""
+    if shape is Shape.PYRAMID and Basis.MODIFIED_C in bases:
+        message = "expected ModifiedPyr_C on pyramids, found Modified_C: written before version 5.0, in another layout"
+        raise FormatError(message)
+    allowed = _ADMISSIBLE[shape]
+    if len(bases) != len(allowed) or any(b not in set_ for b, set_ in zip(bases, allowed, strict=True)):
+        found = ",".join(basis.label for basis in bases) or "none"
+        raise FormatError(f"expected {len(allowed)} bases that fit a {shape.label.lower()}, found {found}")
+
+
+Numbering = Mapping[int, Basis]
+
+#: the bases by their numbers in HDF5 fields, today and before March 2017 (format notes 12): the two that pyramids got
+#: then, 7 and 8, moved all that came after them by two
+TODAY: Numbering = {int(basis): basis for basis in Basis}
+_PYRAMIDS = (Basis.ORTHO_PYR_C, Basis.MODIFIED_PYR_C)
+BEFORE: Numbering = dict(enumerate(basis for basis in Basis if basis not in _PYRAMIDS))
+
+#: the last version whose numbers are those of before
+_LAST = (4, 4)
+
+
+def numbering(definitions: Iterable[tuple[Sequence[object], Shape]], version: str = "") -> Numbering:
+    """What the numbers of a file mean: today's, unless they make sense of before alone, or the program is that old.
+
+    definitions  the numbers of each section and its shape; those beyond the shape's dimension are of Fourier directions
+    version      of the program that wrote the file, empty where the file doesn't say
+    """
+    known = list(definitions)
+    fit_today, fit_before = (all(_fits(codes, shape, each) for codes, shape in known) for each in (TODAY, BEFORE))
+    return BEFORE if fit_before and (not fit_today or _is_before(version)) else TODAY
+
+
+def _fits(codes: Sequence[object], shape: Shape, meaning: Numbering) -> bool:
+    """Whether a section could have these bases."""
+    if not all(isinstance(code, int) and code in meaning for code in codes):
+        return False
+    bases = tuple(meaning[code] for code in codes if isinstance(code, int))
+    try:
+        check_bases(shape, bases[: shape.dimension])
+    except FormatError:
+        return False
+    return frozenset(FOURIER).issuperset(bases[shape.dimension :])
+
+
+def _is_before(version: str) -> bool:
+    found = re.match(r"\s*(\d+)\.(\d+)", version)
+    return found is not None and (int(found[1]), int(found[2])) <= _LAST

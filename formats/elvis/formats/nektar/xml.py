@@ -8,14 +8,23 @@ are refused, so no entity is ever expanded; the five of XML itself and character
 
 from __future__ import annotations
 
+import gzip
 import re
-from collections.abc import Iterator
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from pathlib import Path
+from typing import BinaryIO, TypeAlias
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.errors import FormatError
+from elvis.core.files.plain import content
+from elvis.formats.nektar.payload import ALWAYS_ALLOWED, ENCODING, GREATEST_RATIO, encode
 
 Buffer: TypeAlias = bytes | bytearray
 
@@ -237,3 +246,135 @@ def located(element: Element) -> Iterator[None]:
         yield
     except FormatError as error:
         raise error.within(element.file, element.place) from error
+
+
+GZIP_SIGNATURE = b"\x1f\x8b"
+
+_STEP = 1 << 18
+
+
+def head(path: Path, size: int) -> bytes:
+    """The first bytes of a file, unpacked where it is gzipped and not damaged; OSError where it can't be read."""
+    with path.open("rb") as file:
+        raw = file.read(size)
+    if not raw.startswith(GZIP_SIGNATURE):
+        return raw
+    try:
+        return zlib.decompressobj(wbits=31).decompress(raw, size)
+    except zlib.error:
+        return b""
+
+
+def load(path: Path) -> Buffer:
+    """All bytes of a file, unpacked where it is gzipped."""
+    raw = content(path)
+    return _unpacked(raw, path) if raw.startswith(GZIP_SIGNATURE) else raw
+
+
+def _unpacked(raw: bytes, path: Path) -> bytearray:
+    """The content of all members of a gzip file, one after another."""
+    out, limit = bytearray(), ALWAYS_ALLOWED + GREATEST_RATIO * len(raw)
+    try:
+        while raw:
+            raw = _member(raw, out, limit, path).lstrip(b"\0")
+    except zlib.error as error:
+        raise FormatError(f"the gzip data are damaged ({error})", file=path) from error
+    return out
+
+
+def _member(raw: bytes, out: bytearray, limit: int, path: Path) -> bytes:
+    """Append one member to ``out``; the bytes after it."""
+    decompressor, rest, start = zlib.decompressobj(wbits=31), b"", 0
+    while not decompressor.eof:
+        if not rest:
+            rest, start = raw[start : start + _STEP], start + _STEP
+        piece = decompressor.decompress(rest, _STEP)
+        rest = decompressor.unconsumed_tail
+        is_first = not out
+        out += piece
+        if is_first and out and not begins_like_xml(out):
+            raise FormatError(f"expected XML in the gzip data, found {bytes(out[:8])!r}", file=path)
+        if len(out) > limit:
+            message = f"the gzip data grow beyond {GREATEST_RATIO} times their size, which no data of this format do"
+            raise FormatError(message, file=path)
+        if not (piece or rest or start < len(raw)):
+            raise FormatError("the gzip data end early", file=path)
+    return decompressor.unused_data + raw[start:]
+
+
+_UNWRITABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+_NOT_IN_NAMES = re.compile(r"[^\w.\-]")
+COMPRESSED = {"COMPRESSED": ENCODING, "BITSIZE": "64"}
+
+
+class Writer:
+    """Writes elements to a binary stream, indented by four blanks a level."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream, self._level = stream, 0
+
+    @contextmanager
+    def element(self, tag: str, attributes: Mapping[str, object] | None = None) -> Iterator[None]:
+        """An element around what the block writes."""
+        self._line(f"<{tag}{_attributes(attributes)}>")
+        self._level += 1
+        yield
+        self._level -= 1
+        self._line(f"</{tag}>")
+
+    def leaf(self, tag: str, attributes: Mapping[str, object] | None = None, text: str | None = None) -> None:
+        """An element with text, or an empty one."""
+        if text is None:
+            self._line(f"<{tag}{_attributes(attributes)} />")
+        else:
+            self._line(f"<{tag}{_attributes(attributes)}>{escape(_UNWRITABLE.sub(' ', text))}</{tag}>")
+
+    def payload(self, tag: str, attributes: Mapping[str, object], arrays: Iterable[NDArray[np.generic]]) -> None:
+        """An element with the arrays as its payload, on one line."""
+        self._stream.write(f"{self._indent}<{tag}{_attributes(attributes)}>".encode())
+        for piece in encode(arrays):
+            self._stream.write(piece)
+        self._stream.write(f"</{tag}>\n".encode())
+
+    def lines(self, lines: Iterable[str]) -> None:
+        """Ready-made lines at this level."""
+        indent = self._indent
+        self._stream.write("".join(f"{indent}{line}\n" for line in lines).encode())
+
+    @property
+    def _indent(self) -> str:
+        return "    " * self._level
+
+    def _line(self, text: str) -> None:
+        self._stream.write(f"{self._indent}{text}\n".encode())
+
+
+@contextmanager
+def document(path: Path, is_gzipped: bool) -> Iterator[Writer]:
+    """A document with the root NEKTAR in a file, gzipped (without names and times) where asked."""
+    with path.open("wb") as file:
+        stream = gzip.GzipFile(filename="", fileobj=file, mode="wb", mtime=0) if is_gzipped else file
+        stream.write(b'<?xml version="1.0" encoding="utf-8" ?>\n')
+        writer = Writer(stream)  # type: ignore[arg-type]
+        with writer.element("NEKTAR"):
+            yield writer
+        if is_gzipped:
+            stream.close()
+
+
+def write_metadata(writer: Writer, metadata: Mapping[str, str]) -> None:
+    """The section Metadata, none for none; keys that can't name an element get underscores for what is wrong."""
+    if metadata:
+        with writer.element("Metadata"):
+            for key, text in metadata.items():
+                name = _NOT_IN_NAMES.sub("_", key) or "_"
+                writer.leaf(name if name[0].isalpha() or name[0] == "_" else f"_{name}", None, text)
+
+
+def _attributes(attributes: Mapping[str, object] | None) -> str:
+    pairs = (attributes or {}).items()
+    return "".join(f" {name}={_quoted(str(value))}" for name, value in pairs)
+
+
+def _quoted(value: str) -> str:
+    return quoteattr(_UNWRITABLE.sub(" ", value), {'"': "&quot;"})

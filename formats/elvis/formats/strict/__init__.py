@@ -12,10 +12,11 @@ from pathlib import Path
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import FormatError
-from elvis.formats.nektar import expansions, fields_hdf5, fields_xml, geometry_hdf5, hdf5, xml
+from elvis.core.files.plain import leading
+from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, hdf5, xml
+from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.sections import Section
-from elvis.formats.nektar.sources import HDF5_SIGNATURE, first_bytes, load
-from elvis.formats.nektar.xml import Element
+from elvis.formats.nektar.xml import Element, load
 from elvis.formats.reading import read
 from elvis.formats.strict.finding import Finding, required
 from elvis.formats.strict.strict_fields import expansion_findings, section_findings
@@ -54,7 +55,7 @@ class _Review:
 
     def file(self, path: Path) -> None:
         """Judge what one file holds."""
-        if first_bytes(path) == HDF5_SIGNATURE:
+        if leading(path, len(HDF5_SIGNATURE)) == HDF5_SIGNATURE:
             self._hdf5(path)
             return
         for root in xml.parse(load(path), str(path)):
@@ -80,7 +81,7 @@ class _Review:
         place = f"{path.name}, {child.place}"
         if child.tag == "ELEMENTS":
             self.guarded(place, lambda: self.found.extend(payload_findings(place, child)))
-            self.guarded(place, lambda: self.sections.append(fields_xml.read_section(child)))
+            self.guarded(place, lambda: self.sections.append(fields_input.read_section(child)))
         elif child.tag == "GEOMETRY":
             self.found += [finding.within(path.name) for finding in geometry_findings(child)]
             if "HDF5FILE" in child.attributes:
@@ -104,4 +105,4 @@ class _Review:
             found = (mesh_file_findings if is_mesh else field_file_findings)(file)
             self.found += [finding.within(path.name) for finding in found]
         if not is_mesh:
-            self.sections += fields_hdf5.read_fields(path)[0]
+            self.sections += fields_input.read_hdf5(path)[0]

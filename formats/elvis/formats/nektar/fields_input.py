@@ -1,0 +1,385 @@
+"""Fields in XML and in HDF5, from files to fields in memory, on the elements that the mesh has (format notes 5)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.dataset import Block, Expansion, Field
+from elvis.core.errors import FormatError
+from elvis.core.mesh import Mesh
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
+from elvis.formats.nektar import hdf5, numbers
+from elvis.formats.nektar.assembly import Lookup, first_rows
+from elvis.formats.nektar.geometry_xml import is_compressed
+from elvis.formats.nektar.numbers import split
+from elvis.formats.nektar.payload import decode_exactly, possible_bytes
+from elvis.formats.nektar.sections import (
+    TODAY,
+    Numbering,
+    Piece,
+    Section,
+    Space,
+    numbering,
+    pieces,
+    read_bases,
+    read_shape,
+    read_space,
+)
+from elvis.formats.nektar.xml import Element, located
+
+if TYPE_CHECKING:
+    import h5py  # type: ignore[import-untyped]
+
+
+_ORDERS = re.compile(r"\s*(UNIORDER|MIXORDER)\s*:(.*)", re.DOTALL)
+
+
+def read_section(element: Element) -> Section:
+    """A section ELEMENTS; FormatError where its attributes or its data are wrong."""
+    with located(element):
+        is_compressed(element)
+        space = _xml_space(element)
+        ids = numbers.parse_ids(element.required("ID"))
+        space.check_elements(ids.count)
+
+        # the least that the section must hold is compared with what its text can hold, before any list is expanded
+        least = ids.count * len(space.names)
+        if 8 * least > possible_bytes(element.content):
+            raise FormatError(f"expected {least} coefficients at least, found {len(element.content)} characters")
+        element_ids = ids.expand(least)
+        items = space.total(len(element_ids))
+        values: Floats = decode_exactly(element.content, items).view("<f8").astype(np.float64, copy=False)
+        return Section(space, element_ids, values, element.file, f"<ELEMENTS ID={element.attributes['ID'][:40]}>")
+
+
+def read_metadata(element: Element | None) -> dict[str, str]:
+    """Key and text of each child but Provenance."""
+    if element is None:
+        return {}
+    return {child.tag: child.text for child in element.children() if child.tag != "Provenance"}
+
+
+def time_of(metadata: Mapping[str, str]) -> float | None:
+    """The time of the metadata, None where there is none that is a number."""
+    try:
+        return float(metadata["Time"])
+    except (KeyError, ValueError):
+        return None
+
+
+def _xml_space(element: Element) -> Space:
+    attributes = element.attributes
+    bases = read_bases(element.required("BASIS"))
+    return read_space(
+        split(element.required("FIELDS")),
+        element.required("SHAPE"),
+        bases,
+        _xml_modes(element.required("NUMMODESPERDIR"), len(bases)),
+        (
+            _xml_lengths(attributes.get("HOMOGENEOUSLENGTHS", "")),
+            _numbers(attributes.get("HOMOGENEOUSYIDS", "")),
+            _numbers(attributes.get("HOMOGENEOUSZIDS", "")),
+            _numbers(attributes.get("HOMOGENEOUSSIDS", "")),
+        ),
+    )
+
+
+def _xml_modes(text: str, bases: int) -> Ints:
+    """(1, bases) or (n, bases) numbers of modes."""
+    found = _ORDERS.fullmatch(text)
+    if found is None:
+        raise FormatError(f"expected UNIORDER: or MIXORDER: in NUMMODESPERDIR, found {text[:40]!r}")
+    values = list_of_ints(found[2])
+    wanted = bases if found[1] == "UNIORDER" else max(len(values) // bases, 1) * bases
+    if len(values) != wanted:
+        raise FormatError(f"expected {wanted} numbers of modes, found {len(values)}")
+    return values.reshape(-1, bases)
+
+
+def list_of_ints(text: str) -> Ints:
+    """(n,) whole numbers separated by commas."""
+    return numbers.ints(text.replace(",", " ").encode("ascii", "replace"))
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(list_of_ints(text).tolist())
+
+
+def _xml_lengths(text: str) -> tuple[float, ...]:
+    return tuple(numbers.floats(text.replace(",", " ").encode("ascii", "replace")).tolist())
+
+
+GREATEST_VERSION = 1
+
+#: columns of DECOMPOSITION before the key, and the datasets that each counts in
+_COLUMNS = ("ELEMENTIDS", "DATA", "POLYORDERS", "HOMOGENEOUSYIDS", "HOMOGENEOUSZIDS", "HOMOGENEOUSSIDS")
+
+
+def read_hdf5(path: Path) -> tuple[list[Section], dict[str, str]]:
+    """All blocks of the file, one section each, and the metadata."""
+    with hdf5.opened(path) as file:
+        root = hdf5.required_group(file, "NEKTAR")
+        hdf5.version(root, GREATEST_VERSION)
+        table = hdf5.unsigned(root, "DECOMPOSITION")
+        if table is None or len(table) % 7:
+            raise FormatError("expected DECOMPOSITION with seven numbers a block, found otherwise", place="/NEKTAR")
+        blocks = table.reshape(-1, 7)
+        columns = [_column(root, name) for name in _COLUMNS]
+        meaning = _numbering(root, blocks[:, 6])
+        offsets = _offsets(blocks[:, :6], [len(column) for column in columns])
+        sections = [
+            _hdf5_section(root, str(path), blocks[row, 6], _cut(columns, spans), meaning)
+            for row, spans in enumerate(offsets)
+        ]
+        return sections, _hdf5_metadata(root)
+
+
+def _column(root: h5py.Group, name: str) -> NDArray[Any]:
+    values = hdf5.floats(root, name) if name == "DATA" else hdf5.ints(root, name)
+    return np.empty(0, np.int64) if values is None else values
+
+
+def _offsets(counts: NDArray[np.uint64], sizes: list[int]) -> list[list[tuple[int, int]]]:
+    """For each block and dataset the span that it owns; FormatError where they don't fill the datasets exactly."""
+    if counts.sum(dtype=np.float64) > 1 << 60:
+        raise FormatError(f"expected counts of data, found {counts.max()}", place="/NEKTAR/DECOMPOSITION")
+    ends = np.cumsum(counts.astype(np.int64), axis=0)
+    for column, (name, size) in enumerate(zip(_COLUMNS, sizes, strict=True)):
+        total = int(ends[-1, column]) if len(ends) else 0
+        if total != size:
+            raise FormatError(f"expected {total} values as in DECOMPOSITION, found {size}", place=f"/NEKTAR/{name}")
+    starts = ends - counts.astype(np.int64)
+    return np.stack([starts, ends], axis=2).tolist()  # type: ignore[no-any-return]
+
+
+def _cut(columns: list[NDArray[Any]], spans: list[tuple[int, int]]) -> list[NDArray[Any]]:
+    return [column[slice(*span)] for column, span in zip(columns, spans, strict=True)]
+
+
+def _numbering(root: h5py.Group, keys: NDArray[np.uint64]) -> Numbering:
+    """What the numbers of bases mean in this file; today's where it is damaged, which shows when it is read."""
+    try:
+        own = [hdf5.required_group(root, str(key)) for key in dict.fromkeys(keys.tolist())]
+        codes = [hdf5.attribute(each, "BASIS").tolist() for each in own]
+        shapes = [read_shape(hdf5.text_attribute(each, "SHAPE"))[0] for each in own]
+        notes = hdf5.group(root, "Metadata")
+        origin = None if notes is None else hdf5.group(notes, "Provenance")
+        has_version = origin is not None and "NektarVersion" in hdf5.attribute_names(origin)
+        version = _metadata_text(origin, "NektarVersion") if has_version else ""
+    except FormatError:
+        return TODAY
+    return numbering(zip(codes, shapes, strict=True), version)
+
+
+def _hdf5_section(
+    root: h5py.Group, file: str, key: np.uint64, columns: list[NDArray[Any]], meaning: Numbering
+) -> Section:
+    ids, values, orders, y_ids, z_ids, strips = columns
+    definition = hdf5.required_group(root, str(key))
+    try:
+        space = _hdf5_space(definition, meaning, orders, len(ids), (y_ids, z_ids, strips))
+        space.check_elements(len(ids))
+        expected = space.total(len(ids))
+        if len(values) != expected:
+            raise FormatError(f"expected {expected} coefficients, found {len(values)}")
+    except FormatError as error:
+        raise error.within(place=f"/NEKTAR/{key}") from error
+    return Section(space, ids, values, file, f"/NEKTAR/{key}")
+
+
+def _hdf5_space(
+    definition: h5py.Group, meaning: Numbering, orders: Ints, elements: int, ids: tuple[Ints, Ints, Ints]
+) -> Space:
+    bases = _hdf5_bases(hdf5.attribute(definition, "BASIS").tolist(), meaning)
+    y_ids, z_ids, strips = (tuple(part.tolist()) for part in ids)
+    return read_space(
+        tuple(hdf5.text(name) for name in hdf5.attribute(definition, "FIELDS")),
+        hdf5.text_attribute(definition, "SHAPE"),
+        bases,
+        _hdf5_modes(hdf5.text_attribute(definition, "NUMMODESPERDIR"), orders, elements, len(bases)),
+        (_hdf5_lengths(definition), y_ids, z_ids, strips),
+    )
+
+
+def _hdf5_lengths(definition: h5py.Group) -> tuple[float, ...]:
+    values = hdf5.attribute(definition, "HOMOGENEOUSLENGTHS", is_required=False)
+    if values.dtype.kind != "f":
+        raise FormatError(f"expected numbers in HOMOGENEOUSLENGTHS, found {values.dtype}")
+    return tuple(values.astype(np.float64).tolist())
+
+
+def _hdf5_bases(codes: list[object], known: Numbering) -> tuple[Basis, ...]:
+    if not all(isinstance(code, int) and code in known for code in codes):
+        raise FormatError(f"expected numbers of bases, found {codes}")
+    return tuple(known[code] for code in codes if isinstance(code, int))
+
+
+def _hdf5_modes(text: str, orders: Ints, elements: int, bases: int) -> Ints:
+    """(1, bases) or (elements, bases) numbers of modes."""
+    if text.startswith("MIXORDER"):
+        if len(orders) != elements * bases or not elements:
+            raise FormatError(f"expected {elements * bases} numbers in POLYORDERS, found {len(orders)}")
+        return orders.reshape(-1, bases)
+    values = list_of_ints(text.removeprefix("UNIORDER:")) if text.startswith("UNIORDER:") else np.empty(0, np.int64)
+    if len(values) != bases:
+        raise FormatError(f"expected UNIORDER: and {bases} numbers of modes, or MIXORDER, found {text[:40]!r}")
+    return values.reshape(1, bases)
+
+
+def _hdf5_metadata(root: h5py.Group) -> dict[str, str]:
+    group = hdf5.group(root, "Metadata")
+    if group is None:
+        return {}
+    return {hdf5.text(key): _metadata_text(group, key) for key in hdf5.attribute_names(group)}
+
+
+def _metadata_text(group: h5py.Group, key: str) -> str:
+    values = hdf5.attribute(group, key)
+    return ",".join(hdf5.text(value) if isinstance(value, str | bytes) else str(value) for value in values)
+
+
+#: coefficients that two files give for one element may differ by rounding, relative to the greatest
+_SAME = 1e-9
+
+
+def assemble(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
+    """One field a name, one block an expansion; elements that the mesh lacks are left out.
+
+    FormatError where an element has another shape in the mesh, where data of one element contradict each other, and
+    where no element is in the mesh.
+    """
+    on_mesh = _OnMesh(mesh)
+    groups: dict[tuple[tuple[str, ...], Expansion], list[Piece]] = {}
+    for section in sections:
+        for piece in on_mesh.pieces(section):
+            groups.setdefault((piece.names, piece.expansion), []).append(piece)
+    united = _unite_planes([_concatenate(group) for group in groups.values()])
+    if sections and not united:
+        raise FormatError("expected fields on elements of the mesh, found none of its elements", file=sections[0].file)
+
+    blocks: dict[str, list[Block]] = {}
+    for piece in united:
+        for name, coefficients in zip(piece.names, piece.coefficients, strict=True):
+            blocks.setdefault(name, []).append(Block(piece.expansion, piece.element_ids, coefficients))
+    return tuple(Field(name, _distinct_blocks(name, parts)) for name, parts in blocks.items())
+
+
+class _OnMesh:
+    """Cuts sections down to the elements of the mesh."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._lookups = {shape: Lookup(entities.ids, "element") for shape, entities in mesh.elements.items()}
+
+    def pieces(self, section: Section) -> Iterable[Piece]:
+        """The pieces of a section, without the elements that the mesh lacks."""
+        shape = section.space.shape
+        known = self._present(shape, section.element_ids)
+        others = [other for other in self._lookups if other is not shape]
+        for other in others:
+            wrong = section.element_ids[self._lookups[other].present(section.element_ids)]
+            if len(wrong):
+                message = f"expected element {wrong[0]} to be a {other.label.lower()} as in the mesh"
+                raise FormatError(f"{message}, found a {shape.label.lower()}", file=section.file, place=section.place)
+        for piece in pieces(section):
+            kept = known if piece.element_ids is section.element_ids else self._present(shape, piece.element_ids)
+            if kept.any():
+                yield _kept(piece, kept)
+
+    def _present(self, shape: Shape, ids: Ints) -> Bools:
+        return self._lookups[shape].present(ids) if shape in self._lookups else np.zeros(len(ids), bool)
+
+
+def _kept(piece: Piece, kept: Bools) -> Piece:
+    if kept.all():
+        return piece
+    return replace(piece, element_ids=piece.element_ids[kept], coefficients=piece.coefficients[:, kept])
+
+
+def _concatenate(group: list[Piece]) -> Piece:
+    """Pieces of one expansion as one, elements that repeat once."""
+    first = group[0]
+    ids = np.concatenate([piece.element_ids for piece in group]) if len(group) > 1 else first.element_ids
+    coefficients = first.coefficients
+    if len(group) > 1:
+        coefficients = np.concatenate([piece.coefficients for piece in group], axis=1)
+    rows = first_rows(ids)
+    if len(rows) < len(ids):
+        for name, values in zip(first.names, coefficients, strict=True):
+            _check_repeats(name, ids, values)
+        ids, coefficients = ids[rows], coefficients[:, rows]
+    return Piece(first.names, first.expansion, frozen_ints(ids), frozen_floats(coefficients))
+
+
+def _check_repeats(name: str, ids: Ints, values: Floats) -> None:
+    """FormatError where an element comes twice with other coefficients."""
+    _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
+    scale = np.max(np.abs(values), where=np.isfinite(values), initial=0.0)
+    repeated = np.flatnonzero(first[inverse] != np.arange(len(ids)))
+    same = np.isclose(values[repeated], values[first[inverse[repeated]]], rtol=0, atol=_SAME * scale, equal_nan=True)
+    if not same.all():
+        wrong = ids[repeated[np.flatnonzero(~same.all(axis=1))[0]]]
+        raise FormatError(f"expected field {name} once on element {wrong}, found it twice with other data")
+
+
+def _unite_planes(parts: list[Piece]) -> list[Piece]:
+    """Parts of runs that were split along the homogeneous direction, put together plane after plane."""
+    found: dict[object, Piece] = {}
+    for piece in parts:
+        key: object = (piece.names, _without_planes(piece.expansion), piece.element_ids.tobytes())
+        if piece.expansion.homogeneous is None or piece.expansion.homogeneous.strips:
+            found[id(piece)] = piece
+        elif key in found:
+            found[key] = _with_planes(found[key], piece)
+        else:
+            found[key] = piece
+    return list(found.values())
+
+
+def _without_planes(expansion: Expansion) -> Expansion:
+    homogeneous = expansion.homogeneous
+    return replace(expansion, homogeneous=homogeneous and replace(homogeneous, y_ids=(), z_ids=()))
+
+
+def _with_planes(first: Piece, second: Piece) -> Piece:
+    """The planes of the first, then those of the second."""
+    one, two = first.expansion.homogeneous, second.expansion.homogeneous
+    assert one is not None
+    assert two is not None
+    planes = [list(zip(h.y_ids, h.z_ids, strict=True)) if h.y_ids else list(h.z_ids) for h in (one, two)]
+    if set(planes[0]) & set(planes[1]):
+        raise FormatError(f"expected every Fourier mode of {first.names[0]} once, found one twice")
+    joined = replace(one, z_ids=one.z_ids + two.z_ids, y_ids=one.y_ids + two.y_ids)
+    coefficients = frozen_floats(np.concatenate([first.coefficients, second.coefficients], axis=2))
+    return Piece(first.names, replace(first.expansion, homogeneous=joined), first.element_ids, coefficients)
+
+
+def _distinct_blocks(name: str, blocks: list[Block]) -> tuple[Block, ...]:
+    """The blocks of a field, one an expansion, no element twice (but for strips, which are copies side by side)."""
+    by_expansion: dict[Expansion, list[Block]] = {}
+    for block in blocks:
+        by_expansion.setdefault(block.expansion, []).append(block)
+    distinct = tuple(_join_blocks(name, parts) for parts in by_expansion.values())
+    plain = [b.element_ids for b in distinct if not (b.expansion.homogeneous and b.expansion.homogeneous.strips)]
+    if len(plain) > 1:
+        ids, counts = np.unique(np.concatenate(plain), return_counts=True)
+        if (counts > 1).any():
+            wrong = ids[counts > 1][0]
+            raise FormatError(f"expected field {name} once on element {wrong}, found it in two expansions")
+    return distinct
+
+
+def _join_blocks(name: str, parts: list[Block]) -> Block:
+    if len(parts) == 1:
+        return parts[0]
+    pieces_ = [Piece((name,), b.expansion, b.element_ids, b.coefficients[None]) for b in parts]
+    joined = _concatenate(pieces_)
+    return Block(joined.expansion, joined.element_ids, joined.coefficients[0])

@@ -1,0 +1,194 @@
+"""Whether an HDF5 file holds as much as it declares: looked up before the library believes it and memory is taken.
+
+Heaps.  The library trusts sizes in a global heap, in which strings are kept: one that is too small makes it loop
+forever, one that is too great makes it take gigabytes.  Layout: HDF5 File Format Specification, III.E, Global Heap.
+
+Strings.  One of variable length is a descriptor of 16 bytes (length, heap, index), and the library takes memory for
+whatever the length says.  No interface of it tells the length beforehand, so descriptors are read from the file itself.
+Layout: the same, IV.A.1 (object headers, version 1) and IV.A.2.m (attributes); data laid out otherwise, which the tools
+of this format don't write, are not looked into.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import DEFLATE_RATIO
+
+if TYPE_CHECKING:
+    import h5py  # type: ignore[import-untyped]
+
+
+_GREATEST_ATTRIBUTE = 1 << 20
+
+
+def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> None:
+    """FormatError where a dataset claims more than the file can hold for it.
+
+    count  of the numbers that are to be read, where these aren't all
+    """
+    size = found.dtype.itemsize
+    claimed = (math.prod(found.shape) if count is None else count) * size
+    stored = found.id.get_storage_size()
+    is_packed = found.id.get_create_plist().get_nfilters() > 0
+    chunk = math.prod(found.chunks) * size if found.chunks else 0
+    # no other filter is let to hold more than deflate
+    if max(claimed, chunk if is_packed else 0) > stored * (DEFLATE_RATIO if is_packed else 1):
+        raise FormatError(f"expected {claimed} bytes as declared, found {stored} stored", place=place)
+    if is_packed and stored > 2 * max(claimed, chunk) + (1 << 20) and count is None:
+        raise FormatError(f"expected at most {claimed} bytes packed, found {stored} stored", place=place)
+
+    # chunks that were never written hold nothing, however many are declared
+    if count is None and chunk and claimed > found.id.get_num_chunks() * chunk:
+        held = found.id.get_num_chunks() * chunk
+        raise FormatError(f"expected {claimed} bytes as declared, found {held} in chunks", place=place)
+
+
+def check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
+    """FormatError for an attribute of an unknown kind or greater than any; the library would crash or never end."""
+    found = owner.attrs.get_id(name)
+    if not is_plain(found.dtype):
+        raise FormatError(f"expected numbers or strings in {name}, found {found.dtype}", place=owner.name)
+    if found.dtype.kind == "O":
+        _check_attribute_strings(owner, name)
+    claimed = found.get_space().get_simple_extent_npoints() * found.get_type().get_size()
+    if claimed > _GREATEST_ATTRIBUTE:
+        raise FormatError(f"expected a short attribute {name}, found {claimed} bytes", place=owner.name)
+
+
+def check_strings(found: h5py.Dataset) -> None:
+    """FormatError where strings of variable length claim more than the file holds."""
+    offset = found.id.get_offset()
+    if offset is not None and found.dtype.kind == "O":
+        path = Path(found.file.filename)
+        with path.open("rb") as file:
+            file.seek(offset)
+            check_lengths(file.read(found.id.get_storage_size()), path.stat().st_size)
+
+
+def _check_attribute_strings(owner: h5py.Group | h5py.Dataset, name: str) -> None:
+    """As `check_strings`."""
+    import h5py
+
+    path = Path(owner.file.filename)
+    with path.open("rb") as file:
+        data = attribute_data(file, h5py.h5o.get_info(owner.id).addr, name.encode("utf-8", "surrogateescape"))
+    check_lengths(data, path.stat().st_size)
+
+
+def is_plain(dtype: np.dtype[Any]) -> bool:
+    """Whether a type is one of numbers or strings."""
+    import h5py
+
+    return dtype.kind in "iufS" or h5py.check_string_dtype(dtype) is not None
+
+
+_DESCRIPTOR = 16
+_PREFIX = 16
+_CONTINUATION, _ATTRIBUTE = 0x10, 0x0C
+_MOST_BLOCKS, _GREATEST_BLOCK = 64, 1 << 20
+
+
+def check_lengths(descriptors: bytes, file_size: int) -> None:
+    """FormatError where a string would be longer than the whole file."""
+    whole = len(descriptors) // _DESCRIPTOR * _DESCRIPTOR
+    lengths = np.frombuffer(descriptors[:whole], "<u4")[::4]
+    if len(lengths) and lengths.max() > file_size:
+        raise FormatError(f"the HDF5 data are damaged (a string of {lengths.max()} bytes)")
+
+
+def attribute_data(file: BinaryIO, address: int, name: bytes) -> bytes:
+    """The raw data of an attribute in the object header at ``address``, none where it isn't found there."""
+    for kind, body in _messages(file, address):
+        if kind == _ATTRIBUTE and len(body) > 9:
+            found, data = _attribute(body)
+            if found == name:
+                return data
+    return b""
+
+
+def _messages(file: BinaryIO, address: int) -> Iterator[tuple[int, bytes]]:
+    """Kind and body of each message of an object header, its continuations included."""
+    file.seek(address)
+    prefix = file.read(_PREFIX)
+    if len(prefix) < _PREFIX or prefix[0] != 1:
+        return
+    blocks = [(address + _PREFIX, _number(prefix, 8, 4))]
+    for start, length in blocks:
+        file.seek(start)
+        block, position = file.read(min(length, _GREATEST_BLOCK)), 0
+        while position + 8 <= len(block):
+            kind, size = _number(block, position, 2), _number(block, position + 2, 2)
+            body = block[position + 8 : position + 8 + size]
+            if kind == _CONTINUATION and len(body) >= 16 and len(blocks) < _MOST_BLOCKS:
+                blocks.append((_number(body, 0, 8) % 2**62, _number(body, 8, 8)))
+            yield kind, body
+            position += 8 + size
+
+
+def _attribute(body: bytes) -> tuple[bytes, bytes]:
+    """Name and data of an attribute message; version 1 pads its parts to multiples of eight bytes."""
+    sizes = [_number(body, place, 2) for place in (2, 4, 6)]
+    start = 9 if body[0] == 3 else 8
+    name = body[start : start + sizes[0]].split(b"\0")[0]
+    for size in sizes:
+        start += (size + 7) // 8 * 8 if body[0] == 1 else size
+    return name, body[start:]
+
+
+def _number(raw: bytes, place: int, size: int) -> int:
+    return int.from_bytes(raw[place : place + size], "little")
+
+
+_HEAP_SIGNATURE = b"GCOL\x01\x00\x00\x00"
+_HEAP_HEADER, _LEAST_HEAP, _HEAP_STEP = 16, 4096, 1 << 20
+
+
+def check_heaps(path: Path) -> None:
+    """FormatError where a global heap of the file isn't filled exactly by its objects."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for start in list(_heap_starts(file)):
+            file.seek(start + len(_HEAP_SIGNATURE))
+            length = int.from_bytes(file.read(8), "little")
+            if not _LEAST_HEAP <= length <= size - start:
+                raise FormatError(
+                    f"expected a heap of {_LEAST_HEAP} to {size - start} bytes, found {length}", file=path
+                )
+            if not _is_filled(file.read(length - _HEAP_HEADER)):
+                raise FormatError(f"the HDF5 data are damaged (the heap at byte {start})", file=path)
+
+
+def _heap_starts(file: BinaryIO) -> Iterator[int]:
+    """Where the signature stands; heaps need not begin at multiples of eight bytes."""
+    base, block = 0, file.read(_HEAP_STEP)
+    while len(block) >= len(_HEAP_SIGNATURE):
+        found = block.find(_HEAP_SIGNATURE)
+        while found >= 0:
+            yield base + found
+            found = block.find(_HEAP_SIGNATURE, found + 1)
+
+        # a signature may lie across two blocks
+        kept = block[1 - len(_HEAP_SIGNATURE) :]
+        base, block = base + len(block) - len(kept), kept + file.read(_HEAP_STEP)
+        if len(block) == len(kept):
+            return
+
+
+def _is_filled(objects: bytes) -> bool:
+    """Whether the objects lie end to end; the free space at the end counts as one, of index zero."""
+    position = 0
+    while len(objects) - position >= _HEAP_HEADER:
+        index = int.from_bytes(objects[position : position + 2], "little")
+        size = int.from_bytes(objects[position + 8 : position + _HEAP_HEADER], "little")
+        length = _HEAP_HEADER + (size + 7) // 8 * 8 if index else size
+        if length < _HEAP_HEADER:
+            return False
+        position += length
+    return position <= len(objects)
