@@ -106,6 +106,19 @@ def test_what_is_no_expression_is_refused(text):
         evaluate(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("2*(PI+nothing)", r"expression '2\*\(PI\+nothing\)': character 7: expected a known name, found 'nothing'"),
+        ("2*", "expression '2\\*': expected a number, a name or \\(, found its end"),
+        ("1/0", r"expected an expression with a value, found '1/0' \(float division by zero\)"),
+    ],
+)
+def test_what_is_wrong_with_an_expression_is_told_with_its_place(text, message):
+    with pytest.raises(FormatError, match=f"^{message}$"):
+        evaluate(text)
+
+
 def encoded(array, level=6, tail=b"\0"):
     return base64.b64encode(zlib.compress(array.tobytes(), level) + tail)
 

@@ -1,25 +1,17 @@
-"""Expressions read from text.
+"""Quantities read from text, in the grammar of `elvis.core.grammar`.
 
-sum      = product (("+" | "-") product)*
-product  = signed (("*" | "/") signed)*
-signed   = ("+" | "-") signed | power
-power    = operand ("^" signed)?
-operand  = number | name | function "(" sum ("," sum)* ")" | "(" sum ")"
-
-A name that is no word stands in quotes.  Beside the functions of `functions` there are d(f, x), the partial derivative,
-grad(f), the length of the gradient, laplacian(f), jump(u), the greatest jump of a field across an element's faces, and
-distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name stands
-in quotes.
+Beside the functions of `functions` there are d(f, x), the partial derivative, grad(f), the length of the gradient,
+laplacian(f), jump(u), the greatest jump of a field across an element's faces, and distance(b), the distance to a
+boundary, by name, number or as "all", or to the triangles of a file, whose name stands in quotes.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from math import isfinite
 from typing import TypeVar
 
 from elvis.core.errors import ElvisError
+from elvis.core.grammar import Grammar
 from elvis.core.quantities import ready
 from elvis.core.quantities.functions import FUNCTIONS
 from elvis.core.quantities.names import Names
@@ -28,75 +20,27 @@ from elvis.core.quantities.tree import AXES, Node, attribute, call, negative, nu
 #: functions that look into what they are given, and their numbers of operands
 SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, "jump": 1, "distance": 1}
 
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)"
-    r"|(?P<quoted>\"[^\"]*\"|'[^']*')|(?P<symbol>\S))"
-)
-_LONGEST, _DEEPEST = 1000, 60
-#: characters of an expression that messages repeat
-_SHOWN = 80
-
 T = TypeVar("T")
 
 
-class Parser:
-    """Recursive descent, a method for each rule of the grammar."""
+class Parser(Grammar[Node]):
+    """Expressions of a dataset's names, as graphs."""
 
     def __init__(self, text: str, names: Names) -> None:
-        self._text, self._names = text, names
-        self._tokens = [
-            (str(found.lastgroup), found[found.lastgroup or 0], found.start(found.lastgroup or 0))
-            for found in _TOKEN.finditer(text)
-        ]
-        self._next = self._depth = 0
-        if len(self._tokens) > _LONGEST:
-            raise ElvisError(f"expected an expression of at most {_LONGEST} words, found {len(self._tokens)}")
+        super().__init__(text)
+        self._names = names
 
-    def whole(self) -> Node:
-        """The expression; ElvisError that tells where it isn't one."""
-        node = self._sum()
-        if self._next < len(self._tokens):
-            raise self._unexpected("an operator")
-        return node
+    def _number(self, value: float) -> Node:
+        return number(value)
 
-    def _sum(self) -> Node:
-        node = self._product()
-        while sign := self._take("+-"):
-            node = call(sign, node, self._product())
-        return node
+    def _negative(self, operand: Node) -> Node:
+        return negative(operand)
 
-    def _product(self) -> Node:
-        node = self._signed()
-        while sign := self._take("*/"):
-            node = call(sign, node, self._signed())
-        return node
+    def _call(self, operator: str, first: Node, second: Node) -> Node:
+        return call(operator, first, second)
 
-    def _signed(self) -> Node:
-        self._depth += 1
-        if self._depth > _DEEPEST:
-            raise ElvisError(f"expected an expression of at most {_DEEPEST} levels, found more")
-        sign = self._take("+-")
-        node = self._signed() if sign else self._power()
-        self._depth -= 1
-        return negative(node) if sign == "-" else node
-
-    def _power(self) -> Node:
-        node = self._operand()
-        return call("^", node, self._signed()) if self._take("^") else node
-
-    def _operand(self) -> Node:
-        if self._take("("):
-            return self._arguments(1)[0]
-        kind, text, _ = self._token()
-        if kind not in ("number", "name", "quoted"):
-            raise self._unexpected("a number, a name or (")
-        self._next += 1
-        if kind == "number":
-            if not isfinite(float(text)):
-                raise self._mistaken(f"expected a number of double precision, found {text}")
-            return number(float(text))
-        name = text if kind == "name" else text[1:-1]
-        if kind == "name" and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
+    def _named(self, name: str, is_quoted: bool) -> Node:
+        if not is_quoted and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
             return self._called(name)
         node = self._guarded(lambda: self._names.meaning(name))
         if node is None:
@@ -158,35 +102,3 @@ class Parser:
             return work()
         except ElvisError as error:
             raise self._mistaken(str(error), first) from error
-
-    def _arguments(self, count: int) -> list[Node]:
-        """``count`` sums up to the closing parenthesis."""
-        nodes = [self._sum()]
-        while self._take(","):
-            nodes.append(self._sum())
-        if len(nodes) != count or not self._take(")"):
-            raise self._unexpected(") after " + ("one operand" if count == 1 else f"{count} operands"))
-        return nodes
-
-    def _token(self) -> tuple[str, str, int]:
-        return self._tokens[self._next] if self._next < len(self._tokens) else ("end", "", len(self._text))
-
-    def _take(self, symbols: str) -> str | None:
-        kind, symbol, _ = self._token()
-        if kind != "symbol" or symbol not in symbols:
-            return None
-        self._next += 1
-        return symbol
-
-    def _unexpected(self, wanted: str) -> ElvisError:
-        kind, text, _ = self._token()
-        found = "its end" if kind == "end" else repr(text)
-        return self._mistaken(f"expected {wanted}, found {found}", self._next)
-
-    def _mistaken(self, sentence: str, token: int | None = None) -> ElvisError:
-        """An error at a token, the last one that was taken by default."""
-        token = self._next - 1 if token is None else token
-        text = self._text if len(self._text) <= _SHOWN else self._text[:_SHOWN] + "…"
-        if token >= len(self._tokens):
-            return ElvisError(f"expression {text!r}: {sentence}")
-        return ElvisError(f"expression {text!r}: character {self._tokens[token][2] + 1}: {sentence}")
