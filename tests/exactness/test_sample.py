@@ -49,6 +49,17 @@ def test_nothing_certain_is_wrong(gallery, device, family, number):
     assert found.pixels > 100
 
 
+@pytest.mark.parametrize("family", ["contours: poles", "contours: near pairs"])
+def test_contours_of_the_reference_are_certain_where_they_are_right(gallery, family):
+    total = Count()
+    for number in range(10):
+        total.add(gallery("reference").count(case_of(family, SEED, number, (36, 30))))
+    assert not total.first
+    assert total.wrong == total.failed == 0
+    assert total.ambiguous < 0.03 * total.pixels
+    assert total.pixels > 3000
+
+
 def test_no_sign_of_a_jacobian_is_wrong(gallery):
     total = Count()
     for number in (0, 2, 3, 6, 9, 14, 15, 17, 22, 23):

@@ -1,10 +1,10 @@
-"""Contours and mesh lines on the hits of linear meshes, from the differences between neighbouring pixels."""
+"""Contours and mesh lines on hits: from differences between neighbouring pixels where nothing else is known."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.reference.hits import Hits
 from elvis.scene import Style, Vector
 from elvis.scene.view import View
@@ -20,13 +20,18 @@ def contour_values(style: Style, ends: tuple[float, float]) -> tuple[float, ...]
 
 
 def lines(
-    hits: Hits, style: Style, quantity: str, view: View, ends: tuple[float, float]
+    hits: Hits, style: Style, quantity: str, view: View, ends: tuple[float, float], contours: Floats | None = None
 ) -> tuple[tuple[Floats, Vector], ...]:
-    """Coverage (n,) and colour of mesh lines, then of contours."""
+    """Coverage (n,) and colour of mesh lines, then of contours.
+
+    contours  (n,) coverage by these where it is known otherwise
+    """
     found: list[tuple[Floats, Vector]] = []
     if style.mesh_lines:
         found.append((_borders(hits, style.mesh_lines.width, view), style.mesh_lines.color))
-    if style.contours:
+    if style.contours and contours is not None:
+        found.append((np.where(hits.seen, contours, 0.0), style.contours.color))
+    elif style.contours:
         values = hits.values[style.contours.quantity or quantity].reshape(view.height, view.width)
         chosen = contour_values(style, ends)
         found.append((_near(values, chosen, style.contours.width).reshape(-1), style.contours.color))
@@ -52,3 +57,12 @@ def _borders(hits: Hits, width: float, view: View) -> Floats:
     other[:, :-1] |= element[:, :-1] != element[:, 1:]
     other[:-1] |= element[:-1] != element[1:]
     return np.where(other.reshape(-1) & hits.seen, min(1.0, width), 0.0)
+
+
+def beside_unseen(hits: Hits, style: Style, view: View) -> Bools:
+    """(n,) pixels within the width of contours of others where nothing is met."""
+    steps = int(np.ceil(0.5 * style.contours.width + 0.5)) if style.contours else 0
+    near = np.pad(~hits.seen.reshape(view.height, view.width), steps, mode="edge")
+    for axis, size in ((0, view.height), (1, view.width)):
+        near = np.any([near.take(range(k, k + size), axis=axis) for k in range(2 * steps + 1)], axis=0)
+    return np.asarray(near.reshape(-1))

@@ -13,6 +13,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.quantities import Expression
 from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.tree import Node
 from elvis.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
 from elvis.scene.frame import Frame
 
@@ -68,6 +69,16 @@ class Quantities:
         """The modes of a quantity in a patch; None for what isn't a field."""
         number = self._number(name)
         return None if number is None else patch.fields[number]
+
+    def root(self, name: str) -> Node:
+        """What a quantity is made of."""
+        return self._expressions[name].root
+
+    def modes(self, names: Sequence[str], patch: Patch) -> dict[str, int] | None:
+        """The numbers of fields in a patch; None where map or fields are no polynomials there, or aren't known."""
+        numbers = {name: self._evaluator.names.index(name) for name in names}
+        waves = bool(patch.periods) or any(patch.fields[number] is None for number in numbers.values())
+        return None if waves or not patch.geometry_coefficients.shape[2] else numbers
 
     def guessed_degree(self, name: str, patch: Patch) -> int:
         """The greatest degree of what an expression is made of, in any direction; 2 at least."""

@@ -46,7 +46,8 @@ def sampled(draw: Draw, data: Dataset | Opened, scene: Scene) -> Frame:
     fine = replace(_finer(frame.scene, n), camera=frame.view.camera, size=(n * width, n * height))
     color = draw(data, replace(fine, range=frame.range)).color
     mean = color.reshape(height, n, width, n, 3).mean(axis=(1, 3))
-    drawing = Drawing(frame.depth, frame.normal, mean, frame.legends, frame.uncertainty)
+    told = frame.drawing.line_status if frame.drawing else None
+    drawing = Drawing(frame.depth, frame.normal, mean, frame.legends, frame.uncertainty, told)
     return replace(frame, scene=replace(frame.scene, samples=n), drawing=drawing)
 
 

@@ -52,6 +52,7 @@ class Drawing:
 
     color        (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
     uncertainty  NaN also where what is seen is met in closed form
+    line_status  (h, w) Status of the pixels' contours, MISS where there are none; None where none is told
     """
 
     depth: Floats
@@ -59,6 +60,7 @@ class Drawing:
     color: Floats | NDArray[np.uint8]
     legends: tuple[Legend, ...]
     uncertainty: Floats | None = None
+    line_status: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +129,12 @@ class Frame:
         reach = float(np.abs(places).max(initial=0.0))
         result.reshape(-1)[rest] = uncertainties(self.view, rest, depth, normal, reach)
         return result
+
+    @property
+    def line_status(self) -> NDArray[np.uint8]:
+        """(h, w) what is known of the pixels' contours and hits together; that of the hits where no more is told."""
+        told = None if self.drawing is None else self.drawing.line_status
+        return self.status if told is None else np.maximum(self.status, told)
 
     @cached_property
     def normal(self) -> Floats:

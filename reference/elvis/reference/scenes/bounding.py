@@ -51,7 +51,12 @@ def field_degrees(patch: Patch, quantities: Quantities, name: str) -> tuple[int,
     expansion = quantities.expansion(name, patch)
     if expansion is None:
         return (quantities.guessed_degree(name, patch),) * patch.dimension
-    return _degrees(patch, expansion)
+    return degrees_of(patch, expansion)
+
+
+def map_degrees(patch: Patch) -> tuple[int, ...]:
+    """Degrees of the map in each collapsed coordinate."""
+    return degrees_of(patch, _geometry(patch))
 
 
 def degree_along(patch: Patch, quantities: Quantities, name: str) -> int:
@@ -62,7 +67,7 @@ def degree_along(patch: Patch, quantities: Quantities, name: str) -> int:
     return sum(own[1:]) if patch.shape is not Shape.TETRAHEDRON else own[2]
 
 
-def _degrees(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
+def degrees_of(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
     """Degrees of modes in each collapsed coordinate, Fourier directions included."""
     waves = (_GUESSED,) * len(patch.periods)
     if expansion is None:
@@ -127,7 +132,7 @@ def _range(values: Floats, divisor: float) -> tuple[Floats, Floats]:
 def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floats, Floats]:
     """Least and greatest columns and rows (e, 2) of a box of some elements on the screen; all where it isn't before
     the eye."""
-    points, divisor = _sampled(patch.shape, box, _degrees(patch, _geometry(patch)))
+    points, divisor = _sampled(patch.shape, box, map_degrees(patch))
     parts = np.array_split(rows, -(-len(rows) * 3 * len(points) // _AT_ONCE) or 1)
     ends: list[Floats] = []
     for part in parts:

@@ -9,6 +9,7 @@ from itertools import product
 from time import perf_counter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats
 from elvis.core.dataset import Dataset
@@ -19,8 +20,9 @@ from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped, unsure
 from elvis.reference.composing import Fog, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
-from elvis.reference.pixel_lines import lines
+from elvis.reference.pixel_lines import beside_unseen, contour_values, lines
 from elvis.reference.quantities import Quantities, names_of
+from elvis.reference.scenes.contour_lines import plane_contours
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
@@ -35,6 +37,7 @@ from elvis.scene import (
     Faces,
     Implicit,
     Isosurface,
+    Plane,
     Scene,
     SceneObject,
     Style,
@@ -180,7 +183,12 @@ class Scenery:
             doubt[found.pixel[found.status == Status.AMBIGUOUS]] = True
         stacks = [(shown, self._hits(found, _style(shown), scene, view)) for shown, found in drawn]
         ranges = self._ranges(stacks, scene)
-        layers = [layer for shown, hits in stacks for layer in self._layers(shown, hits, scene, view, ranges)]
+        lines, line_status = self._contours(stacks, scene, view, ranges)
+        layers = [
+            layer
+            for (shown, hits), own in zip(stacks, lines, strict=True)
+            for layer in self._layers(shown, hits, scene, view, ranges, own)
+        ]
         fogs = self._fogs(scene, view, [layer.hits.depth for layer in layers], ranges)
         ends = ranges.get(scene.field) or _ends(scene)
         made = record(layers, scene, view, ends, fogs)
@@ -191,8 +199,10 @@ class Scenery:
             status.ravel()[glowing[status.ravel()[glowing] == Status.MISS]] = Status.CERTAIN
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.named(scene.palette, *ends)
-        drawing = Drawing(made.depth, made.normal, made.color, (Legend(scene.field, palette),), made.uncertainty)
-        return Frame(scene, view, made.field, made.element, made.reference, status, {}, drawing)
+        legends = (Legend(scene.field, palette),)
+        drawing = Drawing(made.depth, made.normal, made.color, legends, made.uncertainty, line_status)
+        stats = {} if line_status is None else {"contours": counted(line_status)}
+        return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)
 
     def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges) -> list[Fog]:
         """What the volumes add, in pieces between the depths (n,) of surfaces."""
@@ -233,20 +243,58 @@ class Scenery:
             ranges[scene.field] = scene.range
         return ranges
 
-    def _layers(self, shown: SceneObject, stack: list[Hits], scene: Scene, view: View, ranges: Ranges) -> list[Layer]:
+    def _contours(
+        self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene, view: View, ranges: Ranges
+    ) -> tuple[list[Floats | None], NDArray[np.uint8] | None]:
+        """For each object how much of pixels (n,) its contours cover, where bounds tell; the status (h, w) of all.
+
+        On a plane they do; elsewhere, and where clips end beside a line, a pixel with contours is ambiguous.
+        """
+        found: list[Floats | None] = []
+        status = np.zeros(view.count, np.uint8)
+        for shown, stack in stacks:
+            style, coverage, certain = _style(shown), None, np.zeros(view.count, bool)
+            if style.contours and isinstance(shown, CutSurface) and isinstance(shown.surface, Plane):
+                name = style.contours.quantity or style.quantity or scene.field
+                asked = replace(style, range=style.range or ranges.get(style.quantity or scene.field))
+                values = contour_values(asked, (0.0, 1.0))
+                known = plane_contours(self.quantities, name, values, style.contours.width, shown.surface, view)
+                coverage, certain = known or (coverage, certain)
+            found.append(coverage)
+            for hits in stack if style.contours else ():
+                doubt = beside_unseen(hits, style, view) if scene.clip else np.zeros(view.count, bool)
+                own = np.where(certain & ~doubt, Status.CERTAIN, Status.AMBIGUOUS)
+                status = np.maximum(status, np.where(hits.seen, own, Status.MISS)).astype(np.uint8)
+        drawn = any(_style(shown).contours for shown, _ in stacks)
+        return found, status.reshape(view.height, view.width) if drawn else None
+
+    def _layers(
+        self,
+        shown: SceneObject,
+        stack: list[Hits],
+        scene: Scene,
+        view: View,
+        ranges: Ranges,
+        contours: Floats | None,
+    ) -> list[Layer]:
         """The hits of an object with all that colours them."""
         style = _style(shown)
         quantity = style.quantity or scene.field
         lit = is_lit(style, not isinstance(shown, CutSurface))
         style = replace(style, range=style.range or ranges.get(quantity))
         ends = ranges.get(quantity, (0.0, 1.0))
-        return [Layer(hits, style, quantity, lit, lines(hits, style, quantity, view, ends)) for hits in stack]
+        return [Layer(hits, style, quantity, lit, lines(hits, style, quantity, view, ends, contours)) for hits in stack]
 
 
 def _ends(scene: Scene) -> tuple[float, float]:
     """The ends of the colour range where no surface shows the scene's field: those of a volume's transfer function."""
     transfers = [shown.transfer for shown in scene.every_object if isinstance(shown, VolumeRendering)]
     return (transfers[0].values[0], transfers[0].values[-1]) if transfers else (0.0, 1.0)
+
+
+def counted(status: NDArray[np.uint8]) -> dict[str, int]:
+    """Pixels with contours whose coverage is proved, and the others."""
+    return {word.name.lower(): int((status == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)}
 
 
 def _style(shown: SceneObject) -> Style:

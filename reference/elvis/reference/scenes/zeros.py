@@ -87,7 +87,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
             break
         shares = parts.low[:, None] + 0.5 * (1 + _nodes(degree)) * (parts.high - parts.low)[:, None]
         values = along(parts.which, shares)
-        coefficients = values @ _transform(degree)
+        coefficients = values @ transform(degree)
         rest = np.abs(coefficients[:, -2:]).sum(axis=1)
         size = np.abs(coefficients).sum(axis=1)
         if depth == 0:
@@ -162,7 +162,7 @@ def _nodes(degree: int) -> Floats:
 
 
 @cache
-def _transform(degree: int) -> Floats:
+def transform(degree: int) -> Floats:
     """(n, n) from values at the nodes to coefficients, as rows."""
     modes = chebyshev.chebvander(_nodes(degree), degree)
     modes[:, 0] *= 0.5
@@ -179,5 +179,5 @@ def _slopes(degree: int) -> Floats:
 def _halving(degree: int) -> tuple[Floats, Floats]:
     """(n, n) from coefficients to those on the first half and on the second one, as rows."""
     nodes = _nodes(degree)
-    first, second = (chebyshev.chebvander((nodes + end) / 2, degree).T @ _transform(degree) for end in (-1, 1))
+    first, second = (chebyshev.chebvander((nodes + end) / 2, degree).T @ transform(degree) for end in (-1, 1))
     return np.asarray(first), np.asarray(second)

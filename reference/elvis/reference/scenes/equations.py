@@ -1,0 +1,150 @@
+"""Equations "quantity = value" on boxes: a linear part and a bound of all else, by the mean value theorem.
+
+For fields w with w(t) = w0 + A t + rest on a box, |rest| <= rho, and a quantity g of them,
+
+    g(w(t)) = g(w0) + sum_j g_j(somewhere) (w_j(t) - w0_j)
+
+where interval arithmetic bounds the derivatives g_j over all values of the fields on the box (Moore, Kearfott and
+Cloud, Introduction to Interval Analysis, 2009, chapter 6).  It holds where the quantity is continuous there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats
+from elvis.core.quantities import intervals
+from elvis.core.quantities.functions import function
+from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.tree import ONE, Node, call, folded, leaves, number, partial
+
+#: part of the greatest terms that rounding may change
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A function on each of k boxes, t in [-1, 1]^d: value + slope t + rest.
+
+    value  (k,)    at the middle
+    slope  (k, d)
+    rest   (k,)    greatest magnitude of all else, rounding included; infinite where nothing is known
+    """
+
+    value: Floats
+    slope: Floats
+    rest: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Equation:
+    """Where ``root`` is zero and no number of ``nonzero`` is, a quantity has its value."""
+
+    root: Node
+    nonzero: tuple[Node, ...] = ()
+
+    @staticmethod
+    def of(quantity: Node, value: float) -> Equation:
+        """The equation of a quantity and a value, cleared of the outermost denominator, so that poles are no zeros."""
+        if quantity.op == "/":
+            above, below = quantity.operands
+            return Equation(call("-", above, call("*", number(value), below)), (below,))
+        if quantity.op == "tan":
+            sine, cosine = (call(name, *quantity.operands) for name in ("sin", "cos"))
+            return Equation(call("-", sine, call("*", number(value), cosine)))
+        if quantity.op == "sign" and value not in (-1.0, 0.0, 1.0):
+            return Equation(ONE)
+        return Equation(call("-", quantity, number(value)))
+
+    @cached_property
+    def leaves(self) -> tuple[Node, ...]:
+        """What it is made of."""
+        return tuple(leaves(self.root, *self.nonzero))
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is made of fields and coordinates alone, not of derivatives or of what elements have."""
+        return all(leaf.op == "coordinate" or (leaf.op == "field" and not leaf.axes) for leaf in self.leaves)
+
+    @cached_property
+    def _partials(self) -> list[Node]:
+        return [partial(self.root, leaf) for leaf in self.leaves]
+
+    def on(self, parts: list[Linear]) -> tuple[Linear, Bools]:
+        """The equation on boxes, from its leaves there; and (k,) where bounds leave room for a zero."""
+        count = len(parts[0].value)
+        spans = [np.abs(part.slope).sum(axis=1) + part.rest for part in parts]
+        ends = {
+            leaf: (part.value - span, part.value + span)
+            for leaf, part, span in zip(self.leaves, parts, spans, strict=True)
+        }
+        middle = self._value({leaf: part.value for leaf, part in zip(self.leaves, parts, strict=True)}, count)
+        slope, rest = np.zeros_like(parts[0].slope), np.zeros(count)
+        scale = np.abs(middle)
+        for own, part, span in zip(self._partials, parts, spans, strict=True):
+            low, high = (np.broadcast_to(end, count) for end in _bounds(own, ends)[0])
+            with np.errstate(invalid="ignore"):
+                half, mean = 0.5 * (high - low), 0.5 * (low + high)
+            slope += mean[:, None] * part.slope
+            rest += np.abs(mean) * part.rest + half * span
+            scale = scale + np.maximum(np.abs(low), np.abs(high)) * (np.abs(part.value) + span)
+        (low, high), broken = _bounds(self.root, ends)
+        noise = _ROUNDING * sum(np.maximum(*np.abs(_bounds(node, ends)[0])) for node in self.root.operands)
+        for node in self.nonzero:
+            (least, most), torn = _bounds(node, ends)
+            broken = broken | torn | ~((least > 0) | (most < 0))
+        rest = rest + _ROUNDING * scale
+        unknown = broken | ~np.isfinite(middle) | ~np.isfinite(slope).all(axis=1) | ~np.isfinite(rest)
+        rest = np.where(unknown, np.inf, rest)
+        slope = np.where(unknown[:, None], 0.0, slope)
+        possible = ~(low > noise) & ~(high < -noise) & ~(np.isnan(low) & np.isnan(high))
+        return Linear(np.where(np.isfinite(middle), middle, 0.0), slope, rest), np.broadcast_to(possible, count)
+
+    def _value(self, known: dict[Node, Floats], count: int) -> Floats:
+        """(k,) the left side where the leaves have these values."""
+
+        def leaf(node: Node) -> Floats | float:
+            return node.value if node.op == "number" else known[node]
+
+        with np.errstate(all="ignore"):
+            found = folded(self.root, leaf, lambda node, parts: function(node).numpy(*parts))
+        return np.broadcast_to(np.asarray(found, np.float64), count)
+
+
+def _bounds(root: Node, ends: dict[Node, Interval]) -> tuple[Interval, Bools]:
+    """Least and greatest values (k,) of an expression; and (k,) whether it may jump or lack values between them."""
+    count = len(next(iter(ends.values()))[0])
+    broken = np.zeros(count, bool)
+
+    def leaf(node: Node) -> Interval:
+        return intervals.number(node.value) if node.op == "number" else ends[node]
+
+    def inner(node: Node, parts: list[Interval]) -> Interval:
+        broken[:] |= _may_break(node, parts)
+        return function(node).interval(*parts)
+
+    with np.errstate(all="ignore"):
+        low, high = folded(root, leaf, inner)
+    return (np.broadcast_to(low, count), np.broadcast_to(high, count)), broken
+
+
+def _may_break(node: Node, parts: list[Interval]) -> Bools | bool:
+    """Where an operation jumps or has no value for some of its operands; poles have no bounds anyhow."""
+    (low, high), other = parts[0], parts[-1]
+    if node.op == "sign":
+        return np.asarray((low <= 0) & (high >= 0))
+    if node.op == "step":
+        return np.asarray((low <= other[1]) & (high >= other[0]))
+    if node.op == "atan2":
+        return np.asarray((low <= 0) & (high >= 0) & (other[0] <= 0))
+    if node.op in ("sqrt", "log"):
+        return np.asarray(low <= 0)
+    if node.op in ("asin", "acos"):
+        return np.asarray((low <= -1) | (high >= 1))
+    if node.op in ("^", "pow"):
+        power = node.operands[1]
+        return False if power.op == "number" and power.value.is_integer() else np.asarray(low <= 0)
+    return False

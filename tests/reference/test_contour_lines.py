@@ -1,0 +1,106 @@
+"""Contours of the reference: the coverage that it calls certain, against curves in closed form."""
+
+import numpy as np
+import pytest
+
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
+from elvis.reference.picture import render
+from elvis.renderer import Camera, Clip, Contours, CutSurface, Faces, Plane, Scene, Status, Style
+from elvis.renderer.rendering import completed
+
+SIZE = (48, 40)
+PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))
+CENTER = (0.47, 0.52)
+CAMERAS = {
+    "straight on": Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.2),
+    "perspective": Camera((1.1, -0.5, 2.0), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), fov=40.0),
+}
+
+
+def sheared(points):
+    """A map of second degree whose inverse is one, too."""
+    return points + 0.2 * points[:, :1] ** 2 * [0, 1, 0]
+
+
+def circles(points):
+    return ((points[..., :2] - CENTER) ** 2).sum(axis=-1)
+
+
+def drawn(data, camera, shown=None, clip=(), quantity=None, values=(0.04, 0.09), width=2.0):
+    """The frame, and how much its contours cover of each pixel."""
+    contours = Contours(values, width=width, quantity=quantity, color=(0.0, 0.0, 0.0))
+    style = Style(color=(1.0, 1.0, 1.0), lit=False, contours=contours)
+    item = shown(style) if shown else CutSurface(PLANE, style)
+    scene = Scene("u", objects=(item,), camera=camera, size=SIZE, clip=clip)
+    frame = render(data, completed(data, scene))
+    return frame, 1.0 - frame.color[..., 0]
+
+
+def distance(view, radii, height):
+    """(h, w) pixels from each pixel's centre to the nearest of some circles, by many points of these."""
+    angle = np.linspace(0, 2 * np.pi, 4000)
+    best = np.full((view.height, view.width), np.inf)
+    rows, columns = np.indices(best.shape)
+    for radius in radii:
+        x, y = (CENTER[k] + radius * some(angle) for k, some in enumerate((np.cos, np.sin)))
+        placed = np.stack([x, y, np.full_like(x, height), np.ones_like(x)]).T @ view.to_pixel.T
+        seen = placed[:, :2] / placed[:, 2:]
+        for first in range(0, len(seen), 400):
+            across, down = (seen[first : first + 400, k] - some[..., None] for k, some in enumerate((columns, rows)))
+            best = np.minimum(best, np.hypot(across, down).min(axis=2))
+    return best
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize(("shape", "bent"), [(Shape.TETRAHEDRON, False), (Shape.PYRAMID, False), (Shape.PRISM, True)])
+def test_what_is_certain_is_right(shape, bent, camera):
+    mesh = curved(grid(shape, 2), sheared, 3) if bent else grid(shape, 2)
+    frame, coverage = drawn(with_field(mesh, circles, 5 if bent else 3), CAMERAS[camera])
+    expected = np.clip(1.5 - distance(frame.view, (0.2, 0.3), 0.52), 0.0, 1.0)
+    certain = (frame.line_status == Status.CERTAIN) & frame.seen
+    assert np.abs(coverage - expected)[certain].max() < 0.01
+    assert (certain & (expected > 0.1)).sum() > 150
+    assert certain.sum() > 0.97 * frame.seen.sum()
+    counts = frame.stats["contours"]
+    assert counts["certain"] >= certain.sum()
+    assert sum(counts.values()) == frame.seen.sum()
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "radii"),
+    [
+        ("1/(u-0.0625)", 0.0, ()),
+        ("u/(u-0.0625)", -1.8, (np.sqrt(1.8 * 0.0625 / 2.8),)),
+        ("sqrt(u-0.04)", 0.1, (np.sqrt(0.05),)),
+        ("sign(u-0.05)", 0.5, ()),
+        ("max(u,0.05)-abs(x-5)*0", 0.08, (np.sqrt(0.08),)),
+    ],
+)
+def test_poles_jumps_and_borders_of_domains_have_no_lines(quantity, value, radii):
+    data = with_field(grid(Shape.QUADRILATERAL, 2), circles, 3)
+    camera = CAMERAS["straight on"]
+    frame, coverage = drawn(data, camera, lambda style: Faces(style=style), quantity=quantity, values=(value,))
+    expected = np.clip(1.5 - distance(frame.view, radii, 0.0), 0.0, 1.0)
+    certain = (frame.line_status == Status.CERTAIN) & frame.seen
+    assert np.abs(coverage - expected)[certain].max() < 0.01
+    assert certain.sum() > 0.95 * frame.seen.sum()
+
+
+def test_what_is_not_proved_is_ambiguous():
+    """Touching lines, surfaces that aren't plane, derivatives, the borders of clips."""
+    data = with_field(grid(Shape.HEXAHEDRON, 2), lambda points: (points[..., 1] - 0.4) ** 2, 3)
+    camera = CAMERAS["straight on"]
+    frame, _ = drawn(data, camera, values=(0.0,))
+    rows = np.abs(frame.position[..., 1] - 0.4) < 0.01
+    assert (frame.line_status[rows & frame.seen] == Status.AMBIGUOUS).all()
+    assert (frame.line_status[np.abs(frame.position[..., 1] - 0.4) > 0.1] == Status.CERTAIN).all()
+    for options in ({"shown": lambda style: Faces(style=style)}, {"quantity": "d(u,y)"}):
+        frame, _ = drawn(data, camera, values=(0.1,), **options)
+        assert (frame.line_status[frame.seen] == Status.AMBIGUOUS).all()
+    clip = Clip(Plane((0.5, 0.5, 0.5), (1.0, 0.0, 0.0)))
+    frame, _ = drawn(data, camera, values=(0.01,), clip=(clip,))
+    ends = frame.seen & ~(np.roll(frame.seen, 1, axis=1) & np.roll(frame.seen, -1, axis=1))
+    assert ends.any()
+    assert (frame.line_status[ends] == Status.AMBIGUOUS).all()
+    assert (frame.line_status[frame.seen] == Status.CERTAIN).any()
