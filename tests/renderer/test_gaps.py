@@ -1,5 +1,6 @@
 """Strongly bent elements, whose maps have roots beside the element: no pixel is missed."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +18,11 @@ from elvis.core.testing import curved, grid, ripple
 from elvis.plugins.native.bending import bends
 from elvis.plugins.nurbs.bezier import evaluated
 from elvis.plugins.nurbs.solving import Solver
-from elvis.renderer import Camera, Plane
+from elvis.plugins.volume import Solution
+from elvis.renderer import Camera, Plane, Scene, gaps
 from elvis.renderer.gaps import Gaps
+from elvis.renderer.pixels import NOBODY, Pixels
+from elvis.scene.view import seen
 
 #: shape, nodes along an edge, amplitude, seed and plane of pictures in which Newton's method alone leaves holes
 BENT = (
@@ -169,3 +173,61 @@ def test_weights_of_rational_maps_bend_them(amount, expected):
     steps = np.abs(points[:, None] - points).max(axis=2) + np.eye(len(points))
     slope = (np.abs(parts[:, None] - parts).sum(axis=3).max(axis=2) / steps).max()
     assert expected or change + slope / 2 <= 1
+
+
+class Disc:
+    """Elements that are one disc of radius 0.3, which a kernel has missed altogether."""
+
+    def __init__(self, count):
+        self.count = count
+
+    def __len__(self):
+        return self.count
+
+    def bends(self, elements):
+        return np.ones(len(elements), bool)
+
+    def solve(self, elements, points):
+        margin = 0.3 - np.hypot(*points[:, :2].T)
+        inside = margin >= 0
+        reference = np.zeros((len(points), 3))
+        return Solution(inside.astype(int), np.where(inside, margin, 0.0), reference, points[:, 0])
+
+
+def closed(size, count):
+    """The pixels of a picture of coincident discs, and its view."""
+    scene = Scene(
+        plane=Plane((0, 0, 0), (0, 0, 1)),
+        camera=Camera((0, 0, 3), (0, 0, 0), (0, 1, 0), height=1.0),
+        size=(size, size),
+    )
+    view = seen(scene)
+    sections = np.zeros(count, [("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
+    sections["element"] = np.arange(count)
+    sections["least"] = (0, 0, 0, -size)
+    sections["most"] = (size - 1, size - 1, 2 * size, size)
+    pixels = Pixels(np.full(size * size, NOBODY, np.uint32), np.zeros(size * size, np.uint8))
+    Gaps([Disc(count)]).close(view, pixels, [sections])
+    return pixels, view
+
+
+def test_memory_of_the_search_does_not_grow_with_the_picture():
+    tracemalloc.start()
+    try:
+        pixels, view = closed(400, 4)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    away = np.hypot(view.points()[..., 0], view.points()[..., 1]).reshape(-1)
+    assert np.array_equal(pixels.owner == 0, away <= 0.3)
+    assert (pixels.owner[pixels.owner != NOBODY] == 0).all()
+    assert peak < 75e6
+
+
+def test_the_search_by_bands_is_the_search_at_once(monkeypatch):
+    whole, _ = closed(120, 3)
+    monkeypatch.setattr(gaps, "_MOST", 500)
+    bands, _ = closed(120, 3)
+    assert np.array_equal(whole.owner, bands.owner)
+    assert np.array_equal(whole.status, bands.status)
+    assert len(bands.granted) > len(whole.granted)

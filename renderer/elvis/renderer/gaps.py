@@ -3,7 +3,7 @@
 In such an element the method can end at a root outside while there is one inside.  What it finds inside is right, so
 only pixels that no element owns are in question, and most of these lie beside the domain.  Those next to an owned pixel
 are settled by proof, and so are the neighbours of all that are found; where an element owns nothing at all, every pixel
-of its section is.
+of its section is. They are looked at in bands of rows, which bounds the memory.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ CLAIM = np.dtype(
     ]
 )
 _UNKNOWN = -1
+#: claims that are settled together, so that memory does not grow with the picture
+_MOST = 1 << 17
 
 
 class Gaps:
@@ -63,9 +65,13 @@ class Gaps:
             due = free & beside(found)
 
     def _settle(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
-        """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w)."""
-        claims = [pairs(some, first, mask) for some, first in zip(sections, self._first, strict=False)]
-        settle(pixels, [proved(self._parts, view, some) for some in claims if len(some)])
+        """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w), some rows at a time."""
+        for start, stop in row_bands(sections, mask):
+            own: Bools = np.zeros_like(mask)
+            own[start:stop] = mask[start:stop]
+            bands = [_between_rows(some, start, stop) for some in sections]
+            claims = [pairs(some, first, own) for some, first in zip(bands, self._first, strict=False)]
+            settle(pixels, [proved(self._parts, view, some) for some in claims if len(some)])
 
     def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
         """The sections of a part's strongly bent elements."""
@@ -81,6 +87,42 @@ class Gaps:
         if len(new):
             known[new] = bends(new)
         return np.asarray(known[elements] == 1)
+
+
+def row_bands(sections: Sequence[NDArray[Any]], mask: Bools) -> list[tuple[int, int]]:
+    """First and last but one rows of bands in which a mask (h, w) has at most so many pixels of sections' bounds.
+
+    A row that has more by itself is a band of its own; rows without any are in none.
+    """
+    # how many sections, and how many pixels within their bounds, each row has: from what begins and ends there
+    height, width = mask.shape
+    changes = np.zeros((2, height + 1), np.int64)
+    for some in sections:
+        least = np.clip(some["least"][:, :2], 0, (width, height)).astype(np.int64)
+        most = np.clip(some["most"][:, :2] + 1, 0, (width, height)).astype(np.int64)
+        for row, sign in ((least[:, 1], 1), (most[:, 1], -1)):
+            np.add.at(changes[0], row, sign)
+            np.add.at(changes[1], row, sign * (most[:, 0] - least[:, 0]))
+    count, area = changes.cumsum(axis=1)[:, :height]
+    claims = np.minimum(area, count * mask.sum(axis=1))
+
+    bands, start, total = [], 0, 0
+    for row in np.flatnonzero(claims):
+        if total and total + claims[row] > _MOST:
+            bands.append((start, int(row)))
+            total = 0
+        start = start if total else int(row)
+        total += int(claims[row])
+    return [*bands, (start, int(row) + 1)] if total else bands
+
+
+def _between_rows(sections: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
+    """Those of the sections that have rows from ``start`` to before ``stop``, with bounds that have no others."""
+    near = (sections["least"][:, 1] < stop) & (sections["most"][:, 1] >= start)
+    found: NDArray[Any] = sections[near].copy()
+    found["least"][:, 1] = np.maximum(found["least"][:, 1], start)
+    found["most"][:, 1] = np.minimum(found["most"][:, 1], stop - 1)
+    return found
 
 
 def pairs(sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
