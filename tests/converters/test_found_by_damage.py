@@ -14,7 +14,7 @@ from elvis.converters.gmsh_binary import check
 from elvis.converters.hopr import Hopr
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
-from elvis.core.distances.files import triangles_of
+from elvis.core.distances.triangle_files import triangles_of
 from elvis.core.errors import FormatError
 from elvis.renderer.passes.solids.hits import triangles
 

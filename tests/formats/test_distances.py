@@ -13,7 +13,7 @@ from elvis.core.mapping.inverse import Status
 from elvis.core.mesh import Composite
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.bounding import quantity_range
-from elvis.core.quantities.sampling import Sampler
+from elvis.core.quantities.evaluator import Sampler
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
 from elvis.formats import Dataset

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from elvis.core.distances.files import triangles_of
+from elvis.core.distances.triangle_files import triangles_of
 from elvis.core.files.archives import names_in
 from elvis.core.files.plain import leading
 from elvis.core.queries import points_in_table

@@ -9,8 +9,8 @@ from elvis.core.errors import ElvisError
 from elvis.core.norms import quantity_norm
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.bounding import quantity_range
+from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
-from elvis.core.quantities.sampling import Evaluator, Sampler
 from elvis.core.quantities.tree import leaves, partial
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered

@@ -87,7 +87,7 @@ def coloured(paths):
 
 def triangulated(paths):
     """Triangles, for distances and for pictures."""
-    from elvis.core.distances.files import triangles_of
+    from elvis.core.distances.triangle_files import triangles_of
     from elvis.renderer.passes.solids.hits import triangles
 
     triangles.cache_clear()

@@ -7,7 +7,7 @@ import trimesh
 from elvis.core.distances import nearest, surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression
-from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
 from elvis.formats import Dataset

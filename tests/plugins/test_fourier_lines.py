@@ -9,7 +9,7 @@ from elvis.core.dataset import Block, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
 from elvis.core.quantities import Expression
-from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset, Field, read

@@ -8,7 +8,7 @@ import pytest
 
 from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression
-from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import world_derivative
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered

@@ -5,8 +5,8 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.evaluator import Sampler
 from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.sampling import Sampler
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.plugins.serving import volume_of

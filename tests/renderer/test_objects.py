@@ -7,7 +7,7 @@ import pytest
 
 from elvis.core.errors import FormatError
 from elvis.core.quantities import Expression
-from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
 from elvis.renderer import (

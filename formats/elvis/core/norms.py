@@ -16,7 +16,7 @@ from elvis.core.polynomials.cubature import Cubature, field_cubature, rule_cubat
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.quantities import Expression
-from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 
 AXES = ("x", "y", "z")

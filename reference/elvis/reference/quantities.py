@@ -12,7 +12,7 @@ from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.quantities import Expression
-from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import Node
 from elvis.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
 from elvis.scene.frame import Frame

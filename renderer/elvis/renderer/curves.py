@@ -12,7 +12,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
-from elvis.core.quantities.sampling import Evaluator
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.renderer.passes.lines.lines import covered
 from elvis.scene import Camera, Faces, Plane, Scene, Style
 from elvis.scene.errors import SceneError

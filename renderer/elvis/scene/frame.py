@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.distances.files import renamed
+from elvis.core.distances.triangle_files import renamed
 from elvis.core.files.output import Outputs
 from elvis.scene import Scene, Vector
 from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range

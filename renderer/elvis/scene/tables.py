@@ -10,7 +10,7 @@ from sys import float_info
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from elvis.core.distances.files import named_files, renamed
+from elvis.core.distances.triangle_files import named_files, renamed
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import CutSurface, Faces, Isosurface, VolumeRendering
 from elvis.scene.surfaces import (

@@ -11,9 +11,9 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, boundaries, faces_of
-from elvis.core.distances.files import SUFFIXES, triangles_of
 from elvis.core.distances.pieces import WHOLE, Pieces
 from elvis.core.distances.sides import is_closed, sides_of_faces, sides_of_triangles
+from elvis.core.distances.triangle_files import SUFFIXES, triangles_of
 from elvis.core.mapping.boxes import BoxTree, outward
 
 #: pieces in a leaf of the tree

@@ -1,8 +1,7 @@
 """Quantities: expressions over fields, coordinates, time and derivatives, and what is known of elements.
 
 expression  what a text says about a dataset: `Expression.of`
-pointwise   its values at reference points of elements
-sampling    its values at world points
+evaluator   its values at reference points of elements, and at world points
 bounding    certified bounds on elements, and its range over all of them
 """
 

@@ -10,7 +10,7 @@ from functools import cached_property
 
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, boundaries
-from elvis.core.distances.files import SUFFIXES
+from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.quantities import ready

@@ -18,11 +18,11 @@ from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.sections import Section
 from elvis.formats.nektar.xml import Element, load
 from elvis.formats.reading import read
+from elvis.formats.strict.field_rules import expansion_findings, section_findings
 from elvis.formats.strict.finding import Finding, required
-from elvis.formats.strict.strict_fields import expansion_findings, section_findings
-from elvis.formats.strict.strict_hdf5 import field_file_findings, mesh_file_findings
-from elvis.formats.strict.strict_mesh import mesh_findings
-from elvis.formats.strict.strict_xml import geometry_findings, payload_findings
+from elvis.formats.strict.hdf5_rules import field_file_findings, mesh_file_findings
+from elvis.formats.strict.mesh_rules import mesh_findings
+from elvis.formats.strict.xml_rules import geometry_findings, payload_findings
 
 
 def findings(*paths: str | Path) -> tuple[Finding, ...]:

@@ -15,9 +15,10 @@ from elvis.core.dataset import Homogeneous
 from elvis.core.mapping.boxes import element_boxes
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
-from elvis.core.quantities import Expression, pointwise
+from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes, from_ideal, is_constant
 from elvis.core.quantities.cells import Cells
+from elvis.core.quantities.evaluator import reference_values
 from elvis.core.quantities.levels import same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
@@ -226,7 +227,7 @@ class Elements:
 
     def _value(self, patch: Patch, rows: Ints, reference: Floats) -> Floats:
         """(n,) the part's own field at reference points, on the host."""
-        return pointwise.values(self.expressions[0], self.names, self.attributes, patch, rows, reference)
+        return reference_values(self.expressions[0], self.names, self.attributes, patch, rows, reference)
 
     @property
     def _directions(self) -> int:

@@ -179,7 +179,7 @@ def _places(
 def _columns(source: Dataset | Evaluation, places: Floats, texts: list[str] | None, every: bool) -> Columns:
     """The table: what was asked, what was found, and one column a quantity."""
     from elvis.core.dataset import Dataset
-    from elvis.core.quantities.sampling import Sampler
+    from elvis.core.quantities.evaluator import Sampler
     from elvis.core.terminal import stage
 
     if not isinstance(source, Dataset):

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.distances.files import corners_of
+from elvis.core.distances.triangle_files import corners_of
 from elvis.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
 from elvis.scene.surfaces import Solid
 from elvis.scene.view import View
