@@ -60,6 +60,12 @@ def test_contours_of_the_reference_are_certain_where_they_are_right(gallery, fam
     assert total.pixels > 3000
 
 
+def test_pictures_of_the_reference_that_take_too_long_are_given_up():
+    found = Gallery("reference", 1e-6).count(case_of("isosurfaces: multiplicity", SEED, 1, (36, 30)))
+    assert found.given_up == len(found.slow) == 1
+    assert found.pixels == found.failed == 0
+
+
 def test_no_sign_of_a_jacobian_is_wrong(gallery):
     total = Count()
     for number in (0, 2, 3, 6, 9, 14, 15, 17, 22, 23):

@@ -25,6 +25,7 @@ from elvis.core.mapping.pointwise import values
 from elvis.core.patch import Patch, patches
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import dimension_of
+from elvis.reference.pacing import limited, pulse
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
 from elvis.reference.settling import ranged, sampled
@@ -41,8 +42,16 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
     A point within 1e-10 of the border of elements (`elvis.core.mapping.margins`) is ambiguous and goes to the one
     of lowest global id.  What a plugin has opened is drawn where it describes its elements in NumPy.
-    Raises SceneError where nothing is seen, ElvisError for data that can't be drawn.
+    Raises SceneError where nothing is seen or the scene's time has passed, ElvisError for data that can't be drawn.
     """
+    with limited(scene.timeout):
+        frame = _rendered(dataset, scene)
+        pulse()
+    return frame
+
+
+def _rendered(dataset: Dataset | Opened, scene: Scene) -> Frame:
+    """As `render`, but for the time."""
     scene = ranged(dataset, scene)
     if scene.samples > 1:
         return sampled(render, dataset, scene)

@@ -14,14 +14,18 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
+from elvis.reference.pacing import pulse
 from elvis.reference.twins import TwinPatch
+
+#: points that are looked up together
+_AT_ONCE = 1 << 12
 
 
 def owners(locator: Locator, points: Floats) -> Location:
     """One answer for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
-    found = locator.locate(points)
+    found = _located(locator, points)
     border = np.flatnonzero((found.status == Verdict.INSIDE) & (found.margin <= TOLERANCE))
-    every = locator.locate(points[border], all=True)
+    every = _located(locator, points[border], every=True)
 
     # the first answer in order of points, then ids
     order = np.lexsort((every.element_id, every.point))
@@ -30,6 +34,17 @@ def owners(locator: Locator, points: Floats) -> Location:
     for name, column in columns.items():
         column[border] = border if name == "point" else getattr(every, name)[first]
     return replace(found, **columns)
+
+
+def _located(locator: Locator, points: Floats, every: bool = False) -> Location:
+    """Where points (n, 3) are, or every element that holds them; some at a time, as it may take long."""
+    parts = []
+    for first in range(0, max(1, len(points)), _AT_ONCE):
+        pulse()
+        part = locator.locate(points[first : first + _AT_ONCE], all=every)
+        parts.append(replace(part, point=part.point + first))
+    names = Location.__dataclass_fields__
+    return Location(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def polish(patches: Sequence[Patch], found: Location, points: Floats) -> None:

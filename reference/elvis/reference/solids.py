@@ -19,6 +19,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.shapes import Shape
 from elvis.reference.baseline.templates import Template, drawn_out, template
+from elvis.reference.pacing import pulse
 from elvis.reference.twins import TwinPatch
 
 #: heights of zeta = -1 and zeta = 1, as `margins.facets` has them: normal and offset
@@ -104,6 +105,7 @@ def cells_of(patch: Patch, level: int, layers: int | None = None) -> Template:
 
 def spread(patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(e, k, 3) world coordinates of the same reference points (k, 2 or 3) in some elements."""
+    pulse()
     own = points[:, : patch.shape.dimension]
     if isinstance(patch, TwinPatch):
         return patch.spread(rows, own)
@@ -118,6 +120,7 @@ def placed(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
 
     The third coordinate of a sheet leads away at right angles; derivatives are right where it is zero.
     """
+    pulse()
     if isinstance(patch, TwinPatch):
         return patch.placed(rows, points)
     if patch.shape.dimension == 3:

@@ -19,6 +19,7 @@ from elvis.core.dataset import Expansion
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
+from elvis.reference.pacing import pulse
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.reference.solids import spread
@@ -96,6 +97,7 @@ def _holding(
     patch: Patch, rows: Ints, function: Corners, degrees: tuple[int, ...], value: float, box: Floats, halvings: int
 ) -> Iterator[tuple[Ints, Floats]]:
     """The elements in whose box (2, d) the function may hold the value; of its parts after some halvings, and these."""
+    pulse()
     points, divisor = _sampled(patch.shape, box, degrees)
     parts = np.array_split(rows, -(-len(rows) * len(points) // _AT_ONCE) or 1)
     bounds = [_range(function(patch, part, points), divisor) for part in parts]
