@@ -30,6 +30,7 @@ FLAT = {
     "inflection of a small field": (lambda p: height(p) ** 3, 1.0, 2.0**-10, 2, 0.5),
     "inflection at zero": (lambda p: height(p) ** 3, 1.0, 0.0, 2, 0.5),
     "inflection elsewhere": (lambda p: (p[:, 0] - 0.46875) ** 3, 1.0, 1.0, 0, 0.46875),
+    "inflection within rounding": (lambda p: (p[:, 0] - 0.8125) ** 3, 2.0**-34, 1.0, 0, 0.8125),
     "small slope": (height, 2.0**-17, 2.0**20, 2, 0.5),
     "smallest slope": (height, 2.0**-52, 1.0, 2, 0.5),
     "touching at zero": (lambda p: (p[:, 2] - 0.25) ** 2, 1.0, 0.0, 2, 0.25),
