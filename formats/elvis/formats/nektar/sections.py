@@ -262,7 +262,7 @@ def check_bases(shape: Shape, bases: tuple[Basis, ...]) -> None:
 
 Numbering = Mapping[int, Basis]
 
-#: the bases by their numbers in HDF5 fields, today and before March 2017 (format notes 12): the two that pyramids got
+#: the bases by their numbers in HDF5 fields, today and before March 2017 (format notes 10): the two that pyramids got
 #: then, 7 and 8, moved all that came after them by two
 TODAY: Numbering = {int(basis): basis for basis in Basis}
 _PYRAMIDS = (Basis.ORTHO_PYR_C, Basis.MODIFIED_PYR_C)

@@ -1,7 +1,7 @@
 """Whether files keep every rule that the format's own programs ask of a writer (format notes 9), finding by finding.
 
 `elvis.formats.read` takes far more than those programs do; `findings` tells what they would stumble over, and what is
-merely good practice.  A rule counts as required where their reader stops at what breaks it (format notes; version 5).
+merely good practice.  A rule counts as required where their reader stops at what breaks it (format notes 9; version 5).
 """
 
 from __future__ import annotations
