@@ -17,6 +17,7 @@ from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.pieces import THIN, Edges, Pieces, pieces_of
 from elvis.renderer.passes.faces.sides import Sides
 from elvis.renderer.tiles import TILE, tiles_of
+from elvis.scene.conditioning import misplaced
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
@@ -202,6 +203,7 @@ class FaceDrawer:
         record["viewer"] = np.append(view.camera.eye, 1.0) if view.perspective else np.append(-forward, 0.0)
         record["width"], record["height"] = view.width, view.height
         record["tie"] = self._tie(view)
+        record["misplaced"] = misplaced(view, self.loaded.reach)
         return record
 
 

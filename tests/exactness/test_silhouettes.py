@@ -1,0 +1,66 @@
+"""Curved faces seen nearly edge-on, against their closed forms: certain depths are known to a part of 1e-8."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from audit.polynomials import X, Y, Z
+from audit.running import Gallery
+from audit.worlds import World
+
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
+from elvis.renderer import Camera, Faces, Scene, Status
+
+#: how far the face bulges, where it is steepest, and where a ray y -> (x, y) that is ``down`` from there meets it first
+SILHOUETTES = {
+    "a fold": (Y * Fraction(1, 4) - Y**2 * Fraction(1, 2), 1 + 1 / 32, lambda down: 0.25 - np.sqrt(2 * down)),
+    "an inflection": (Y**3 - Y**2 * Fraction(3, 2) + Y * Fraction(3, 4), 1 + 1 / 8, lambda down: 0.5 - np.cbrt(down)),
+}
+
+
+@pytest.fixture(scope="module")
+def gallery():
+    opened = Gallery("vulkan")
+    yield opened
+    opened.close()
+
+
+def seen(gallery, kind, far, height, size):
+    """The frame of a hexahedron seen along y at its silhouette, and the depths (n,) of its bulging face.
+
+    They are NaN where it is not hit, or touched to within rounding.
+    """
+    bulge, steepest, first = SILHOUETTES[kind]
+    world = World(kind, grid(Shape.HEXAHEDRON, 1), shift=(far, 0.0, 0.0))
+    data = world.dataset({"u": X}, 4, local=(X + bulge, Y, Z), map_modes=4)
+    camera = Camera((far + steepest, -3.0, 0.4), (far + steepest, 0.0, 0.4), (0.0, 0.0, 1.0), height=height)
+    frame = gallery.frame(data, Scene(field="u", camera=camera, size=size, objects=(Faces(),)))
+    x = frame.view.every_ray()[0][:, 0].astype(np.longdouble) - np.longdouble(far)
+    with np.errstate(invalid="ignore"):
+        down = np.longdouble(steepest) - x
+        touching = np.abs(down) <= 16 * np.finfo(float).eps * (far + 3)
+        return frame, 3 + first(np.where(touching, np.nan, down))
+
+
+@pytest.mark.parametrize("kind", SILHOUETTES)
+@pytest.mark.parametrize(("far", "height"), [(0.0, 1e-3), (0.0, 1e-8), (2.0**20, 1e-3), (2.0**20, 1e-4)])
+def test_depths_of_faces_seen_edge_on_are_known_where_they_are_certain(gallery, kind, far, height):
+    frame, depth = seen(gallery, kind, far, height, (61, 5))
+    status, found = frame.status.reshape(-1), frame.depth.reshape(-1)
+    hit = np.isfinite(depth)
+    assert hit.sum() > 100
+    certain = hit & (status == Status.CERTAIN)
+    assert (np.abs(found - depth)[certain] <= 1e-8 * depth[certain]).all()
+    assert (status[hit] != Status.MISS).all()
+    if far and height < 1e-3:
+        assert (status[hit] == Status.AMBIGUOUS).mean() > 0.5
+    if not far:
+        assert certain.sum() >= hit.sum() - 2 * 5
+
+
+@pytest.mark.parametrize("kind", SILHOUETTES)
+def test_faces_of_ordinary_pictures_are_certain(gallery, kind):
+    frame, _ = seen(gallery, kind, 0.0, 3.1, (120, 100))
+    assert (frame.status == Status.AMBIGUOUS).mean() < 1e-3
+    assert (frame.status == Status.CERTAIN).sum() > 1000
