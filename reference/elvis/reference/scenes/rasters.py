@@ -14,7 +14,7 @@ from elvis.reference.pacing import pulse
 from elvis.scene.view import View
 
 #: pairs of a triangle and a pixel that are looked at together
-_AT_ONCE = 1 << 19
+_AT_ONCE = 1 << 17
 
 
 def on_screen(view: View, points: Floats) -> tuple[Floats, Bools]:
