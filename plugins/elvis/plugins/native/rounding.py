@@ -29,8 +29,12 @@ _SMALL = 1e-3
 
 
 def operations(space: BernsteinSpace) -> int:
-    """Roundings that each term of a polynomial goes through on a device, by nested Horner schemes: products with t and
-    with powers of 1 - t, sums, and those of t itself."""
+    """Roundings that each term of a polynomial of degree p goes through on a device, by nested Horner schemes.
+
+    For each direction 5 p + 2 are enough (Higham 2002, 3.1 and 5.1).  Term i goes through 2 i + 2 products and sums of
+    the scheme, its power of 1 - t through p - i products of factors that are rounded once each.  t itself is off by one
+    unit, and the derivative is at most 2 p times the greatest coefficient.  Together 4 p + 2.
+    """
     return _horner(space.shape.dimension, max(space.degrees))
 
 
