@@ -296,3 +296,19 @@ def test_the_command_fails_where_what_is_required_is_broken(volume, tmp_path):
     required, advised = outcome.stdout.split("good practice, which programs of the format do without:\n")
     assert required.startswith("required by programs of the format:\n  a.xml, line 3, <GEOMETRY>: expected only DIM")
     assert sentence in advised
+
+
+def test_findings_are_one_line_whatever_a_file_holds(tmp_path):
+    files = [tmp_path / "a.xml", tmp_path / "a.fld"]
+    write(approximated_plane(), files[0], mesh_format="compressed")
+    text = files[1].read_text()
+    assert 'COMPRESSED="B64Z-LittleEndian"' in text
+    files[1].write_text(text.replace('COMPRESSED="B64Z-LittleEndian"', 'COMPRESSED="B64Z-LittleEndia&#10;n"', 1))
+    lines = [str(found) for found in findings(*files) if "COMPRESSED" in str(found)]
+    assert [line.split("found ")[1] for line in lines] == ["B64Z-LittleEndia n"]
+
+
+def approximated_plane():
+    """A plane mesh with a field."""
+    whole = Dataset(mixed_plane(1))
+    return replace(whole, fields=(approximated(whole, "u", lambda x: x[:, 0], 2),))

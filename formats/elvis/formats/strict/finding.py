@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from elvis.core.terminal import one_line
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -23,7 +25,8 @@ class Finding:
         return replace(self, place=f"{file}, {self.place}")
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.sentence}"
+        """One line, whatever the names in the file hold."""
+        return one_line(f"{self.place}: {self.sentence}")
 
 
 def required(place: str, sentence: str) -> Finding:
