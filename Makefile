@@ -4,13 +4,14 @@ RUN   := .venv/bin/python
 AREAS := formats plugins converters renderer reference
 READY := .venv/.ready
 
-.PHONY: help demo test check lint bench exactness fuzz setup clean
+.PHONY: help demo test check lint pages bench exactness fuzz setup clean
 
 help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
 	@echo "make test    set up, then lint, check the types and run every test"
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff and mypy alone"
+	@echo "make pages   docs/scene.md and docs/scene.schema.json again, from the models of scenes"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against closed forms, ten million of them: hours"
 	@echo "make fuzz        a hundred thousand damaged files through every reader, 500 broken runs: an hour"
@@ -32,6 +33,9 @@ lint: $(READY)
 	@$(RUN) -m ruff format --check
 	@if $(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then $(RUN) -m mypy $(AREAS); \
 	else echo "types are not checked: the NumPy of Python 3.10 is annotated too coarsely"; fi
+
+pages: $(READY)
+	@$(RUN) tools/scene_page.py
 
 bench: $(READY)
 	@$(RUN) -m pip install --quiet --editable '.[benchmark]'

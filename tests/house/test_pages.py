@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 AREAS = ("formats", "plugins", "converters", "renderer", "reference")
-PAGES = ("README.md", "CHANGELOG.md", *(f"{area}/README.md" for area in AREAS))
+PAGES = ("README.md", "CHANGELOG.md", "docs/scene.md", *(f"{area}/README.md" for area in AREAS))
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 LINK = re.compile(r"\]\(([^)#:]+)\)")
 

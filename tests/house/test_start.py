@@ -27,8 +27,27 @@ def processor_seconds(code):
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
-@pytest.mark.parametrize("heavy", ["numpy", "lxml", "h5py", "slangpy", "rich", "PIL", "asyncio"])
+@pytest.mark.parametrize("heavy", ["numpy", "pydantic", "lxml", "h5py", "slangpy", "rich", "PIL", "asyncio"])
 def test_help_loads_nothing_heavy(heavy):
     lines = ("import sys", "from elvis.plugins.command import elvis", "elvis(['--help'], standalone_mode=False)")
     code = "; ".join([*lines, f"assert {heavy!r} not in sys.modules"])
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("heavy", ["numpy", "pydantic", "h5py", "slangpy"])
+@pytest.mark.parametrize("command", ["render", "compare"])
+def test_help_of_a_command_that_draws_loads_nothing_heavy(command, heavy):
+    lines = (
+        "import sys",
+        "from elvis.plugins.command import elvis",
+        f"elvis(['{command}', '--help'], standalone_mode=False)",
+    )
+    code = "; ".join([*lines, f"assert {heavy!r} not in sys.modules"])
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_a_scene_of_options_loads_no_pydantic():
+    """It is for what comes from outside: scene files and --set."""
+    lines = ("import sys", "from elvis.scene.commands.composing import composed", "composed((), {'opacity': 0.5}, ())")
+    code = "; ".join([*lines, "assert 'pydantic' not in sys.modules"])
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

@@ -222,9 +222,11 @@ def test_a_terminal_is_told_what_is_known_of_the_pixels(run, tmp_path, monkeypat
 def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
     from dataclasses import fields
 
-    from elvis.renderer.commands.render import OPTIONS
+    from elvis.scene.commands.options import OBJECTS, STYLES, scene_options
 
-    assert {field.name for field in fields(Scene)} - {"data"} == set(OPTIONS)
+    keys = {field.name for field in fields(Scene)} - {"data", "objects"}
+    names = [option.name for option in scene_options(())]
+    assert sorted(names) == sorted([*keys, *OBJECTS, *STYLES])
 
 
 @pytest.mark.parametrize(("own", "asked", "time"), [(3.0, None, 3.0), (3.0, 0.5, 0.5), (None, -2.0, -2.0)])

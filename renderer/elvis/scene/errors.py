@@ -5,5 +5,5 @@ from __future__ import annotations
 from elvis.core.errors import ElvisError
 
 
-class SceneError(ElvisError):
+class SceneError(ElvisError, ValueError):
     """A scene that can't be drawn: an unknown field, an empty picture, a camera without direction."""

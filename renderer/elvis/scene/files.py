@@ -53,8 +53,8 @@ def read_scene(path: str | Path, given: Iterable[str] = ()) -> Scene:
     for key in given:
         table.pop(key, None)
     try:
-        check_texts(table)
         scene = scene_of(table, str(path.parent))
+        check_texts(table)
         check_permitted(table, path.parent)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error

@@ -1,165 +1,214 @@
 """What a scene shows: cut surfaces, faces, isosurfaces, volumes, and how each of them looks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from itertools import pairwise
+from math import inf, isfinite
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-import numpy as np
+from elvis.scene.settings import Model, PaletteName, Quantity, Setting, check
+from elvis.scene.surfaces import Surface, Vector
 
-from elvis.scene.surfaces import PaletteName, Surface, Vector, check, positive
-
-
-def check_color(color: Vector | None, what: str) -> None:
-    """SceneError unless the colour is None or has three parts from 0 to 1."""
-    good = color is None or (len(color) == 3 and all(0.0 <= part <= 1.0 for part in color))
-    check(good, what, "red, green and blue from 0 to 1", color)
+#: what is the same for all colours
+COLOR: dict[str, Any] = {
+    "ge": 0,
+    "le": 1,
+    "expected": "red, green and blue from 0 to 1",
+    "metavar": "COLOR",
+    "parse": "color",
+}
+POSITIVE: dict[str, Any] = {"gt": 0, "expected": "a positive number"}
 
 
 def check_range(ends: tuple[float, float] | None) -> None:
     """SceneError unless the range is None or ascends."""
-    good = ends is None or (np.isfinite(ends).all() and ends[0] < ends[1])
+    good = ends is None or (-inf < ends[0] < ends[1] < inf)
     found = ends and f"{ends[0]:g} to {ends[1]:g}"
     check(good, "range", "a colour range from a smaller to a greater value", found)
 
 
-@dataclass(frozen=True)
-class Contours:
-    """Lines of equal value on a surface.
+@dataclass(frozen=True, repr=False)
+class Contours(Model, of="contours"):
+    """Lines of equal value on a surface: of some values, or so many."""
 
-    values    the values; or
-    count     how many lines, evenly between the ends of the colour range
-    width     in pixels
-    quantity  what the lines are of: a field, an expression, a ready-made name; None takes the style's
-    """
+    values: Annotated[tuple[float, ...], Setting("The values.", finite=True)] = ()
+    count: Annotated[
+        int | None, Setting("Number of lines, evenly between the ends of the colour range.", ge=1, le=1000)
+    ] = None
+    width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.5
+    color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.0, 0.0, 0.0)
+    quantity: Annotated[Quantity | None, Setting("What the lines are of.", default="that of the style")] = None
 
-    values: tuple[float, ...] = ()
-    count: int | None = None
-    width: float = 1.5
-    color: Vector = (0.0, 0.0, 0.0)
-    quantity: str | None = None
-
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError unless there are either values or a count."""
         check(len(self.values) or self.count is not None, "contours", "values or a count", "neither")
         check(not len(self.values) or self.count is None, "contours", "values or a count", "both")
-        check(self.count is None or 1 <= self.count <= 1000, "contours count", "1 to 1000", self.count)
-        check(np.isfinite(self.values).all(), "contours values", "finite numbers", self.values)
-        positive(self.width, "contours width")
-        check_color(self.color, "contours color")
 
 
-@dataclass(frozen=True)
-class MeshLines:
-    """The borders of elements on a surface; ``width`` in pixels."""
+@dataclass(frozen=True, repr=False)
+class MeshLines(Model, of="mesh lines"):
+    """The borders of elements on a surface."""
 
-    width: float = 1.0
-    color: Vector = (0.25, 0.25, 0.25)
-
-    def __post_init__(self) -> None:
-        positive(self.width, "mesh_lines width")
-        check_color(self.color, "mesh_lines color")
+    width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.0
+    color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.25, 0.25, 0.25)
 
 
-@dataclass(frozen=True)
-class Style:
-    """How an object looks.
+@dataclass(frozen=True, repr=False)
+class Style(Model):
+    """How an object looks.  Options of the command line set the style of every object."""
 
-    quantity    what colours it: a field, an expression, a ready-made name; None takes the scene's field
-    color       one colour in place of the colour map
-    palette     name or file of its colour map; None takes the scene's
-    range       values at the ends of its colour map; None takes the scene's
-    opacity     above 0, at most 1
-    lit         whether lights shade it; None: faces and isosurfaces are lit, cut surfaces are not
-    """
+    quantity: Annotated[Quantity | None, Setting("What colours it.", default="the scene's field")] = None
+    color: Annotated[
+        Vector | None,
+        Setting(
+            "One colour in place of the colour map.",
+            option="--color",
+            option_help="One colour for all objects.",
+            default="the colour map",
+            **COLOR,
+        ),
+    ] = None
+    palette: Annotated[PaletteName | None, Setting("Its colour map.", default="the scene's")] = None
+    range: Annotated[
+        tuple[float, float] | None, Setting("Values at the ends of its colour map.", default="the scene's")
+    ] = None
+    opacity: Annotated[
+        float, Setting("Opacity.", gt=0, le=1, option="--opacity", option_help="Opacity of all objects.")
+    ] = 1.0
+    lit: Annotated[
+        bool | None,
+        Setting(
+            "Whether lights shade it.",
+            option="--lit/--unlit",
+            option_help="Shade all objects by the lights, or don't.",
+            default="faces and isosurfaces are shaded",
+        ),
+    ] = None
+    contours: Annotated[
+        Contours | None,
+        Setting(
+            "Lines of equal value on it.",
+            option="--contours",
+            metavar="N|V,V",
+            parse="contours",
+            option_help="N contour lines, or those of values.",
+        ),
+    ] = None
+    mesh_lines: Annotated[
+        MeshLines | None,
+        Setting("The borders of elements on it.", option="--mesh-lines", option_help="Draw the borders of elements."),
+    ] = None
 
-    quantity: str | None = None
-    color: Vector | None = None
-    palette: PaletteName | None = None
-    range: tuple[float, float] | None = None
-    opacity: float = 1.0
-    lit: bool | None = None
-    contours: Contours | None = None
-    mesh_lines: MeshLines | None = None
-
-    def __post_init__(self) -> None:
-        check(0.0 < self.opacity <= 1.0, "opacity", "a number above 0 and at most 1", self.opacity)
-        check_color(self.color, "color")
+    def check(self) -> None:
+        """SceneError where the range doesn't ascend."""
         check_range(self.range)
 
 
-@dataclass(frozen=True)
-class CutSurface:
+@dataclass(frozen=True, repr=False)
+class CutSurface(Model, of="a cut"):
     """What a surface meets of the volume."""
 
-    surface: Surface
-    style: Style = field(default_factory=Style)
+    surface: Annotated[Surface, Setting("The surface.")]
+    style: Annotated[Style, Setting("How it looks.")] = field(default_factory=Style)
+    kind: Literal["cut"] = field(default="cut", kw_only=True)
+    option: ClassVar = Setting(
+        "A surface that cuts 3D data: plane:POINT:NORMAL, sphere:CENTER:RADIUS, cylinder:POINT:AXIS:RADIUS, "
+        "cone:APEX:AXIS:DEGREES, mesh:FILE, implicit:EXPRESSION.",
+        option="--cut",
+        metavar="SURFACE",
+        parse="cut",
+        repeatable=True,
+    )
 
 
-@dataclass(frozen=True)
-class Faces:
-    """Element faces.
+@dataclass(frozen=True, repr=False)
+class Faces(Model, of="faces"):
+    """Element faces."""
 
-    select  any of: ``all`` (the outer faces), ``inner`` (those between elements), the name or id of a boundary or
-            composite, ``element:ID``, ``shape:NAME`` and ``region:NAME`` (every face of these elements)
-    """
+    select: Annotated[
+        tuple[str, ...],
+        Setting(
+            "Any of: all (the outer faces), inner (those between elements), the name or id of a boundary or composite, "
+            "element:ID, shape:NAME and region:NAME (every face of these elements)."
+        ),
+    ] = ("all",)
+    style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
+    kind: Literal["faces"] = field(default="faces", kw_only=True)
+    option: ClassVar = Setting(
+        "Element faces: any of all, inner, a boundary's name, element:ID, shape:NAME, region:NAME.",
+        option="--faces",
+        metavar="NAMES",
+        parse="faces",
+        repeatable=True,
+    )
 
-    select: tuple[str, ...] = ("all",)
-    style: Style = field(default_factory=Style)
-
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError where nothing is selected."""
         check(self.select, "select of faces", "all, names of boundaries or elements", "none")
 
 
-@dataclass(frozen=True)
-class Isosurface:
-    """Where a quantity (None: the scene's field) has one of the values; its style's quantity may colour it."""
+@dataclass(frozen=True, repr=False)
+class Isosurface(Model, of="an isosurface"):
+    """Where a quantity has one of the values; the quantity of its style may colour it."""
 
-    values: tuple[float, ...]
-    quantity: str | None = None
-    style: Style = field(default_factory=Style)
+    values: Annotated[tuple[float, ...], Setting("The values.", finite=True)]
+    quantity: Annotated[Quantity | None, Setting("What has the values.", default="the scene's field")] = None
+    style: Annotated[Style, Setting("How it looks.")] = field(default_factory=Style)
+    kind: Literal["isosurface"] = field(default="isosurface", kw_only=True)
+    option: ClassVar = Setting(
+        "Isosurface(s) of quantity Q at value(s) V; Q defaults to --field.",
+        option="--isosurface",
+        metavar="[Q=]V,V",
+        parse="isosurface",
+        repeatable=True,
+    )
 
-    def __post_init__(self) -> None:
-        check(self.values, "values of an isosurface", "at least one", "none")
-        check(np.isfinite(self.values).all(), "values of an isosurface", "finite numbers", self.values)
+    def check(self) -> None:
+        """SceneError where there is no value."""
+        check(len(self.values), "values of an isosurface", "at least one", "none")
 
 
-@dataclass(frozen=True)
-class Transfer:
-    """A piecewise linear transfer function.
+@dataclass(frozen=True, repr=False)
+class Transfer(Model, of="a transfer function"):
+    """A piecewise linear transfer function; beyond the first and last value its ends hold."""
 
-    values     (k,) ascending values of the quantity; beyond the ends the density is that of the ends
-    densities  (k,) extinction per world unit of length, 0 or more
-    colors     (k,) colours; empty takes them from the colour map
-    """
+    values: Annotated[tuple[float, ...], Setting("(k,) ascending values of the quantity.")]
+    densities: Annotated[
+        tuple[float, ...],
+        Setting(
+            "(k,) extinction per world unit of length.", ge=0, expected="a finite number of 0 or more for each value"
+        ),
+    ]
+    colors: Annotated[
+        tuple[Vector, ...], Setting("(k,) colours.", ge=0, le=1, expected=COLOR["expected"], default="the colour map")
+    ] = ()
 
-    values: tuple[float, ...]
-    densities: tuple[float, ...]
-    colors: tuple[Vector, ...] = ()
-
-    def __post_init__(self) -> None:
-        ascending = len(self.values) > 0 and np.isfinite(self.values).all() and (np.diff(self.values) > 0).all()
-        check(ascending, "values of a transfer function", "ascending finite numbers", self.values)
-        good = len(self.densities) == len(self.values) and all(0.0 <= d < np.inf for d in self.densities)
-        check(good, "densities of a transfer function", "a finite number of 0 or more for each value", self.densities)
+    def check(self) -> None:
+        """SceneError unless values ascend and all have a density."""
+        ascending = all(isfinite(value) for value in self.values) and all(a < b for a, b in pairwise(self.values))
+        check(len(self.values) and ascending, f"values{self.noun}", "ascending finite numbers", self.values)
+        is_complete = len(self.densities) == len(self.values)
+        check(is_complete, f"densities{self.noun}", "a finite number of 0 or more for each value", self.densities)
         enough = len(self.colors) in (0, len(self.values))
-        check(enough, "colors of a transfer function", f"none or {len(self.values)}", len(self.colors))
-        for color in self.colors:
-            check_color(color, "colors of a transfer function")
+        check(enough, f"colors{self.noun}", f"none or {len(self.values)}", len(self.colors))
 
 
-@dataclass(frozen=True)
-class VolumeRendering:
-    """Light that the volume sends out and takes up along each ray.
+@dataclass(frozen=True, repr=False)
+class VolumeRendering(Model, of="a volume"):
+    """Light that the volume emits and absorbs along each ray."""
 
-    error  greatest error of a pixel's colour that the quadrature aims at
-    """
-
-    transfer: Transfer
-    quantity: str | None = None
-    error: float = 1e-3
-
-    def __post_init__(self) -> None:
-        positive(self.error, "error of a volume")
+    transfer: Annotated[Transfer, Setting("Extinction and colour by the values of the quantity.")]
+    quantity: Annotated[Quantity | None, Setting("What is shown.", default="the scene's field")] = None
+    error: Annotated[float, Setting("Greatest error of a pixel's colour that the quadrature aims at.", **POSITIVE)] = (
+        1e-3
+    )
+    kind: Literal["volume"] = field(default="volume", kw_only=True)
+    option: ClassVar = Setting(
+        "Volume rendering: piecewise linear transfer function, extinction D at value V of quantity Q.",
+        option="--volume",
+        metavar="[Q=]V:D,V:D",
+        parse="volume",
+        repeatable=True,
+    )
 
 
 SceneObject: TypeAlias = CutSurface | Faces | Isosurface | VolumeRendering

@@ -1,24 +1,21 @@
 """Surfaces in space: what cuts a volume, and what bounds the regions that are clipped away."""
 
-from __future__ import annotations
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
-from dataclasses import dataclass
-from typing import Annotated, TypeAlias
-
-import numpy as np
-
-from elvis.core.arrays import Floats
 from elvis.scene.errors import SceneError
+from elvis.scene.settings import FilePath, Model, Quantity, Setting
+
+if TYPE_CHECKING:
+    from elvis.core.arrays import Floats
 
 Vector: TypeAlias = tuple[float, float, float]
-#: the name of a file; in scene files relative to them
-FilePath: TypeAlias = Annotated[str, "file"]
-#: the name of a colour map, or of an .xml file with one
-PaletteName: TypeAlias = Annotated[str, "palette"]
 
 
-def unit(vector: Vector | Floats, what: str) -> Floats:
+def unit(vector: "Vector | Floats", what: str) -> "Floats":
     """``vector`` at length 1; SceneError naming ``what`` where it has no direction."""
+    import numpy as np
+
     array = np.asarray(vector, dtype=np.float64)
     length = float(np.linalg.norm(array))
     if not np.isfinite(length) or length == 0.0:
@@ -26,84 +23,79 @@ def unit(vector: Vector | Floats, what: str) -> Floats:
     return np.asarray(array / length)
 
 
-def check(holds: object, what: str, expected: str, found: object) -> None:
-    """SceneError naming ``what``, a key of the scene, unless ``holds``."""
-    if not holds:
-        raise SceneError(f"{what}: expected {expected}, found {found}")
+@dataclass(frozen=True, repr=False)
+class Plane(Model, of="a plane"):
+    """A plane; its inside lies behind the normal."""
 
+    point: Annotated[Vector, Setting("A point of the plane.")]
+    normal: Annotated[Vector, Setting("A direction perpendicular to it, of any length.")]
+    kind: Literal["plane"] = field(default="plane", kw_only=True)
 
-def positive(value: float, what: str) -> None:
-    """SceneError unless the value is a positive finite number."""
-    check(0.0 < value < np.inf, what, "a positive number", value)
-
-
-@dataclass(frozen=True)
-class Plane:
-    """A plane through ``point``, perpendicular to ``normal`` (of any length); its inside lies behind the normal."""
-
-    point: Vector
-    normal: Vector
-
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError where the normal has no direction."""
         unit(self.normal, "the normal of the plane")
 
-    def basis(self) -> tuple[Floats, Floats, Floats]:
+    def basis(self) -> "tuple[Floats, Floats, Floats]":
         """Unit vectors right, up and normal, right-handed; up is as near to z (else y) as the plane allows."""
+        import numpy as np
+
         normal = unit(self.normal, "the normal of the plane")
         towards = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
         right = unit(np.cross(towards, normal), "right")
         return right, np.cross(normal, right), normal
 
 
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere; radius in world units."""
+@dataclass(frozen=True, repr=False)
+class Sphere(Model, of="a sphere"):
+    """A sphere."""
 
-    center: Vector
-    radius: float
-
-    def __post_init__(self) -> None:
-        positive(self.radius, "radius of a sphere")
+    center: Annotated[Vector, Setting("Its center.")]
+    radius: Annotated[float, Setting("Its radius in world units.", gt=0, expected="a positive number")]
+    kind: Literal["sphere"] = field(default="sphere", kw_only=True)
 
 
-@dataclass(frozen=True)
-class Cylinder:
-    """A cylinder without ends around the line through ``point`` along ``axis``."""
+@dataclass(frozen=True, repr=False)
+class Cylinder(Model, of="a cylinder"):
+    """A cylinder without ends."""
 
-    point: Vector
-    axis: Vector
-    radius: float
+    point: Annotated[Vector, Setting("A point of its axis.")]
+    axis: Annotated[Vector, Setting("The direction of its axis, of any length.")]
+    radius: Annotated[float, Setting("Its radius in world units.", gt=0, expected="a positive number")]
+    kind: Literal["cylinder"] = field(default="cylinder", kw_only=True)
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError where the axis has no direction."""
         unit(self.axis, "the axis of the cylinder")
-        positive(self.radius, "radius of a cylinder")
 
 
-@dataclass(frozen=True)
-class Cone:
-    """A cone without end that opens from ``apex`` along ``axis``; degrees (0, 90) between axis and side."""
+@dataclass(frozen=True, repr=False)
+class Cone(Model, of="a cone"):
+    """A cone without end, to one side of its apex."""
 
-    apex: Vector
-    axis: Vector
-    angle: float
+    apex: Annotated[Vector, Setting("Its apex.")]
+    axis: Annotated[Vector, Setting("The direction in which it opens, of any length.")]
+    angle: Annotated[float, Setting("The angle between its axis and its side.", gt=0, lt=90, unit="degrees")]
+    kind: Literal["cone"] = field(default="cone", kw_only=True)
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError where the axis has no direction."""
         unit(self.axis, "the axis of the cone")
-        check(0.0 < self.angle < 90.0, "angle of a cone", "degrees between 0 and 90", self.angle)
 
 
-@dataclass(frozen=True)
-class Implicit:
-    """Where an expression of x, y, z and of the fields is zero; its inside is where it is negative."""
+@dataclass(frozen=True, repr=False)
+class Implicit(Model, of="an implicit surface"):
+    """The zero set of an expression; its inside is where the expression is negative."""
 
-    expression: str
+    expression: Annotated[Quantity, Setting("An expression of x, y, z and of the fields.")]
+    kind: Literal["implicit"] = field(default="implicit", kw_only=True)
 
 
-@dataclass(frozen=True)
-class TriangleMesh:
-    """The triangles of an STL, PLY, OBJ or GLB file; they have an inside where they are closed."""
+@dataclass(frozen=True, repr=False)
+class TriangleMesh(Model, of="a triangle mesh"):
+    """Triangles of a file; they have an inside where they are closed."""
 
-    file: FilePath
+    file: Annotated[FilePath, Setting("An STL, PLY, OBJ or GLB file.")]
+    kind: Literal["mesh"] = field(default="mesh", kw_only=True)
 
 
 #: surfaces that rays meet without any data

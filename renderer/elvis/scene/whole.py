@@ -1,42 +1,49 @@
 """Cameras and scenes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Literal
+from math import inf
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
-
-from elvis.core.arrays import Floats
 from elvis.scene.errors import SceneError
-from elvis.scene.objects import CutSurface, SceneObject, check_color, check_range
-from elvis.scene.surfaces import FilePath, PaletteName, Plane, Surface, Vector, check, unit
+from elvis.scene.objects import COLOR, CutSurface, SceneObject, check_range
+from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check
+from elvis.scene.surfaces import Plane, Surface, Vector, unit
+
+if TYPE_CHECKING:
+    from elvis.core.arrays import Floats
+
+#: pixels of a side of a picture, at most
+LARGEST_SIDE = 32768
 
 
-@dataclass(frozen=True)
-class Camera:
-    """Where a picture is taken from.
+@dataclass(frozen=True, repr=False)
+class Camera(Model):
+    """Where a picture is taken from: with a field of view in perspective, else orthographic."""
 
-    eye, at, up  world coordinates; ``up`` need not be perpendicular to the view
-    fov          vertical field of view in degrees (0, 180) of a perspective camera
-    height       height of the view in world units of an orthographic camera, where ``fov`` is None
-    """
+    eye: Annotated[Vector, Setting("Where the eye is, in world coordinates.")]
+    at: Annotated[Vector, Setting("Where it looks, in world coordinates.")]
+    up: Annotated[Vector, Setting("What is upwards; it need not be perpendicular to the view.")] = (0.0, 0.0, 1.0)
+    fov: Annotated[
+        float | None,
+        Setting("Vertical field of view in perspective.", gt=0, lt=180, unit="degrees", default="orthographic"),
+    ] = None
+    height: Annotated[
+        float | None,
+        Setting(
+            "Height of an orthographic view in world units.",
+            gt=0,
+            expected="a length",
+            default="fitted to what is seen",
+        ),
+    ] = None
 
-    eye: Vector
-    at: Vector
-    up: Vector = (0.0, 0.0, 1.0)
-    fov: float | None = None
-    height: float | None = None
-
-    def __post_init__(self) -> None:
-        check(self.fov is None or 0.0 < self.fov < 180.0, "fov", "degrees between 0 and 180", self.fov)
-        check(self.height is None or 0.0 < self.height < np.inf, "height of the view", "a length", self.height)
-
-    def basis(self) -> tuple[Floats, Floats, Floats]:
+    def basis(self) -> "tuple[Floats, Floats, Floats]":
         """Unit vectors right, up and forward.
 
         Raises SceneError where the camera has no direction, or looks along ``up``.
         """
+        import numpy as np
+
         forward = unit(np.subtract(self.at, self.eye), "the view of the camera (at - eye)")
         right = unit(np.cross(forward, self.up), "up × view of the camera")
         return right, np.cross(right, forward), forward
@@ -54,90 +61,185 @@ NAMED_VIEWS: dict[str, tuple[Vector, Vector]] = {
 }
 
 
-@dataclass(frozen=True)
-class Light:
-    """A light from far away, in the ``direction`` from the data to the lamp; None is behind the eye."""
+@dataclass(frozen=True, repr=False)
+class Light(Model, of="a light"):
+    """A light from far away."""
 
-    direction: Vector | None = None
-    intensity: float = 0.75
+    direction: Annotated[
+        Vector | None, Setting("Direction from the data towards the light.", default="behind the eye")
+    ] = None
+    intensity: Annotated[float, Setting("Its intensity.", ge=0)] = 0.75
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError where the direction is none."""
         if self.direction is not None:
             unit(self.direction, "the direction of a light")
-        check(0.0 <= self.intensity < np.inf, "intensity of a light", "0 or more", self.intensity)
 
 
-@dataclass(frozen=True)
-class Clip:
-    """A region from which nothing is shown: the inside or the outside of a surface."""
+@dataclass(frozen=True, repr=False)
+class Clip(Model, of="a clip"):
+    """A region from which nothing is shown."""
 
-    surface: Surface
-    away: Literal["inside", "outside"] = "inside"
+    surface: Annotated[Surface, Setting("The surface that bounds it; the inside of a plane lies behind its normal.")]
+    away: Annotated[Literal["inside", "outside"], Setting("Which side of the surface is not shown.")] = "inside"
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError where no side is named."""
         check(self.away in ("inside", "outside"), "away of a clip", "inside or outside", self.away)
 
 
-@dataclass(frozen=True)
-class Scene:
-    """One picture.
+@dataclass(frozen=True, repr=False)
+class Scene(Model):
+    """One picture."""
 
-    field       what colours the picture: a field, an expression, a ready-made name; empty takes the first field
-    plane       a cut, the same as CutSurface(plane) before all objects; None for 2D data, drawn in its own plane
-    objects     what is shown
-    camera      a camera, or the name of a view (``fit`` looks straight at the plane; see NAMED_VIEWS) that is fitted
-                to what is seen
-    size        width and height in pixels; None takes the proportions of what is seen
-    samples     n: colours are means over n x n points of each pixel
-    palette     name of a colour map, or an .xml file with one
-    range       values at the two ends of the colour map; ``seen`` and None take them from the picture, ``all`` from
-                certified bounds of the whole field
-    ambient     part of its colour that a lit surface shows without any light
-    clip        regions from which nothing is shown
-    time        what ``t`` stands for in expressions; None takes the time of the data
-    timeout     seconds after which an unfinished picture is given up
-    title       above the picture; None takes the field's name
-    data        files of the dataset; with ``plugin`` the runtime plugin that opens them
-    device, outputs, plain, stats   as the options of ``elvis render``
-    """
+    field: Annotated[
+        Quantity,
+        Setting(
+            "What colours the picture: a field, an expression or a predefined quantity.",
+            option="--field -f",
+            default="the first field",
+        ),
+    ] = ""
+    plane: Annotated[
+        Plane | None,
+        Setting(
+            "A cut plane, in short for a cut before all objects; 2D data are drawn in their own plane.",
+            option="--plane",
+            metavar="POINT:NORMAL",
+            parse="plane",
+            repeatable=True,
+            option_help="A cut plane.",
+        ),
+    ] = None
+    camera: Annotated[
+        Camera | str,
+        Setting(
+            "A camera, or a named view that is fitted to what is seen: fit (straight at a single plane, else iso), "
+            "+x, -x, +y, -y, +z, -z (look along an axis), iso.",
+            names=("fit", *NAMED_VIEWS),
+            option="--camera",
+            metavar="VIEW",
+            parse="camera",
+            option_help="fit (straight at a single plane, else iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, "
+            "or eye:at[:up[:degrees]]; orthographic and fitted to what is seen unless degrees are given.",
+        ),
+    ] = "fit"
+    size: Annotated[
+        tuple[int, int] | None,
+        Setting(
+            "Width and height in pixels.",
+            ge=1,
+            le=LARGEST_SIDE,
+            option="--size",
+            metavar="WxH",
+            parse="size",
+            default="1000 wide or 800 high",
+        ),
+    ] = None
+    palette: Annotated[
+        PaletteName,
+        Setting(
+            "A colour map of the cmap catalogue, elvis:NAME, or a file of ParaView or the first ElVis.",
+            option="--colormap --palette",
+            metavar="NAME|FILE.xml",
+        ),
+    ] = "viridis"
+    range: Annotated[
+        tuple[float, float] | Literal["seen", "all"] | None,
+        Setting(
+            "Values at the ends of the colour map: two values, seen (of the picture), or all (certified bounds of the "
+            "whole field).",
+            option="--range",
+            metavar="LOW:HIGH|seen|all",
+            parse="color_range",
+            default="seen",
+        ),
+    ] = None
+    background: Annotated[Vector, Setting("Background colour.", option="--background", default="white", **COLOR)] = (
+        1.0,
+        1.0,
+        1.0,
+    )
+    objects: Annotated[tuple[SceneObject, ...], Setting("What is shown.", default="all outer faces of 3D data")] = ()
+    samples: Annotated[
+        int, Setting("Supersampling: average N x N samples per pixel.", ge=1, le=16, option="--samples")
+    ] = 1
+    lights: Annotated[
+        tuple[Light, ...],
+        Setting(
+            "The lights.",
+            option="--light",
+            metavar="X,Y,Z[:I]",
+            parse="light",
+            default="one behind the eye",
+            option_help="A light in direction X,Y,Z, or eye (behind the viewer), of intensity I.",
+            repeatable=True,
+        ),
+    ] = (Light(),)
+    ambient: Annotated[
+        float,
+        Setting("Part of its colour that a lit surface shows without any light.", ge=0, le=1, option="--ambient"),
+    ] = 0.3
+    clip: Annotated[
+        tuple[Clip, ...],
+        Setting(
+            "Regions from which nothing is shown.",
+            option="--clip",
+            metavar="SURFACE",
+            parse="clip",
+            option_help="Show nothing inside (outside:…) of a surface, written as for --cut.",
+            repeatable=True,
+        ),
+    ] = ()
+    title: Annotated[
+        str | None, Setting("Title above the picture.", option="--title", default="the name of the field")
+    ] = None
+    time: Annotated[
+        float | None,
+        Setting("What t stands for in expressions.", finite=True, option="--time", default="the time of the data"),
+    ] = None
+    timeout: Annotated[
+        float | None,
+        Setting(
+            "Time after which an unfinished picture is given up.",
+            gt=0,
+            le=inf,
+            unit="seconds",
+            option="--timeout",
+        ),
+    ] = None
+    data: Annotated[tuple[FilePath, ...], Setting("The files of the dataset: mesh and fields, in any order.")] = ()
+    plugin: Annotated[
+        str | None,
+        Setting(
+            "The runtime plugin that opens the data, by its name; the option takes a file of Python too.",
+            option="--plugin",
+            metavar="NAME|FILE.py",
+            option_help="The runtime plugin that opens DATA.",
+        ),
+    ] = None
+    device: Annotated[
+        str,
+        Setting("The device that draws, see elvis devices; reference computes in NumPy.", option="--device"),
+    ] = "auto"
+    outputs: Annotated[
+        tuple[FilePath, ...],
+        Setting("Pictures and records to be written: .png, .exr, .npz.", option="--output -o", repeatable=True),
+    ] = ()
+    plain: Annotated[bool, Setting("The bare image, without title and colour bar.", option="--plain")] = False
+    stats: Annotated[FilePath | None, Setting("Write seconds, bytes and counts as JSON.", option="--stats")] = None
 
-    field: str = ""
-    plane: Plane | None = None
-    camera: Camera | str = "fit"
-    size: tuple[int, int] | None = None
-    palette: PaletteName = "viridis"
-    range: tuple[float, float] | Literal["seen", "all"] | None = None
-    background: Vector = (1.0, 1.0, 1.0)
-    objects: tuple[SceneObject, ...] = ()
-    samples: int = 1
-    lights: tuple[Light, ...] = (Light(),)
-    ambient: float = 0.3
-    clip: tuple[Clip, ...] = ()
-    title: str | None = None
-    time: float | None = None
-    timeout: float | None = None
-    data: tuple[FilePath, ...] = ()
-    plugin: str | None = None
-    device: str = "auto"
-    outputs: tuple[FilePath, ...] = ()
-    plain: bool = False
-    stats: FilePath | None = None
-
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """SceneError for a size that no picture has, an unknown view, a range that doesn't ascend."""
         width, height = self.size or (1, 1)
-        if not (1 <= width <= 32768 and 1 <= height <= 32768):
-            raise SceneError(f"the size of a picture is 1 to 32768 pixels a side, found {width} x {height}")
+        if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
+            raise SceneError(f"the size of a picture is 1 to {LARGEST_SIDE} pixels a side, found {width} x {height}")
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
             raise SceneError(f"unknown view {self.camera!r}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
         if isinstance(self.range, str):
             check(self.range in ("seen", "all"), "range", "seen, all or two values", self.range)
         else:
             check_range(self.range)
-        check_color(self.background, "background")
-        check(1 <= self.samples <= 16, "samples", "1 to 16", self.samples)
-        check(self.time is None or np.isfinite(self.time), "time", "a finite number", self.time)
-        check(self.timeout is None or self.timeout > 0.0, "timeout", "seconds above 0", self.timeout)
-        check(0.0 <= self.ambient <= 1.0, "ambient", "0 to 1", self.ambient)
 
     @property
     def every_object(self) -> tuple[SceneObject, ...]:

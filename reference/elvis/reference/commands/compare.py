@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.plugins.commands.arguments import overwrite_option
-from elvis.scene.commands.options import scene_options
+from elvis.scene.commands.command import SceneCommand
 
 if TYPE_CHECKING:
     from elvis.reference.study import Study
@@ -59,9 +59,13 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
     return found
 
 
-@click.command(epilog=EPILOG, short_help="Report how accurate pictures are, and what linear ones would show.")
+@click.command(
+    cls=SceneCommand,
+    leaving=("outputs", "stats", "plain", "samples"),
+    epilog=EPILOG,
+    short_help="Report how accurate pictures are, and what linear ones would show.",
+)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...|A.npz B.npz")
-@scene_options(leaving=("outputs", "stats", "plain", "samples"))
 @click.option("--output", "-o", type=click.Path(path_type=Path), metavar="FOLDER", help="The report; opens from disk.")
 @click.option(
     "--refinements", default="0,1,2,3", show_default=True, callback=_levels, help="Linear pictures to compare with."

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.plugins.commands.arguments import overwrite_option
-from elvis.scene.commands.options import OUTPUT, option, scene_options
+from elvis.scene.commands.command import OUTPUT, SceneCommand, parsed
 
 if TYPE_CHECKING:
     from elvis.scene import Scene
@@ -32,10 +32,13 @@ Examples:
 """
 
 
-@click.command(epilog=EPILOG, short_help="Draw cuts, faces, isosurfaces and volumes, exact at every pixel.")
+@click.command(
+    cls=SceneCommand, epilog=EPILOG, short_help="Draw cuts, faces, isosurfaces and volumes, exact at every pixel."
+)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
-@scene_options()
-@option("--set", "settings", multiple=True, metavar="KEY=VALUE", parse="setting", help="Any other key of the scene.")
+@click.option(
+    "--set", "settings", multiple=True, metavar="KEY=VALUE", type=parsed("setting"), help="Any other key of the scene."
+)
 @click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
 @overwrite_option
 def render(
@@ -51,8 +54,6 @@ def render(
     """
     from elvis.scene.commands.composing import composed
 
-    options["outputs"] = tuple(map(str, options["outputs"]))
-    options["stats"] = options["stats"] and str(options["stats"])
     scene = composed(data, options, settings)
     _check_places(scene, data, save_scene, overwrite)
     frame = _frame(scene)

@@ -11,8 +11,6 @@ from elvis.scene.errors import SceneError
 if TYPE_CHECKING:
     from elvis.scene import Scene, SceneObject
 
-#: options that style every object, by the key of Style
-STYLES = ("contours", "mesh_lines", "opacity", "lit", "color")
 #: keys that a scene file may set within limits, and options without
 OVERRIDDEN = {"outputs", "stats", "plugin"}
 
@@ -25,12 +23,13 @@ def composed(
 ) -> Scene:
     """The scene of a scene file among ``files``, else the usual one, with what the options say.
 
-    options   scene keys to values, None where an option was not given; ``planes``, ``cuts``, ``faces``,
-              ``isosurfaces`` and ``volumes`` are added to the objects, STYLES go to every object
+    options   scene keys to values, None where an option was not given; planes and OBJECTS are added to the objects,
+              STYLES go to every object
     settings  pairs of a key such as ``objects[0].style.opacity`` and a TOML value
     unused    keys of a scene file that have no meaning for the caller
     """
-    from elvis.scene import CutSurface, MeshLines, Plane, Scene
+    from elvis.scene import CutSurface, Plane, Scene
+    from elvis.scene.commands.options import OBJECTS, STYLES
     from elvis.scene.files import is_scene_file, read_scene
 
     scene_files = [file for file in files if is_scene_file(file)]
@@ -39,11 +38,11 @@ def composed(
     given = {key: value for key, value in options.items() if value is not None and value != ()}
     scene = read_scene(scene_files[0], (*(OVERRIDDEN & given.keys()), *unused)) if scene_files else Scene()
     style = {key: given.pop(key) for key in STYLES if key in given}
-    style |= {"mesh_lines": MeshLines()} if "mesh_lines" in style else {}
 
     # one plane without a style of its own is the shortcut
-    cuts = [CutSurface(surface) for key in ("planes", "cuts") for surface in given.pop(key, ())]
-    others = [item for key in ("faces", "isosurfaces", "volumes") for item in given.pop(key, ())]
+    cuts = [CutSurface(plane) for plane in given.pop("plane", ())]
+    cuts += given.pop("cut", ())
+    others = [item for key in OBJECTS for item in given.pop(key, ())]
     if len(cuts) == 1 and isinstance(cuts[0].surface, Plane) and not (others or style or scene.every_object):
         given["plane"] = cuts.pop().surface
     data = tuple(str(file) for file in files if not is_scene_file(file))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 import click
 from PIL import ImageColor
@@ -10,11 +10,9 @@ from PIL import ImageColor
 from elvis import scene
 from elvis.plugins.commands.arguments import numbers, triples
 from elvis.scene.objects import check_range
-from elvis.scene.surfaces import check
-from elvis.scene.tables import KINDS
+from elvis.scene.settings import check, choices, settings, types
 
-LARGEST_SIDE = 32768
-SURFACES: dict[str, Any] = {KINDS[each]: each for each in get_args(scene.Surface)}
+SURFACES: dict[str, Any] = {each.kind: each for each in get_args(scene.Surface)}
 
 
 def plane(text: str) -> scene.Plane:
@@ -31,13 +29,25 @@ def surface(text: str) -> scene.Surface:
     return found
 
 
+def cut(text: str) -> scene.CutSurface:
+    """A surface that cuts."""
+    return scene.CutSurface(surface(text))
+
+
 def _made(cls: Any, text: str) -> Any:
-    """An instance of a dataclass, from what it takes with colons between."""
-    hints = get_type_hints(cls)
-    parts = text.split(":", len(hints) - 1)
-    check(len(parts) == len(hints), KINDS[cls], ":".join(hints).upper(), repr(text))
-    reads: dict[Any, Any] = {float: _number, str: str}
-    return cls(*(reads.get(hint, _point)(part) for hint, part in zip(hints.values(), parts, strict=True)))
+    """An instance of a model, from its settings with colons between."""
+    names = list(settings(cls))
+    parts = text.split(":", len(names) - 1)
+    check(len(parts) == len(names), cls.kind, ":".join(names).upper(), repr(text))
+    return cls(*(_value(types(cls)[name], part) for name, part in zip(names, parts, strict=True)))
+
+
+def _value(hint: Any, text: str) -> Any:
+    """A value of a type: a number, a text or a point."""
+    (only,) = choices(hint)
+    if only is float:
+        return _number(text)
+    return text if only is str else _point(text)
 
 
 def _number(text: str) -> float:
@@ -91,10 +101,12 @@ def camera(text: str) -> scene.Camera | str:
 
 def size(text: str) -> tuple[int, int]:
     """``WIDTHxHEIGHT`` in pixels."""
-    sides = text.lower().split("x")
-    good = len(sides) == 2 and all(side.isdecimal() and 1 <= int(side) <= LARGEST_SIDE for side in sides)
-    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, up to {LARGEST_SIDE} a side", repr(text))
-    return int(sides[0]), int(sides[1])
+    sides, setting = text.lower().split("x"), settings(scene.Scene)["size"]
+    good = len(sides) == 2 and all(side.isdecimal() for side in sides)
+    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, {setting.allowed} a side", repr(text))
+    width, height = (int(side) for side in sides)
+    setting.check((width, height), "size")
+    return width, height
 
 
 def color_range(text: str) -> tuple[float, float] | str:

@@ -1,0 +1,43 @@
+"""Commands that draw: their options are those of a scene, made when they are first needed, and some of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from elvis.plugins.commands.arguments import Parsed
+
+OUTPUT = click.Path(path_type=Path, dir_okay=False)
+
+
+class SceneCommand(click.Command):
+    """A command with all options of a scene, but for those of the keys that it leaves out."""
+
+    def __init__(self, *arguments: Any, leaving: Sequence[str] = (), **rest: Any) -> None:
+        super().__init__(*arguments, **rest)
+        self.leaving = leaving
+        self._scene_options: list[click.Option] = []
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Arguments, the options of a scene, its own options."""
+        from elvis.scene.commands.options import scene_options
+
+        self._scene_options = self._scene_options or scene_options(self.leaving)
+        own = super().get_params(ctx)
+        arguments = [parameter for parameter in own if isinstance(parameter, click.Argument)]
+        return [*arguments, *self._scene_options, *own[len(arguments) :]]
+
+
+def parsed(parse: str) -> Parsed:
+    """The type of texts that a function of `parameters`, imported when it is needed, reads."""
+
+    def read(text: str) -> Any:
+        from elvis.scene.commands import parameters
+
+        function: Callable[[str], Any] = getattr(parameters, parse)
+        return function(text)
+
+    return Parsed(read)

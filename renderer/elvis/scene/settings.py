@@ -1,0 +1,277 @@
+"""What is told of each setting of a scene, once, next to its name, type and default: see Setting.
+
+The options of commands, the checks, the errors, the JSON schema and docs/scene.md are made of it.  Loads neither NumPy
+nor pydantic, so that commands start quickly; `validation` has what needs pydantic.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
+from functools import cache
+from math import inf
+from types import NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, Union, get_args, get_origin
+
+from elvis.scene.errors import SceneError
+
+#: entries of a list, at most
+LONGEST = 10_000
+
+
+def check(holds: object, what: str, expected: str, found: object) -> None:
+    """SceneError naming ``what``, a key of the scene, unless ``holds``."""
+    if not holds:
+        raise SceneError(f"{what}: expected {expected}, found {found}")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting: ``opacity: Annotated[float, Setting("Opacity of the object.", gt=0, le=1)] = 1.0``.
+
+    help            what it does, in a sentence
+    gt, ge, lt, le  bounds of the number, or of each number of a list
+    finite          whether numbers without bounds must be finite
+    unit            of the numbers
+    expected        what the numbers are to be, where bounds and unit don't say it
+    names           all texts that are possible
+    default         the default in words, where its value doesn't say it
+    option          names of the option of the command line, with blanks between; empty: there is none
+    metavar         how the option's value is written
+    parse           the function of ``commands.parameters`` that reads it; empty: its type does
+    repeatable      whether the option may be given several times
+    option_help     sentence of the option, where it is not that of the setting
+    """
+
+    help: str
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+    finite: bool = False
+    unit: str = ""
+    expected: str = ""
+    names: tuple[str, ...] = ()
+    default: str = ""
+    option: str = ""
+    metavar: str | None = None
+    parse: str = ""
+    repeatable: bool = False
+    option_help: str = ""
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether something is asked of the numbers."""
+        return self.finite or any(bound is not None for bound in (self.gt, self.ge, self.lt, self.le))
+
+    @property
+    def allowed(self) -> str:
+        """What the numbers are to be: ``0 to 1``, ``seconds above 0``; empty where any will do."""
+        if self.expected or not self.is_checked:
+            return self.expected
+        what = self.unit or "a number"
+        lower = self.gt if self.ge is None else self.ge
+        upper = self.lt if self.le is None else self.le
+        if lower is None:
+            return "finite numbers"
+        if upper is None or upper == inf:
+            return f"{lower:g} or more" if self.gt is None else f"{what} above {lower:g}"
+        if self.gt is None:
+            return f"{lower:g} to {upper:g}"
+        if self.le is None:
+            return f"{what} between {lower:g} and {upper:g}"
+        return f"{what} above {lower:g} and at most {upper:g}"
+
+    @property
+    def option_words(self) -> str:
+        """The sentence of the option, with its range and default."""
+        words = self.option_help or self.help
+        words += "  Repeatable." if self.repeatable else ""
+        has_bounds = self.gt is not None or self.ge is not None
+        limits = [self.allowed] if has_bounds and not self.expected else []
+        limits += [f"default: {self.default}"] if self.default else []
+        return f"{words}  [{'; '.join(limits)}]" if limits else words
+
+    def check(self, value: Any, what: str) -> None:
+        """SceneError naming ``what``, unless the numbers of a value are in bounds; None and texts have none."""
+        if self.is_checked:
+            check(all(map(self._holds, _numbers(value))), what, self.allowed, value)
+
+    def _holds(self, number: float) -> bool:
+        above = number > (-inf if self.gt is None else self.gt) if self.ge is None else number >= self.ge
+        below = number < (inf if self.lt is None else self.lt) if self.le is None else number <= self.le
+        return bool(above and below)
+
+    # pydantic asks these two of what annotates a type
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from elvis.scene.validation import annotated
+
+        return handler(annotated(source))
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        from elvis.scene.validation import described
+
+        return described(self, handler(core))
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """The numbers in a value, whatever its shape; of an optional value or of a text there are none."""
+    if value is None or isinstance(value, str):
+        return
+    if hasattr(value, "__len__"):
+        for item in value:
+            yield from _numbers(item)
+    else:
+        yield value
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text that names files, by its kind: always, where it ends in .xml, or where it measures distances to them."""
+
+    kind: Literal["file", "palette", "expression"]
+
+    def changed(self, text: str, change: Callable[[str], str]) -> str:
+        """The text with other names of files."""
+        if self.kind == "expression":
+            from elvis.core.distances.triangle_files import renamed
+
+            return renamed(text, change)
+        return change(text) if self.kind == "file" or text.lower().endswith(".xml") else text
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from elvis.scene.validation import filled
+
+        return handler(source) if self.kind == "expression" else filled(handler(source))
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        return {**handler(core), "minLength": 0 if self.kind == "expression" else 1}
+
+
+#: the name of a file; in scene files relative to them
+FilePath: TypeAlias = Annotated[str, Text("file")]
+#: the name of a colour map, or of an .xml file with one
+PaletteName: TypeAlias = Annotated[str, Text("palette")]
+#: a field, an expression or a predefined quantity
+Quantity: TypeAlias = Annotated[str, Text("expression")]
+
+
+class Model:
+    """What the dataclasses of a scene have in common: settings that are checked, and a text of those that are set.
+
+    noun  says in errors whose setting it is
+    """
+
+    noun: ClassVar[str] = ""
+    #: how pydantic reads tables
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+
+    def __init_subclass__(cls, of: str = "") -> None:
+        """``of`` is the noun: radius of a sphere."""
+        cls.noun = f" of {of}" if of else ""
+
+    def __post_init__(self) -> None:
+        self.check()
+        cls: Any = type(self)
+        for name, setting in _checked(cls):
+            setting.check(getattr(self, name), f"{name}{self.noun}")
+
+    def check(self) -> None:
+        """SceneError where settings are not what they should be, for more than their own bounds."""
+
+    def __repr__(self) -> str:
+        given = [f"{name}={value!r}" for name, value in given_values(self).items()]
+        return f"{type(self).__name__}({', '.join(given)})"
+
+
+@cache
+def settings(cls: type) -> dict[str, Setting]:
+    """The settings of a class by their names, in order."""
+    found = {}
+    for field in fields(cls):
+        setting = _of_kind(Setting, field.type)
+        if setting:
+            found[field.name] = replace(setting, default=setting.default or _default_words(default_of(field)))
+    return found
+
+
+def _default_words(value: Any) -> str:
+    """A plain default as people write it; empty for none and for tables."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value) if isinstance(value, int | str) and not isinstance(value, bool) else ""
+
+
+@cache
+def _checked(cls: type) -> tuple[tuple[str, Setting], ...]:
+    return tuple((name, setting) for name, setting in settings(cls).items() if setting.is_checked)
+
+
+@cache
+def types(cls: type) -> dict[str, Any]:
+    """The types of all that a class holds, by their names."""
+    return {field.name: field.type for field in fields(cls)}
+
+
+def default_of(field: "Field[Any]") -> Any:
+    """The default of a setting, MISSING where it must be given."""
+    return field.default_factory() if field.default_factory is not MISSING else field.default
+
+
+def given_values(item: Any) -> dict[str, Any]:
+    """The values of an instance that are not the defaults."""
+    cls: Any = type(item)
+    table = {}
+    for field in fields(item):
+        value = getattr(item, field.name)
+        if field.name in settings(cls) and (default_of(field) is MISSING or value != default_of(field)):
+            table[field.name] = value
+    return table
+
+
+def text_of(hint: Any) -> Text | None:
+    """What is known of the texts in a place of some type, also of those in a list."""
+    found = _of_kind(Text, hint)
+    parts = () if found else get_args(hint)
+    return found or next(filter(None, map(text_of, parts)), None)
+
+
+def _of_kind(kind: type, hint: Any) -> Any:
+    """What of a kind annotates a type, None where nothing does."""
+    return next((item for item in getattr(hint, "__metadata__", ()) if isinstance(item, kind)), None)
+
+
+def choices(hint: Any) -> tuple[Any, ...]:
+    """The alternatives of a type but for None."""
+    bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    if get_origin(bare) in (Union, UnionType):
+        return tuple(own for own in get_args(bare) if own is not NoneType)
+    return (bare,)
+
+
+def is_free(hint: Any) -> bool:
+    """Whether a type is that of lists of any length."""
+    return get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis
+
+
+def type_words(hint: Any) -> str:
+    """What stands in a place of some type, for errors and pages: ``a finite number``, ``a list of 3``."""
+    text = _of_kind(Text, hint)
+    own = choices(hint)
+    if text:
+        return "a text" if text.kind == "expression" else f"a {text.kind} name"
+    if all(map(is_dataclass, own)):
+        return "a table"
+    if len(own) > 1:
+        return " or ".join(map(type_words, own))
+    if own[0] is not hint:
+        return type_words(own[0])
+    items = get_args(hint)
+    if get_origin(hint) is Literal:
+        return " or ".join(map(str, items))
+    if get_origin(hint) is tuple:
+        return f"a list of at most {LONGEST}" if is_free(hint) else f"a list of {len(items)}"
+    return _PLAIN[hint]
+
+
+#: what plain values of a type are called
+_PLAIN: dict[Any, str] = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}

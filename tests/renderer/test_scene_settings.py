@@ -1,0 +1,134 @@
+"""Each setting of a scene is described once: options, checks, errors, schema and page are made of it."""
+
+import json
+import runpy
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from elvis.renderer import Camera, Faces, Scene, SceneError, Sphere, Style
+from elvis.renderer.commands.render import render
+from elvis.scene.commands.options import scene_options
+from elvis.scene.files import read_scene
+from elvis.scene.settings import Model, settings
+from elvis.scene.validation import schema
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def models():
+    """Every model of a scene."""
+    return Model.__subclasses__()
+
+
+@pytest.fixture(scope="module")
+def made():
+    """What writes the pages."""
+    return runpy.run_path(str(REPOSITORY / "tools" / "scene_page.py"))
+
+
+def test_every_setting_is_described():
+    assert len(models()) > 15
+    for model in models():
+        assert [field.name for field in fields(model) if field.name not in settings(model)] in ([], ["kind"])
+        assert all(setting.help.endswith(".") for setting in settings(model).values())
+
+
+def test_the_page_and_the_schema_are_those_of_the_models(made):
+    """Else: make pages."""
+    assert (REPOSITORY / "docs" / "scene.md").read_text(encoding="utf-8") == made["page"]()
+    assert json.loads((REPOSITORY / "docs" / "scene.schema.json").read_text(encoding="utf-8")) == schema()
+
+
+def test_the_page_has_every_key_and_its_links_lead_somewhere(made):
+    text = made["page"]()
+    for model in models():
+        assert all(f"| `{name}` |" in text for name in settings(model))
+    headings = {line.lstrip("# ").lower().replace(" ", "-") for line in text.splitlines() if line.startswith("#")}
+    assert {part.split(")")[0] for part in text.split("](#")[1:]} <= headings
+
+
+def test_the_scene_of_the_page_is_read(made, tmp_path):
+    (tmp_path / "s.toml").write_text(made["page"]().split("```toml")[1].split("```")[0])
+    assert len(read_scene(tmp_path / "s.toml").objects) == 4
+
+
+def test_the_schema_has_names_bounds_and_sentences():
+    """Against JSON Schema's own words, not ours."""
+    found = schema()
+    style = found["$defs"]["Style"]
+    assert style["additionalProperties"] is False
+    assert style["properties"]["opacity"].items() >= {"type": "number", "exclusiveMinimum": 0, "maximum": 1}.items()
+    assert found["properties"]["samples"].items() >= {"type": "integer", "minimum": 1, "maximum": 16}.items()
+    assert {"enum": ["seen", "all"], "type": "string"} in found["properties"]["range"]["anyOf"][0]["oneOf"]
+    assert found["properties"]["objects"]["items"]["required"] == ["kind"]
+    for name, definition in found["$defs"].items():
+        told = [part.get("description") for key, part in definition["properties"].items() if key != "kind"]
+        assert all(told), name
+
+
+def test_every_setting_with_an_option_is_in_the_help():
+    text = " ".join(CliRunner().invoke(render, ["--help"]).output.split())
+    for option in scene_options(()):
+        assert " ".join(option.help.split()) in text
+    assert "Isosurface(s) of quantity Q at value(s) V; Q defaults to --field." in text
+    assert "Opacity of all objects. [a number above 0 and at most 1; default: 1]" in text
+
+
+@pytest.mark.parametrize("cls", models())
+def test_a_bound_refuses_what_is_beyond_it(cls):
+    for name, setting in settings(cls).items():
+        beyond = [bound for bound in (setting.gt, setting.lt) if bound is not None]
+        beyond += [setting.ge - 1] if setting.ge is not None else []
+        beyond += [setting.le + 1] if setting.le is not None and setting.le < float("inf") else []
+        for value in beyond:
+            with pytest.raises(SceneError, match=f"^{name}: expected "):
+                setting.check(value, name)
+
+
+def test_a_value_out_of_bounds_is_an_error_of_its_model():
+    for make in (lambda: Style(opacity=0.0), lambda: Style(opacity=float("nan")), lambda: Style(color=(0, 0, 1.5))):
+        with pytest.raises(SceneError, match=r"^(opacity|color): expected "):
+            make()
+    with pytest.raises(SceneError, match=r"^radius of a sphere: expected a positive number, found -1"):
+        Sphere((0, 0, 0), -1)
+
+
+def test_models_are_plain_frozen_dataclasses():
+    assert Sphere((0, 0, 0), 1.0) == Sphere((0, 0, 0), 1.0)
+    assert hash(Style(opacity=0.5)) == hash(Style(opacity=0.5))
+    assert all(is_dataclass(model) and model.__dataclass_params__.frozen for model in models())
+
+
+def test_a_scene_shows_what_is_not_its_default():
+    scene = Scene("u", objects=(Faces(("wall",)),), camera=Camera((0, 0, 1), (0, 0, 0), fov=30.0))
+    shown = "Scene(field='u', camera=Camera(eye=(0, 0, 1), at=(0, 0, 0), fov=30.0), objects=(Faces(select=('wall',)),))"
+    assert repr(scene) == shown
+    assert repr(Scene()) == "Scene()"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("s.json", '{"objects": ' + "[" * 700 + "]" * 700 + "}", "expected at most 50 levels of tables and lists"),
+        ("s.toml", "samples = 0x" + "f" * 5000, "samples: expected a finite number, found one of 20000 bits"),
+        ("s.yaml", "range: [0x" + "f" * 5000 + ", 1]", "range[0]: expected a finite number, found one of 20000 bits"),
+        ("s.yaml", "data: !!set {a, b}", "data: expected a list, found a set"),
+        ("s.toml", "range = {low = 1}", "range: expected a list of 2 or seen or all, found {'low': 1}"),
+        ("s.toml", "camera = [1, 2]", "camera: expected a table or a text, found [1, 2]"),
+        (
+            "s.toml",
+            "plane = {kind='sphere', point=[0,0,0], normal=[0,0,1]}",
+            "plane.kind: expected plane, found 'sphere'",
+        ),
+        ("s.toml", "[[objects]]\nkind='cut'\nsurfce={}", "unknown key 'objects[0].surfce', did you mean surface?"),
+    ],
+)
+def test_further_faults_are_named_too(tmp_path, name, content, sentence):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(SceneError) as raised:
+        read_scene(tmp_path / name)
+    assert sentence in str(raised.value)
+    assert "\n" not in str(raised.value)
