@@ -30,7 +30,7 @@ def check_range(ends: tuple[float, float] | None) -> None:
 class Contours(Model, of="contours"):
     """Lines of equal value on a surface: of some values, or so many."""
 
-    values: Annotated[tuple[float, ...], Setting("The values.", finite=True)] = ()
+    values: Annotated[tuple[float, ...], Setting("The values.", finite=True, expected="finite numbers")] = ()
     count: Annotated[
         int | None, Setting("Number of lines, evenly between the ends of the colour range.", ge=1, le=1000)
     ] = None
@@ -150,7 +150,7 @@ class Faces(Model, of="faces"):
 class Isosurface(Model, of="an isosurface"):
     """Where a quantity has one of the values; the quantity of its style may colour it."""
 
-    values: Annotated[tuple[float, ...], Setting("The values.", finite=True)]
+    values: Annotated[tuple[float, ...], Setting("The values.", finite=True, expected="finite numbers")]
     quantity: Annotated[Quantity | None, Setting("What has the values.", default="the scene's field")] = None
     style: Annotated[Style, Setting("How it looks.")] = field(default_factory=Style)
     kind: Literal["isosurface"] = field(default="isosurface", kw_only=True)

@@ -4,10 +4,11 @@ The options of commands, the checks, the errors, the JSON schema and docs/scene.
 nor pydantic, so that commands start quickly; `validation` has what needs pydantic.
 """
 
+import operator
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from functools import cache
-from math import inf
+from math import inf, isfinite
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias, Union, get_args, get_origin
 
@@ -29,7 +30,7 @@ class Setting:
 
     help            what it does, in a sentence
     gt, ge, lt, le  bounds of the number, or of each number of a list
-    finite          whether numbers without bounds must be finite
+    finite          whether numbers without bounds must be finite; those with bounds must, unless ``le`` is infinite
     unit            of the numbers
     expected        what the numbers are to be, where bounds and unit don't say it
     names           all texts that are possible
@@ -58,47 +59,46 @@ class Setting:
     option_help: str = ""
 
     @property
-    def is_checked(self) -> bool:
-        """Whether something is asked of the numbers."""
-        return self.finite or any(bound is not None for bound in (self.gt, self.ge, self.lt, self.le))
+    def bounds(self) -> dict[str, float]:
+        """The bounds that there are, by the names of their comparisons."""
+        own = {name: getattr(self, name) for name in ("gt", "ge", "lt", "le")}
+        return {name: bound for name, bound in own.items() if bound is not None}
 
     @property
     def allowed(self) -> str:
         """What the numbers are to be: ``0 to 1``, ``seconds above 0``; empty where any will do."""
-        if self.expected or not self.is_checked:
-            return self.expected
-        what = self.unit or "a number"
-        lower = self.gt if self.ge is None else self.ge
-        upper = self.lt if self.le is None else self.le
-        if lower is None:
-            return "finite numbers"
-        if upper is None or upper == inf:
-            return f"{lower:g} or more" if self.gt is None else f"{what} above {lower:g}"
-        if self.gt is None:
-            return f"{lower:g} to {upper:g}"
-        if self.le is None:
-            return f"{what} between {lower:g} and {upper:g}"
-        return f"{what} above {lower:g} and at most {upper:g}"
+        what, bounds = self.unit or "a number", {name: f"{bound:g}" for name, bound in self.bounds.items()}
+        if self.expected or not bounds:
+            return self.expected or ("a finite number" if self.finite else "")
+        match tuple(bounds):
+            case ("ge",):
+                return f"{bounds['ge']} or more"
+            case ("ge", "le"):
+                return f"{bounds['ge']} to {bounds['le']}"
+            case ("gt", "lt"):
+                return f"{what} between {bounds['gt']} and {bounds['lt']}"
+            case ("gt", "le") if bounds["le"] != "inf":
+                return f"{what} above {bounds['gt']} and at most {bounds['le']}"
+            case _:
+                return f"{what} above {bounds['gt']}"
 
     @property
     def option_words(self) -> str:
         """The sentence of the option, with its range and default."""
         words = self.option_help or self.help
         words += "  Repeatable." if self.repeatable else ""
-        has_bounds = self.gt is not None or self.ge is not None
-        limits = [self.allowed] if has_bounds and not self.expected else []
+        limits = [self.allowed] if self.bounds and not self.expected else []
         limits += [f"default: {self.default}"] if self.default else []
         return f"{words}  [{'; '.join(limits)}]" if limits else words
 
     def check(self, value: Any, what: str) -> None:
         """SceneError naming ``what``, unless the numbers of a value are in bounds; None and texts have none."""
-        if self.is_checked:
-            check(all(map(self._holds, _numbers(value))), what, self.allowed, value)
+        if not all(map(self._holds, _numbers(value))):
+            raise SceneError(f"{what}: expected {self.allowed}, found {value}")
 
     def _holds(self, number: float) -> bool:
-        above = number > (-inf if self.gt is None else self.gt) if self.ge is None else number >= self.ge
-        below = number < (inf if self.lt is None else self.lt) if self.le is None else number <= self.le
-        return bool(above and below)
+        within = all(getattr(operator, name)(number, bound) for name, bound in self.bounds.items())
+        return within and (isfinite(number) or self.le == inf)
 
     # pydantic asks these two of what annotates a type
 
@@ -203,7 +203,7 @@ def _default_words(value: Any) -> str:
 
 @cache
 def _checked(cls: type) -> tuple[tuple[str, Setting], ...]:
-    return tuple((name, setting) for name, setting in settings(cls).items() if setting.is_checked)
+    return tuple((name, setting) for name, setting in settings(cls).items() if setting.bounds or setting.finite)
 
 
 @cache

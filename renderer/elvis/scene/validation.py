@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
+from math import inf
 from sys import float_info
 from types import GenericAlias
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -26,6 +27,8 @@ from elvis.scene.whole import Scene
 UNKNOWN = ("unexpected_keyword_argument", "invalid_key")
 #: errors of pydantic about the key that tells tables apart
 KIND = ("union_tag_invalid", "union_tag_not_found")
+#: words of JSON Schema for bounds
+BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 #: levels of tables and lists in one another, at most
 DEEPEST = 50
 
@@ -147,14 +150,8 @@ def _shape_of_type(hint: Any) -> str:
 
 def described(setting: Setting, schema: dict[str, Any]) -> dict[str, Any]:
     """The JSON schema of a setting, with its sentence, unit and bounds."""
-    bounds = {
-        "exclusiveMinimum": setting.gt,
-        "minimum": setting.ge,
-        "exclusiveMaximum": setting.lt,
-        "maximum": setting.le,
-    }
     names = {"enum": list(setting.names)} if setting.names else {}
-    told = {key: bound for key, bound in bounds.items() if bound is not None and abs(bound) < float("inf")}
+    told = {BOUNDS[name]: bound for name, bound in setting.bounds.items() if bound != inf}
     bounded: dict[str, Any] = _narrowed(schema, {"number": told, "integer": told, "string": names})
     unit = f" In {setting.unit}." if setting.unit else ""
     return {**bounded, "description": setting.help + unit}
