@@ -26,7 +26,7 @@ from measuring import contention, in_turn
 from elvis.core.terminal import print_table
 from elvis.formats import Shape
 from elvis.plugins.native import NativeVolume
-from elvis.plugins.native import volume as native
+from elvis.plugins.native import buffers as native
 from elvis.plugins.volume import Part, Shown, Volume, interface_folder
 from elvis.renderer import Renderer, Scene
 from elvis.renderer import device as devices

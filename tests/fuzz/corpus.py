@@ -148,7 +148,7 @@ def native(folder):
 
 def volumes(folder):
     """What runtime plugins open: a Fourier box, NURBS."""
-    from elvis.plugins.fourier.plugin import write_box
+    from elvis.plugins.fourier.box import write_box
 
     amplitudes = np.arange(12.0).reshape(3, 2, 2)
     write_box(folder / "box.npz", np.zeros(3), np.ones(3), ("fourier", "fourier", "legendre"), {"u": amplitudes}, 0.5)

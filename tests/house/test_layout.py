@@ -18,7 +18,7 @@ AREAS = {
 #: base names that still stand twice in an area, to be renamed; none may come to them
 TWICE = {
     "formats": set(),
-    "plugins": {"faces", "native", "numbering", "plugin", "serving", "solving", "volume"},
+    "plugins": set(),
     "converters": set(),
     "renderer": {"commands", "errors"},
     "reference": {"drawing", "twins", "volumes"},

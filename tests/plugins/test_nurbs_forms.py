@@ -9,7 +9,7 @@ import pytest
 from elvis.core.errors import FormatError
 from elvis.plugins.faces import faces_of
 from elvis.plugins.nurbs import Nurbs
-from elvis.plugins.nurbs.solving import Solver
+from elvis.plugins.nurbs.inversion import Solver
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
 ARC = np.sqrt(0.5)

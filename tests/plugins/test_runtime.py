@@ -13,7 +13,7 @@ from elvis.core.quantities.functions import FUNCTIONS
 from elvis.core.testing import curved, mixed_volume, ripple
 from elvis.formats import Dataset, read
 from elvis.plugins.fourier import FourierBox, write_box
-from elvis.plugins.fourier.plugin import BASES
+from elvis.plugins.fourier.box import BASES
 from elvis.plugins.native.waves import waves
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.nurbs.knots import KnotVector

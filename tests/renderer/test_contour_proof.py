@@ -5,7 +5,7 @@ import pytest
 
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
-from elvis.plugins.native.volume import NativeVolume
+from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
 from elvis.renderer.loaded import Loaded

@@ -8,8 +8,8 @@ import pytest
 from elvis.core.errors import ElvisError
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of, vertices_at
-from elvis.plugins.fourier.plugin import FourierBox, series, write_box
-from elvis.plugins.nurbs.plugin import Nurbs
+from elvis.plugins.fourier.box import FourierBox, series, write_box
+from elvis.plugins.nurbs.nurbs import Nurbs
 from elvis.plugins.serving import volume_of
 from elvis.plugins.volume import Shown
 from elvis.renderer import Camera, Status

@@ -17,7 +17,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
 from elvis.plugins.native.bending import bends
 from elvis.plugins.nurbs.bezier import evaluated
-from elvis.plugins.nurbs.solving import Solver
+from elvis.plugins.nurbs.inversion import Solver
 from elvis.plugins.volume import Solution
 from elvis.renderer import Camera, Plane, Scene, gaps
 from elvis.renderer.gaps import Gaps

@@ -8,7 +8,7 @@ from elvis.core.mapping.margins import margins
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, one_element, shuffled, with_field
 from elvis.plugins.faces import faces_of
-from elvis.plugins.native.volume import NativeVolume
+from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
 from elvis.renderer.gaps import beside

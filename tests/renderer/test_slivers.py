@@ -5,7 +5,7 @@ import pytest
 
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.plugins.native.volume import NativeVolume
+from elvis.plugins.native.buffers import NativeVolume
 from elvis.renderer import Camera, Plane
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.lines.lines import Lines, covered

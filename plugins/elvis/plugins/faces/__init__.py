@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from elvis.plugins.faces.choice import faces_of
+from elvis.plugins.faces.dataset_faces import native_faces
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.hexahedra import Hexahedra, hexahedron_faces, vertices_at
-from elvis.plugins.faces.native import native_faces
-from elvis.plugins.faces.serving import faces_of
 
 __all__ = ["FaceBlock", "Faces", "Hexahedra", "faces_of", "hexahedron_faces", "native_faces", "vertices_at"]

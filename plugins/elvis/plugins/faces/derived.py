@@ -15,8 +15,8 @@ from elvis.core.mapping.orientation import face_shape
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.relative import allowed, scale
 from elvis.core.shapes import Shape
+from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
-from elvis.plugins.faces.native import frames
 from elvis.plugins.faces.nets import FaceSpace, face_space, polynomial, sampled
 from elvis.plugins.projection.vertices import clusters, merging_tolerance
 from elvis.plugins.twins import Twin

@@ -9,8 +9,8 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.shapes import Shape
+from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock
-from elvis.plugins.faces.native import frames
 from elvis.plugins.faces.nets import Images, face_space, sampled
 from elvis.plugins.projection.vertices import clusters, merging_tolerance
 

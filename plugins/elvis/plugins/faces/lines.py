@@ -11,9 +11,9 @@ from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.expansion import values
 from elvis.core.shapes import Shape
+from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.hexahedra import Hexahedra, hexahedron_faces, vertices_at
-from elvis.plugins.faces.native import frames
 from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled
 from elvis.plugins.volume import Volume
 

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from elvis.plugins.fourier.plugin import FourierBox, write_box
+from elvis.plugins.fourier.box import FourierBox, write_box
 
 __all__ = ["FourierBox", "write_box"]

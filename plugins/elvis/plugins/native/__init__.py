@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from elvis.plugins.native.volume import NativeVolume
+from elvis.plugins.native.buffers import NativeVolume
 
 __all__ = ["NativeVolume"]

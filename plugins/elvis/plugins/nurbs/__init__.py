@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from elvis.plugins.nurbs.plugin import Nurbs
+from elvis.plugins.nurbs.nurbs import Nurbs
 
 __all__ = ["Nurbs"]

@@ -13,7 +13,7 @@ from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, leading
 from elvis.core.shapes import Shape
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector
-from elvis.plugins.nurbs.numbering import EDGES, numbered
+from elvis.plugins.nurbs.node_numbers import EDGES, numbered
 
 MESH, FUNCTION = "MFEM NURBS mesh v1.0", "FiniteElementSpace"
 _CUBE = 5

@@ -16,11 +16,11 @@ from elvis.core.polynomials.quadrature import gauss, gll
 from elvis.core.shapes import Shape
 from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
 from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes
+from elvis.plugins.nurbs.inversion import Solver
 from elvis.plugins.nurbs.knots import HIGHEST
 from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, first_line, read_function, read_mesh
-from elvis.plugins.nurbs.numbering import CORNERS, numbered
+from elvis.plugins.nurbs.node_numbers import CORNERS, numbered
 from elvis.plugins.nurbs.own import OwnMesh, is_own, read_own
-from elvis.plugins.nurbs.solving import Solver
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, Shown, basis_part, boxes_between
 

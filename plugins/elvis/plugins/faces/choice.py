@@ -6,10 +6,10 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.plugins.faces.dataset_faces import native_faces
 from elvis.plugins.faces.derived import derived_faces
 from elvis.plugins.faces.faces import Faces
 from elvis.plugins.faces.lines import line_faces
-from elvis.plugins.faces.native import native_faces
 from elvis.plugins.twins import twins_of
 from elvis.plugins.volume import Volume
 
