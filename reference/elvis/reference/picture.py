@@ -19,12 +19,13 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.boxes import element_boxes
 from elvis.core.mapping.inverse import Status as Verdict
-from elvis.core.mapping.locate import Location, Locator
+from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import values
 from elvis.core.patch import Patch, patches
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import dimension_of
+from elvis.reference.locating import Locator
 from elvis.reference.pacing import limited, pulse
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw

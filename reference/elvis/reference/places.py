@@ -9,11 +9,12 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.mapping.inverse import Status as Verdict
-from elvis.core.mapping.locate import Location, Locator
+from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
+from elvis.reference.locating import Locator
 from elvis.reference.pacing import pulse
 from elvis.reference.twins import TwinPatch
 

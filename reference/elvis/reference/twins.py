@@ -57,7 +57,7 @@ class TwinPatch(Patch):
         most = max(own.shape[1] for own in found)
         return np.concatenate([np.pad(own, ((0, 0), (0, most - own.shape[1]), (0, 0)), mode="edge") for own in found])
 
-    def inverted(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+    def solved(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
         """Reference points (n, d) and `Status` (n,) of world points (n, 3) in elements (n,).
 
         Newton's method starts in the small cells that are near; beside all of them a point is outside.
@@ -83,6 +83,10 @@ class TwinPatch(Patch):
             if number == 0:
                 status[here[~root & (margin >= 0)]] = Status.FAILED
         return reference, status
+
+    def searched(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+        """The same where `solved` is UNCERTAIN, which it never is."""
+        return self.solved(rows, points)
 
     def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Where damped steps lead (n, d), a little beyond the shape at most, and whether that is a root (n,)."""

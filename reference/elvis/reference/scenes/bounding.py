@@ -1,9 +1,7 @@
 """Where a quantity may have a value: pairs of an element and a pixel, of which none that counts is left out.
 
 Elements are parted into boxes of the collapsed coordinates, in which maps and fields are polynomials of known degrees
-in each direction.  A polynomial of degree n is nowhere greater than its greatest value at the zeros of the Chebyshev
-polynomial of degree m > n, divided by cos(pi n / 2 m) (Ehlich and Zeller, Schwankung von Polynomen zwischen
-Gitterpunkten, 1964); one of several variables takes such a divisor for each.
+in each direction, bounded by their values at Chebyshev's points (`chebyshev`).
 """
 
 from __future__ import annotations
@@ -12,27 +10,22 @@ from collections.abc import Iterator
 from itertools import pairwise, product
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
+from elvis.reference.chebyshev import SAMPLES, bounds_of, degrees_of, lattice, map_degrees
 from elvis.reference.pacing import pulse
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.reference.solids import spread
 from elvis.scene.view import View
 
-#: how often a box of few elements is halved along each direction, and one of many; samples for each degree, at most
-_HALVINGS, _FEW, _SAMPLES, _MOST = (1, 2), 256, 2, 128
-#: degree that is taken of waves in a box, and of maps that aren't polynomials
-_GUESSED = 4
+#: how often a box of few elements is halved along each direction, and one of many; samples along a direction, at most
+_HALVINGS, _FEW, _MOST = (1, 2), 256, 128
 #: values that are looked at together
 _AT_ONCE = 1 << 23
-#: boxes are this much wider than is proved, in parts of their values, for rounding
-_ROUNDING = 1e-12
 
 
 def candidates(patch: Patch, quantities: Quantities, name: str, value: float, view: View) -> Ints:
@@ -55,28 +48,12 @@ def field_degrees(patch: Patch, quantities: Quantities, name: str) -> tuple[int,
     return degrees_of(patch, expansion)
 
 
-def map_degrees(patch: Patch) -> tuple[int, ...]:
-    """Degrees of the map in each collapsed coordinate."""
-    return degrees_of(patch, _geometry(patch))
-
-
 def degree_along(patch: Patch, quantities: Quantities, name: str) -> int:
     """Degree of a quantity along straight lines through the reference element."""
     own = field_degrees(patch, quantities, name)
     if quantities.expansion(name, patch) is None or patch.shape not in (Shape.TETRAHEDRON, Shape.PRISM, Shape.TRIANGLE):
         return sum(own)
     return sum(own[1:]) if patch.shape is not Shape.TETRAHEDRON else own[2]
-
-
-def degrees_of(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
-    """Degrees of modes in each collapsed coordinate, Fourier directions included."""
-    waves = (_GUESSED,) * len(patch.periods)
-    if expansion is None:
-        return (_GUESSED,) * patch.shape.dimension + waves
-    own = [modes - 1 for modes in expansion.modes]
-    if patch.shape is Shape.PYRAMID:
-        own[2] = max(own[2], own[0] + own[1])
-    return (*own, *waves)
 
 
 def _wholes(patch: Patch) -> list[Floats]:
@@ -90,7 +67,7 @@ def _wholes(patch: Patch) -> list[Floats]:
 def _halvings(patch: Patch, degrees: tuple[int, ...]) -> int:
     """Halvings that pay: what is tabulated for them serves all elements."""
     most = _HALVINGS[len(patch) >= _FEW]
-    return next(n for n in range(most, -1, -1) if n == 0 or _SAMPLES * max(degrees) << n <= _MOST)
+    return next(n for n in range(most, -1, -1) if n == 0 or SAMPLES * max(degrees) << n <= _MOST)
 
 
 def _holding(
@@ -100,7 +77,7 @@ def _holding(
     pulse()
     points, divisor = _sampled(patch.shape, box, degrees)
     parts = np.array_split(rows, -(-len(rows) * len(points) // _AT_ONCE) or 1)
-    bounds = [_range(function(patch, part, points), divisor) for part in parts]
+    bounds = [bounds_of(function(patch, part, points), divisor) for part in parts]
     low, high = (np.concatenate(ends) for ends in zip(*bounds, strict=True))
     rows = rows[~((low > value) | (high < value))]
     if not halvings or not len(rows):
@@ -113,22 +90,10 @@ def _holding(
 
 def _sampled(shape: Shape, box: Floats, degrees: tuple[int, ...]) -> tuple[Floats, float]:
     """Reference points (k, d) of a box of collapsed coordinates, and how much greater than there values may be."""
-    lines, divisor = [], 1.0
-    for (low, high), degree in zip(box.T, degrees, strict=True):
-        count = max(1, _SAMPLES * degree)
-        lines.append(low + 0.5 * (1 + chebyshev.chebpts1(count)) * (high - low))
-        divisor *= np.cos(np.pi * degree / (2 * count))
-    eta = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    unit, divisor = lattice(degrees)
+    eta = box[0] + 0.5 * (1 + unit) * (box[1] - box[0])
     spatial = shape.dimension
-    return np.column_stack([uncollapse(shape, eta[:, :spatial]), eta[:, spatial:]]), float(divisor)
-
-
-def _range(values: Floats, divisor: float) -> tuple[Floats, Floats]:
-    """Bounds (e,) of polynomials from their values (e, k) at the points of a box; those of no numbers are no bounds."""
-    low, high = values.min(axis=1), values.max(axis=1)
-    middle, half = 0.5 * (low + high), 0.5 * (high - low) / divisor
-    half += _ROUNDING * (np.abs(middle) + half)
-    return middle - half, middle + half
+    return np.column_stack([uncollapse(shape, eta[:, :spatial]), eta[:, spatial:]]), divisor
 
 
 def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floats, Floats]:
@@ -139,7 +104,7 @@ def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floa
     ends: list[Floats] = []
     for part in parts:
         placed = spread(patch, part, points) @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
-        low, high = _range(placed.transpose(0, 2, 1).reshape(-1, len(points)), divisor)
+        low, high = bounds_of(placed.transpose(0, 2, 1).reshape(-1, len(points)), divisor)
         ends.append(np.stack([low, high]).reshape(2, len(part), 3))
     low, high = np.concatenate(ends, axis=1)
 
@@ -151,8 +116,3 @@ def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floa
     first[crosses], last[crosses] = -np.inf, np.inf
     last[behind] = -np.inf
     return first, last
-
-
-def _geometry(patch: Patch) -> Expansion | None:
-    """The expansion of the map; None for one that isn't of modes."""
-    return patch.geometry if patch.geometry_coefficients.shape[2] else None

@@ -8,8 +8,8 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.patch import Patch
+from elvis.reference.chebyshev import degrees_of, map_degrees
 from elvis.reference.quantities import Quantities
-from elvis.reference.scenes.bounding import degrees_of, map_degrees
 from elvis.reference.scenes.contour_search import Search
 from elvis.reference.scenes.equations import Equation
 from elvis.reference.scenes.rasters import pixels_between

@@ -6,9 +6,10 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.mapping.inverse import Status as Verdict
-from elvis.core.mapping.locate import Location, Locator
+from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.reference.baseline.tracing import Tracer
+from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.surfaces import slopes, triangles

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.mapping.locate import Locator
 from elvis.core.patch import Patch
 from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped, unsure
 from elvis.reference.composing import Fog, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
+from elvis.reference.locating import Locator
 from elvis.reference.pixel_lines import beside_unseen, contour_values, lines
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.scenes.contour_lines import plane_contours
@@ -27,7 +27,7 @@ from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
-from elvis.reference.scenes.twins import TwinLocator, TwinQuantities
+from elvis.reference.scenes.twins import TwinQuantities
 from elvis.reference.scenes.volumes import between_kinks, gathered, visible
 from elvis.reference.scenes.ways import beginnings, ways_through, without_overlaps
 from elvis.reference.selection import chosen_faces
@@ -115,8 +115,6 @@ class Scenery:
     @cached_property
     def locator(self) -> Locator:
         """Points among the elements."""
-        if isinstance(self.quantities, TwinQuantities):
-            return TwinLocator(self.quantities.twins)
         return Locator(self.quantities.patches)
 
     def crossings(self, shown: SceneObject, scene: Scene, view: View) -> Crossings:

@@ -6,15 +6,11 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError
-from elvis.core.mapping.boxes import Boxes, BoxTree
-from elvis.core.mapping.inverse import Status
-from elvis.core.mapping.locate import Location, Locator
-from elvis.core.mapping.margins import margins
+from elvis.core.mapping.boxes import Boxes
 from elvis.core.patch import Patch
 from elvis.core.quantities import Expression
 from elvis.plugins.faces import Faces, faces_of
@@ -25,50 +21,6 @@ from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.selection import on_faces
 from elvis.reference.twins import TwinPatch
 from elvis.scene.frame import Frame
-
-#: pairs of a point and an element that are looked at together
-_BATCH = 1 << 13
-
-
-class TwinLocator(Locator):
-    """The elements of some patches, ready to be found; as `elvis.core.mapping.locate.Locator`."""
-
-    def __init__(self, patches: Sequence[TwinPatch]) -> None:
-        self.patches = tuple(patches)
-        self._twins = list(patches)
-        self._trees = [BoxTree.build(patch.twin.part.boxes) for patch in patches]
-
-    def locate(self, points: Floats, all: bool = False) -> Location:
-        """Where world points (n, 3) are: for each the element with the greatest margin, or every one that holds it."""
-        found = [self._in_patch(number, points) for number in range(len(self.patches))]
-        point, patch, row, ids, reference, margin, status = (np.concatenate(c) for c in zip(*found, strict=True))
-        hits = np.flatnonzero(status == Status.INSIDE)
-        hits = hits[np.lexsort((ids[hits], -margin[hits], point[hits]))]
-        if not all and len(hits):
-            hits = hits[np.diff(point[hits], prepend=-1) != 0]
-        missed = np.setdiff1d(np.arange(len(points)), point[hits])
-        doubtful = np.isin(missed, point[status == Status.FAILED])
-        nowhere, nan = np.full(len(missed), -1), np.full(len(missed), np.nan)
-        columns = [
-            np.concatenate([point[hits], missed]),
-            *(np.concatenate([own[hits], nowhere]) for own in (patch, row, ids)),
-            np.concatenate([reference[hits], np.tile(nan[:, None], reference.shape[1])]),
-            np.concatenate([margin[hits], nan]),
-            np.concatenate([status[hits], np.where(doubtful, Status.FAILED, Status.OUTSIDE).astype(np.uint8)]),
-        ]
-        order = np.argsort(columns[0], kind="stable")
-        return Location(*(column[order] for column in columns))
-
-    def _in_patch(self, number: int, points: Floats) -> tuple[NDArray[np.generic], ...]:
-        """Answers for all pairs of a point and an element of a patch whose box holds it."""
-        patch = self._twins[number]
-        point, row = self._trees[number].candidates(points)
-        parts = [slice(first, first + _BATCH) for first in range(0, len(point), _BATCH)]
-        answers = [patch.inverted(row[part], points[point[part]]) for part in parts]
-        none = (np.empty((0, patch.shape.dimension)), np.empty(0, np.uint8))
-        reference, status = (np.concatenate(columns) for columns in zip(none, *answers, strict=True))
-        margin, ids = margins(patch.shape, reference), patch.element_ids[row]
-        return point, np.full(len(point), number), row, ids, reference, margin, status
 
 
 class TwinQuantities(Quantities):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.mapping.locate import Locator
 from elvis.core.patch import Patch
+from elvis.reference.locating import Locator
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.newton import inverses

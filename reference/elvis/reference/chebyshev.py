@@ -1,0 +1,61 @@
+"""Bounds of polynomials from their values at Chebyshev's points, by which the reference proves what it leaves out.
+
+A polynomial of degree n is nowhere greater than its greatest value at the zeros of the Chebyshev polynomial of degree
+m > n, divided by cos(pi n / 2 m) (Ehlich and Zeller, Schwankung von Polynomen zwischen Gitterpunkten, 1964); one of
+several variables takes such a divisor for each.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.dataset import Expansion
+from elvis.core.patch import Patch
+from elvis.core.shapes import Shape
+
+#: samples for each degree
+SAMPLES = 2
+#: degree that is taken of waves in a box, and of maps that aren't polynomials
+GUESSED = 4
+#: bounds are this much wider than is proved, in parts of the values, for rounding
+_ROUNDING = 1e-12
+
+
+def map_degrees(patch: Patch) -> tuple[int, ...]:
+    """Degrees of the map in each collapsed coordinate, Fourier directions included."""
+    return degrees_of(patch, patch.geometry if patch.geometry_coefficients.shape[2] else None)
+
+
+def degrees_of(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
+    """Degrees of modes in each collapsed coordinate, Fourier directions included; None stands for no polynomial."""
+    waves = (GUESSED,) * len(patch.periods)
+    if expansion is None:
+        return (GUESSED,) * patch.shape.dimension + waves
+    own = [modes - 1 for modes in expansion.modes]
+    if patch.shape is Shape.PYRAMID:
+        own[2] = max(own[2], own[0] + own[1])
+    return (*own, *waves)
+
+
+@cache
+def lattice(degrees: tuple[int, ...]) -> tuple[Floats, float]:
+    """Points (k, d) of [-1, 1]^d for polynomials of these degrees, and how much greater than there they may be."""
+    lines, divisor = [], 1.0
+    for degree in degrees:
+        count = max(1, SAMPLES * degree)
+        lines.append(chebyshev.chebpts1(count))
+        divisor *= np.cos(np.pi * degree / (2 * count))
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+    return frozen_floats(points.reshape(-1, len(lines))), float(divisor)
+
+
+def bounds_of(values: Floats, divisor: float) -> tuple[Floats, Floats]:
+    """Bounds (...,) of polynomials from their values (..., k) at a lattice; those of no numbers are no bounds."""
+    low, high = values.min(axis=-1), values.max(axis=-1)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low) / divisor
+    half += _ROUNDING * (np.abs(middle) + half)
+    return middle - half, middle + half
