@@ -1,6 +1,7 @@
 """Files that pictures are saved in: the contract with scripts."""
 
 import resource
+from io import BytesIO
 
 import numpy as np
 import pytest
@@ -145,3 +146,14 @@ def test_a_full_disk_names_the_file(frame, tmp_path, suffix):
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert path.stat().st_size == whole
         assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_picture_tells_what_it_is_and_shows_itself_in_a_notebook(frame):
+    counts = frame.counts()
+    assert repr(frame) == (
+        f"<Frame 70 x 50 of {frame.scene.field}: pixels {counts['certain']} certain, "
+        f"{counts['ambiguous']} ambiguous, 0 failed>"
+    )
+    shown = Image.open(BytesIO(frame._repr_png_()))
+    assert shown.size == picture(frame).size
+    assert np.array_equal(np.asarray(shown), np.asarray(picture(frame)))

@@ -6,6 +6,7 @@ mapping                          from reference coordinates to the world and bac
 quantities                       expressions, derivatives, certified bounds
 distances                        distances to curved boundaries and triangle meshes
 validity                         whether the map of an element folds, proved
+describing                       what these show of themselves at a prompt and in a notebook
 norms, sampling, queries         numbers that are asked of a dataset
 files, terminal, memory, errors  files that are read and written safely, messages, limits
 testing                          datasets made on the spot

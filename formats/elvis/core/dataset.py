@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field as default
 
+from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
@@ -57,6 +58,9 @@ class Block:
     def __len__(self) -> int:
         return len(self.element_ids)
 
+    def __repr__(self) -> str:
+        return describing.line_of_block(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Field:
@@ -65,6 +69,9 @@ class Field:
     name: str
     blocks: tuple[Block, ...]
     continuous: bool | None = None
+
+    def __repr__(self) -> str:
+        return describing.line_of_field(self)
 
 
 @dataclass(frozen=True)
@@ -100,3 +107,10 @@ class Dataset:
             if candidate.name == name:
                 return candidate
         raise KeyError(name)
+
+    def __repr__(self) -> str:
+        return describing.line_of_dataset(self)
+
+    def _repr_html_(self) -> str:
+        """The dataset as notebooks show it."""
+        return describing.table_of_dataset(self)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from elvis.core import describing
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.shapes import Shape
 
@@ -114,6 +115,9 @@ class Mesh:
     def composite(self, id: int) -> Composite | None:
         """The composite of this id, None where there is none."""
         return next((c for c in self.composites if c.id == id), None)
+
+    def __repr__(self) -> str:
+        return describing.line_of_mesh(self)
 
     def domain_ids(self) -> Ints:
         """(n,) sorted global ids of the elements in the domain; all elements where the mesh names no domain."""

@@ -204,6 +204,22 @@ class Frame:
             undefined = int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))
         return {**by_status, "not_a_number": undefined}
 
+    def __repr__(self) -> str:
+        counts = self.counts()
+        told = ", ".join(f"{counts[name]} {name}" for name in ("certain", "ambiguous", "failed"))
+        height, width = self.element.shape
+        return f"<Frame {width} x {height} of {self.scene.field}: pixels {told}>"
+
+    def _repr_png_(self) -> bytes:
+        """The picture as notebooks show it."""
+        from io import BytesIO
+
+        from elvis.scene.picture import picture
+
+        stream = BytesIO()
+        picture(self).save(stream, "PNG")
+        return stream.getvalue()
+
     def save(self, path: str | Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
         """Write ``.png`` (with colour bar and title unless ``plain``), ``.exr`` or ``.npz``, by the suffix.
 
