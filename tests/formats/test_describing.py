@@ -19,7 +19,7 @@ def dataset():
 def test_a_dataset_is_one_line(dataset):
     line = repr(dataset)
     assert line.startswith("<Dataset 3D: ")
-    assert "1 prism" in line
+    assert "2 prisms, 1 hexahedron" in line
     assert line.endswith("; fields p, u of order 3; time 0.5>")
     assert len(line) < 150
 
