@@ -7,10 +7,10 @@ from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+from elvis.scene import scene_schema
 from elvis.scene.objects import Contours, MeshLines, SceneObject, Style, Transfer
 from elvis.scene.settings import Setting, choices, default_of, is_free, settings, type_words, types
 from elvis.scene.surfaces import Surface
-from elvis.scene.validation import schema
 from elvis.scene.whole import Camera, Clip, Light, Scene
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -34,9 +34,10 @@ the dataclasses in Python (`elvis.scene`) and, where the last column has one, op
 go before what the file says. `--set objects[0].style.opacity=0.5` changes any other.
 
 File names are relative to the scene file. Unknown keys and values that can't be are errors that name the key,
-its place, what was expected and what was found. An editor that knows JSON schemas completes and checks scenes
-by [scene.schema.json](scene.schema.json): `#:schema scene.schema.json` in the first line of a TOML file, `#
-yaml-language-server: $schema=scene.schema.json` in that of a YAML file.
+its place, what was expected and what was found.
+An editor that knows JSON schemas completes and checks scenes by [scene.schema.json](scene.schema.json), which
+`elvis.scene.scene_schema()` gives in Python: `#:schema scene.schema.json` in the first line of a TOML file,
+`# yaml-language-server: $schema=scene.schema.json` in that of a YAML file.
 
 ```toml
 data = ["wing.xml", "wing.fld"]
@@ -96,7 +97,7 @@ def page() -> str:
 
 def schema_text() -> str:
     """The JSON schema of scene files."""
-    return json.dumps(schema(), indent=1, ensure_ascii=False, sort_keys=True) + "\n"
+    return json.dumps(scene_schema(), indent=1, ensure_ascii=False, sort_keys=True) + "\n"
 
 
 def _model(model: Any, is_one_of_many: bool) -> str:

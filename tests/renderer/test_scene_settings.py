@@ -2,18 +2,28 @@
 
 import json
 import runpy
+import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import settings as settings_of_hypothesis
+from hypothesis import strategies as st
 
 from elvis.renderer import Camera, Faces, Scene, SceneError, Sphere, Style
 from elvis.renderer.commands.render import render
+from elvis.scene import scene_schema
 from elvis.scene.commands.options import scene_options
 from elvis.scene.files import read_scene
 from elvis.scene.settings import Model, settings
-from elvis.scene.validation import schema
+from elvis.scene.tables import scene_of, table_of
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -21,6 +31,12 @@ REPOSITORY = Path(__file__).parents[2]
 def models():
     """Every model of a scene."""
     return Model.__subclasses__()
+
+
+@pytest.fixture(scope="module")
+def page(made):
+    """The reference page."""
+    return made["page"]()
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +55,7 @@ def test_every_setting_is_described():
 def test_the_page_and_the_schema_are_those_of_the_models(made):
     """Else: make pages."""
     assert (REPOSITORY / "docs" / "scene.md").read_text(encoding="utf-8") == made["page"]()
-    assert json.loads((REPOSITORY / "docs" / "scene.schema.json").read_text(encoding="utf-8")) == schema()
+    assert json.loads((REPOSITORY / "docs" / "scene.schema.json").read_text(encoding="utf-8")) == scene_schema()
 
 
 def test_the_page_has_every_key_and_its_links_lead_somewhere(made):
@@ -57,7 +73,7 @@ def test_the_scene_of_the_page_is_read(made, tmp_path):
 
 def test_the_schema_has_names_bounds_and_sentences():
     """Against JSON Schema's own words, not ours."""
-    found = schema()
+    found = scene_schema()
     style = found["$defs"]["Style"]
     assert style["additionalProperties"] is False
     assert style["properties"]["opacity"].items() >= {"type": "number", "exclusiveMinimum": 0, "maximum": 1}.items()
@@ -132,3 +148,32 @@ def test_further_faults_are_named_too(tmp_path, name, content, sentence):
         read_scene(tmp_path / name)
     assert sentence in str(raised.value)
     assert "\n" not in str(raised.value)
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3) | st.sampled_from(["cut", "sphere"]),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(["kind", "eye", "x", 1]), inner),
+    max_leaves=6,
+)
+
+
+@given(data=st.data())
+@settings_of_hypothesis(max_examples=150, deadline=None)
+def test_whatever_a_table_holds_is_a_scene_or_one_sentence(page, data):
+    """The scene of the page with one value replaced by any other, wherever it stands."""
+    table = tomllib.loads(page.split("```toml")[1].split("```")[0])
+    node, place = table, []
+    while isinstance(node, dict | list) and node and (not place or data.draw(st.booleans())):
+        key = data.draw(st.sampled_from(sorted(node) if isinstance(node, dict) else range(len(node))))
+        holder, node = node, node[key]
+        place.append(key)
+    holder[key] = data.draw(plain)
+    try:
+        scene, told = scene_of(table), ""
+    except SceneError as error:
+        scene, told = None, str(error)
+    assert "\n" not in told
+    if scene is None:
+        assert str(place[0]) in told or "unknown view" in told
+    else:
+        assert scene_of(table_of(scene)) == scene

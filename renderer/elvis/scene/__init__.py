@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         VolumeRendering,
     )
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
+    from elvis.scene.validation import scene_schema
     from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Scene
 
 __all__ = [
@@ -49,6 +50,7 @@ __all__ = [
     "TriangleMesh",
     "Vector",
     "VolumeRendering",
+    "scene_schema",
     "unit",
 ]
 
@@ -79,6 +81,7 @@ __getattr__ = lazy_names(
             "Vector",
             "unit",
         ),
+        "elvis.scene.validation": ("scene_schema",),
         "elvis.scene.whole": ("Camera", "Clip", "Light", "NAMED_VIEWS", "Scene"),
     },
 )

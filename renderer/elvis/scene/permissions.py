@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from elvis.scene.errors import SceneError
+from elvis.scene.settings import settings
 from elvis.scene.tables import Table
 from elvis.scene.whole import Scene
 
 #: suffixes of pictures and records
 PICTURES = (".png", ".exr", ".npz")
-#: suffixes of files that a scene may write, by key, and the options without limits
+#: suffixes of files that a scene may write, by key
 SUFFIXES = {"outputs": PICTURES, "stats": (".json",)}
-OPTIONS = {"outputs": "--output", "stats": "--stats"}
 
 
 def check_permitted(table: Table, folder: Path) -> None:
@@ -31,9 +31,8 @@ def check_permitted(table: Table, folder: Path) -> None:
         for place, name in _named(key, table.get(key)):
             fault = _fault(key, name, folder)
             if fault:
-                raise SceneError(
-                    f"{place}: expected {fault}, found {name!r}; other places are named with {OPTIONS[key]}"
-                )
+                option = settings(Scene)[key].option.split()[0]
+                raise SceneError(f"{place}: expected {fault}, found {name!r}; other places are named with {option}")
 
 
 def forbidden(scene: Scene, folder: Path) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from outside.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import cache
 from math import inf
@@ -43,7 +43,7 @@ def scene_from(table: Any) -> Scene:
     return scene
 
 
-def schema() -> dict[str, Any]:
+def scene_schema() -> dict[str, Any]:
     """The JSON schema of scene files, the same by every version of pydantic."""
     found: dict[str, Any] = _plain_schema(_adapter().json_schema())
     models = {model.__name__: model for model in Model.__subclasses__()}
@@ -154,7 +154,7 @@ def described(setting: Setting, schema: dict[str, Any]) -> dict[str, Any]:
     told = {BOUNDS[name]: bound for name, bound in setting.bounds.items() if bound != inf}
     bounded: dict[str, Any] = _narrowed(schema, {"number": told, "integer": told, "string": names})
     unit = f" In {setting.unit}." if setting.unit else ""
-    return {**bounded, "description": setting.help + unit}
+    return {**bounded, "description": f"{setting.help}{unit}"}
 
 
 def _narrowed(schema: Any, further: dict[str, dict[str, Any]]) -> Any:
@@ -172,7 +172,7 @@ def _sentence(errors: list[ErrorDetails]) -> str:
     kind, loc, found = error["type"], error["loc"], error["input"]
     if kind in UNKNOWN:
         place, model = _place(loc[:-1])
-        return _unknown(_joined(place, loc[-1]), str(loc[-1]), known_keys(choices(model)[0]))
+        return _unknown(_joined(place, loc[-1]), str(loc[-1]), list(types(choices(model)[0])))
     if kind == "missing" and isinstance(loc[-1], str):
         return f"{_place(loc[:-1])[0] or 'scene'}: expected the key {loc[-1]!r}, found none"
     if kind == "missing":
@@ -194,11 +194,6 @@ def _sentence(errors: list[ErrorDetails]) -> str:
 def _unknown(place: str, key: str, known: Iterable[str]) -> str:
     near = get_close_matches(key, known, 1)
     return f"unknown key {place!r}" + (f", did you mean {near[0]}?" if near else f": expected {', '.join(known)}")
-
-
-def known_keys(model: Any) -> list[str]:
-    """The keys that a table of some model may have."""
-    return [field.name for field in fields(model)]
 
 
 def _place(loc: tuple[int | str, ...]) -> tuple[str, Any]:
