@@ -11,7 +11,7 @@ BELOW = {
     "converters": {"core", "formats", "plugins"},
     "scene": {"core", "formats", "plugins"},
     "renderer": {"core", "formats", "plugins", "scene"},
-    "reference": {"core", "formats", "plugins", "converters", "scene"},
+    "reference": {"core", "formats", "plugins", "scene"},
 }
 
 

@@ -20,8 +20,8 @@ from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.relative import allowed, scale
 from elvis.core.shapes import Shape
+from elvis.plugins.exporting import Loss
 from elvis.plugins.projection.frames import affine_between
 
 #: points of each element at which an export is compared with the data
@@ -72,37 +72,6 @@ class Piece:
     def is_collapsed(self) -> bool:
         """Whether hexahedra stand for pyramids."""
         return self.cell.shape is not self.patch.shape
-
-
-@dataclass(eq=False)
-class Loss:
-    """The largest difference between data and export, and the range of the data."""
-
-    name: str
-    order: int = 0
-    error: float = 0.0
-    element: int = -1
-    low: float = np.inf
-    high: float = -np.inf
-
-    @property
-    def spread(self) -> float:
-        """Greatest minus least value."""
-        return self.high - self.low
-
-    @property
-    def magnitude(self) -> float:
-        """The largest absolute value."""
-        return max(abs(self.low), abs(self.high))
-
-    @property
-    def relative(self) -> float:
-        """The error as a share of the range, or of the magnitude where the range is rounding."""
-        return self.error / scale(self.spread, self.magnitude)
-
-    def is_within(self, bound: float) -> bool:
-        """Whether the relative error is at most ``bound``, or rounding of the magnitude."""
-        return self.error <= allowed(bound, self.spread, self.magnitude)
 
 
 @dataclass(eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -10,13 +10,15 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Piece, Target, moved
+from elvis.converters.exporting import Cell, Export, Piece, Target, exported, moved
 from elvis.converters.gmsh_mesh import CORNERS
 from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
 from elvis.core.files.output import replacing
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
+from elvis.plugins.exporting import Loss, require
 
 _FAMILIES = {
     Shape.SEGMENT: "Line",
@@ -88,6 +90,21 @@ def _session() -> Iterator[Any]:
             gmsh.model.setCurrent(current)
             for name, value in before.items():
                 gmsh.option.setNumber(name, value)
+
+
+def export_msh(
+    dataset: Dataset,
+    names: Sequence[str] | None,
+    order: int | None,
+    path: Path,
+    report: Callable[[Sequence[Loss]], object],
+) -> None:
+    """The exporter of .msh files (see `elvis.plugins.exporting.Exporter`)."""
+    require("gmsh", "gmsh")
+    with GmshTarget() as target:
+        found = exported(dataset, names, order, target)
+        report(found.losses)
+        write_msh(path, found, dataset.mesh, target, dataset.time)
 
 
 def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: float | None) -> None:

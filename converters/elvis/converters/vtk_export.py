@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Piece, Target, moved
+from elvis.converters.exporting import Cell, Export, Piece, Target, exported, moved
 from elvis.converters.vtk_cells import LAGRANGE, Kind
 from elvis.converters.vtk_cells import Cell as VtkCell
 from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import write_text
 from elvis.core.shapes import Shape
+from elvis.plugins.exporting import Loss, require
 from elvis.plugins.nodal import space_size
 
 _TYPES = {shape: number for number, shape in LAGRANGE.items()}
@@ -44,6 +47,20 @@ class VtkTarget(Target):
         if (shape, order) not in self._known:
             self._known[shape, order] = VtkCell(Kind(_TYPES[shape], space_size(shape, order)), "export")
         return self._known[shape, order]
+
+
+def export_vtu(
+    dataset: Dataset,
+    names: Sequence[str] | None,
+    order: int | None,
+    path: Path,
+    report: Callable[[Sequence[Loss]], object],
+) -> None:
+    """The exporter of .vtu files (see `elvis.plugins.exporting.Exporter`)."""
+    require("vtkmodules", "vtk")
+    found = exported(dataset, names, order, VtkTarget())
+    report(found.losses)
+    write_vtu(path, found, dataset.time)
 
 
 def write_vtu(path: Path, export: Export, time: float | None) -> None:

@@ -17,6 +17,7 @@ from elvis.core.errors import ElvisError
 GROUPS = {
     "elvis.commands": "a click command",
     "elvis.converters": "a conversion plugin",
+    "elvis.exporters": "an export",
     "elvis.volumes": "a runtime plugin",
     "elvis.devices": "a device that draws",
 }

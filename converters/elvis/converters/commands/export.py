@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,7 @@ import click
 from elvis.plugins.commands.arguments import overwrite_option
 
 if TYPE_CHECKING:
-    from elvis.converters.exporting import Export, Loss
-    from elvis.core.dataset import Dataset
+    from elvis.plugins.exporting import Loss
 
 EPILOG = """\b
 Examples:
@@ -49,57 +49,26 @@ def export(
     An element becomes one cell, of the lowest order that holds its map and its fields, up to order 10 in VTK and 9 in
     Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.
     """
+    from functools import partial
+
     from elvis.core.files.output import check_places
     from elvis.plugins.commands.arguments import field_names, read_data
+    from elvis.plugins.exporting import GROUP, exporter
+    from elvis.plugins.registry import plugins
 
-    if output.suffix not in (".vtu", ".msh"):
-        raise click.BadParameter(f"expected a name ending in .vtu or .msh, found {output}", param_hint="'-o'")
+    suffixes = [f".{name}" for name in reversed(plugins(GROUP))]
+    if output.suffix not in suffixes:
+        raise click.BadParameter(
+            f"expected a name ending in {' or '.join(suffixes)}, found {output}", param_hint="'-o'"
+        )
     check_places([output], data, overwrite)
     dataset = read_data(data)
     names = None if fields is None else field_names(dataset, fields)
-    write = _write_vtu if output.suffix == ".vtu" else _write_msh
-    write(dataset, names, order, output, max_error, as_json)
+    report = partial(_report, path=output, bound=max_error, as_json=as_json)
+    exporter(output.suffix[1:])(dataset, names, order, output, report)
 
 
-def _write_vtu(
-    dataset: Dataset, names: tuple[str, ...] | None, order: int | None, path: Path, bound: float | None, as_json: bool
-) -> None:
-    _require("vtkmodules", "vtk")
-    from elvis.converters.exporting import exported
-    from elvis.converters.vtk_export import VtkTarget, write_vtu
-
-    found = exported(dataset, names, order, VtkTarget())
-    _report(found, path, bound, as_json)
-    write_vtu(path, found, dataset.time)
-
-
-def _write_msh(
-    dataset: Dataset, names: tuple[str, ...] | None, order: int | None, path: Path, bound: float | None, as_json: bool
-) -> None:
-    _require("gmsh", "gmsh")
-    from elvis.converters.exporting import exported
-    from elvis.converters.gmsh_export import GmshTarget, write_msh
-
-    with GmshTarget() as target:
-        found = exported(dataset, names, order, target)
-        _report(found, path, bound, as_json)
-        write_msh(path, found, dataset.mesh, target, dataset.time)
-
-
-def _require(module: str, package: str) -> None:
-    """ElvisError, naming what brings it, where a package is missing."""
-    from importlib.util import find_spec
-
-    from elvis.core.errors import ElvisError
-    from elvis.plugins.discovery import EXTRA
-
-    if find_spec(module) is None:
-        raise ElvisError(
-            f"the export needs {package}, which is not installed; pip install 'elvis-viz[{EXTRA}]' brings it"
-        )
-
-
-def _report(found: Export, path: Path, bound: float | None, as_json: bool) -> None:
+def _report(losses: Sequence[Loss], path: Path, bound: float | None, as_json: bool) -> None:
     """Print what was lost; ElvisError where that is more than allowed."""
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json, print_table
@@ -107,13 +76,13 @@ def _report(found: Export, path: Path, bound: float | None, as_json: bool) -> No
     if as_json:
         facts = [
             {"name": each.name, "order": each.order, "error": each.error, "relative": each.relative,
-             "element": each.element} for each in found.losses
+             "element": each.element} for each in losses
         ]  # fmt: skip
         print_json({"losses": facts})
     else:
-        rows = [_row(each) for each in found.losses]
+        rows = [_row(each) for each in losses]
         print_table(("quantity", "order", "state", "largest error", "of the range", "in element"), rows)
-    beyond = [each for each in found.losses if bound is not None and not each.is_within(bound)]
+    beyond = [each for each in losses if bound is not None and not each.is_within(bound)]
     if beyond:
         worst = max(beyond, key=lambda each: each.relative)
         found_text = f"{worst.relative:.3g} in {worst.name}"

@@ -7,6 +7,7 @@ nonlinear subdivision, as ParaView does unless told otherwise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -17,6 +18,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.plugins.exporting import exporter
 from elvis.reference.baseline.drawing import layers_of
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
@@ -35,14 +37,11 @@ class VtkBaseline:
 
     def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
         """Raises ElvisError where VTK is missing, or has no cells for the data."""
-        from elvis.converters.exporting import exported
-        from elvis.converters.vtk_export import VtkTarget, write_vtu
-
         needed("vtkmodules.vtkIOXML", "converters")
         start = perf_counter()
         with TemporaryDirectory() as folder:
             path = Path(folder) / "cells.vtu"
-            write_vtu(path, exported(dataset, names, None, VtkTarget()), None)
+            exporter("vtu")(replace(dataset, time=None), names, None, path, report=len)
             reader = needed("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridReader()
             reader.SetFileName(str(path))
             reader.Update()

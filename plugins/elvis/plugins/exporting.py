@@ -1,0 +1,82 @@
+"""Exports: what writes native data as files of other programs, by the suffix that it is registered for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Protocol, cast
+
+import numpy as np
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.relative import allowed, scale
+from elvis.plugins.discovery import EXTRA
+from elvis.plugins.registry import load
+
+GROUP = "elvis.exporters"
+
+
+@dataclass(eq=False)
+class Loss:
+    """The largest difference between data and export, and the range of the data."""
+
+    name: str
+    order: int = 0
+    error: float = 0.0
+    element: int = -1
+    low: float = np.inf
+    high: float = -np.inf
+
+    @property
+    def spread(self) -> float:
+        """Greatest minus least value."""
+        return self.high - self.low
+
+    @property
+    def magnitude(self) -> float:
+        """The largest absolute value."""
+        return max(abs(self.low), abs(self.high))
+
+    @property
+    def relative(self) -> float:
+        """The error as a share of the range, or of the magnitude where the range is rounding."""
+        return self.error / scale(self.spread, self.magnitude)
+
+    def is_within(self, bound: float) -> bool:
+        """Whether the relative error is at most ``bound``, or rounding of the magnitude."""
+        return self.error <= allowed(bound, self.spread, self.magnitude)
+
+
+class Exporter(Protocol):
+    """A function that writes a file; its entry point has the name of the suffix, without the dot."""
+
+    def __call__(
+        self,
+        dataset: Dataset,
+        names: Sequence[str] | None,
+        order: int | None,
+        path: Path,
+        report: Callable[[Sequence[Loss]], object],
+    ) -> None:
+        """Write the dataset to ``path``.
+
+        names   of the fields to be written, None for all
+        order   of all cells, None for the lowest that holds map and fields
+        report  is told what is lost, of the coordinates and of each field, before anything is written; it may raise
+        """
+
+
+def exporter(suffix: str) -> Exporter:
+    """The function for files of a suffix; PluginError where there is none."""
+    return cast(Exporter, load(GROUP, suffix))
+
+
+def require(module: str, package: str) -> None:
+    """ElvisError, naming what brings it, where a package that an export needs is missing."""
+    if find_spec(module) is None:
+        raise ElvisError(
+            f"the export needs {package}, which is not installed; pip install 'elvis-viz[{EXTRA}]' brings it"
+        )
