@@ -9,7 +9,7 @@ BELOW = {
     "formats": {"core"},
     "plugins": {"core", "formats"},
     "converters": {"core", "formats", "plugins"},
-    "scene": {"core", "formats", "plugins"},
+    "scene": {"core"},
     "renderer": {"core", "formats", "plugins", "scene"},
     "reference": {"core", "formats", "plugins", "scene"},
 }

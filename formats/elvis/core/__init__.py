@@ -8,6 +8,7 @@ distances                        distances to curved boundaries and triangle mes
 validity                         whether the map of an element folds, proved
 describing                       what these show of themselves at a prompt and in a notebook
 norms, sampling, queries         numbers that are asked of a dataset
-files, terminal, memory, errors  files that are read and written safely, messages, limits
+files, terminal, arguments       files that are read and written safely, messages, what commands have in common
+memory, errors                   limits, what goes wrong
 testing                          datasets made on the spot
 """

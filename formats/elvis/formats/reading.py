@@ -48,6 +48,15 @@ def read(*paths: str | Path) -> Dataset:
         raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or paths[0]) from error
 
 
+def read_data(paths: Iterable[str | Path]) -> Dataset:
+    """The dataset in these files, read with a word on the terminal."""
+    from elvis.core.terminal import stage
+
+    files = tuple(map(Path, paths))
+    with stage(f"reading {', '.join(file.name for file in files)}"):
+        return read(*files)
+
+
 def named_files(paths: Iterable[str | Path]) -> list[Path]:
     """The HDF5 files of meshes that XML files among ``paths`` name; of names that several folders hold, each."""
     found = []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.plugins.commands.arguments import overwrite_option
+from elvis.core.arguments import overwrite_option
 
 if TYPE_CHECKING:
     from elvis.plugins.exporting import Loss
@@ -51,8 +51,9 @@ def export(
     """
     from functools import partial
 
+    from elvis.core.arguments import field_names
     from elvis.core.files.output import check_places
-    from elvis.plugins.commands.arguments import field_names, read_data
+    from elvis.formats.reading import read_data
     from elvis.plugins.exporting import GROUP, exporter
     from elvis.plugins.registry import plugins
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.plugins.commands.arguments import overwrite_option
+from elvis.core.arguments import overwrite_option
 from elvis.scene.commands.command import SceneCommand
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None)
 def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
     """The exact picture of a scene against linear ones; ``output`` is to hold the scene."""
     from elvis.core.terminal import stage
-    from elvis.plugins.commands.arguments import read_data
+    from elvis.formats.reading import read_data
     from elvis.reference.study import compare_scene
     from elvis.scene.commands.composing import composed
     from elvis.scene.errors import SceneError

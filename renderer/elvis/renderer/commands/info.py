@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.plugins.commands.arguments import (
-    data_argument,
-    expressions,
-    field_option,
-    json_option,
-    plugin_option,
-)
+from elvis.core.arguments import data_argument, expressions, field_option, json_option, plugin_option
 from elvis.renderer.commands.source import source_of
 
 if TYPE_CHECKING:

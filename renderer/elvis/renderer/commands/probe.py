@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.errors import ElvisError
-from elvis.plugins.commands.arguments import (
+from elvis.core.arguments import (
     Parsed,
     Triple,
     asked,
@@ -23,6 +22,7 @@ from elvis.plugins.commands.arguments import (
     plugin_option,
     triples,
 )
+from elvis.core.errors import ElvisError
 from elvis.renderer.commands.source import source_of
 
 if TYPE_CHECKING:

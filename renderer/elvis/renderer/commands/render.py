@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.plugins.commands.arguments import overwrite_option
+from elvis.core.arguments import overwrite_option
 from elvis.scene.commands.command import OUTPUT, SceneCommand, parsed
 
 if TYPE_CHECKING:
@@ -63,8 +63,8 @@ def render(
 
 def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
     """Errors about outputs, before any long work."""
+    from elvis.core.arguments import inputs
     from elvis.core.files.output import check_places
-    from elvis.plugins.commands.arguments import inputs
     from elvis.scene.files import check_scene_suffix, scene_text
     from elvis.scene.saving import check_suffix
     from elvis.scene.tables import input_files
@@ -83,7 +83,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 def _frame(scene: Scene) -> Frame:
     """Read the data, or let a runtime plugin open them, and draw them."""
     from elvis.core.terminal import progress, warn
-    from elvis.plugins.commands.arguments import read_data
+    from elvis.formats.reading import read_data
     from elvis.plugins.opening import open_files
     from elvis.renderer import SceneError
     from elvis.renderer import render as draw

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elvis.plugins.commands.arguments import read_data
-
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.renderer.evaluation import Evaluation
@@ -20,6 +18,8 @@ def source_of(paths: Sequence[Path], plugin: str | None) -> Dataset | Evaluation
 
     opened = open_files(paths, plugin, warn)
     if opened is None:
+        from elvis.formats.reading import read_data
+
         return read_data(paths)
     from elvis.renderer.evaluation import Evaluation
 

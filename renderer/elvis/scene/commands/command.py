@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from elvis.plugins.commands.arguments import Parsed
+from elvis.core.arguments import Parsed
 
 OUTPUT = click.Path(path_type=Path, dir_okay=False)
 

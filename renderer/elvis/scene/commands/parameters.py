@@ -8,7 +8,7 @@ import click
 from PIL import ImageColor
 
 from elvis import scene
-from elvis.plugins.commands.arguments import numbers, triples
+from elvis.core.arguments import numbers, triples
 from elvis.scene.objects import check_range
 from elvis.scene.settings import check, choices, settings, types
 

@@ -81,16 +81,6 @@ def triples(text: str, count: int) -> tuple[Triple, ...]:
     return tuple((p[0], p[1], p[2]) for p in padded)
 
 
-def read_data(paths: Iterable[Path]) -> Dataset:
-    """The dataset in these files, read with a word on the terminal."""
-    from elvis.core.terminal import stage
-    from elvis.formats import read
-
-    files = tuple(paths)
-    with stage(f"reading {', '.join(file.name for file in files)}"):
-        return read(*files)
-
-
 def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
     """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
     known = tuple(field.name for field in dataset.fields)
