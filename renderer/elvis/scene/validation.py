@@ -72,7 +72,7 @@ def _plain_schema(node: Any) -> Any:
 
 def _check_plain(item: Any, place: str, deepest: int) -> None:
     """SceneError where tables lie too deep in one another, numbers are too long to be shown, or lists have no order."""
-    check(deepest > 0, f"{place[:40]}...", f"at most {DEEPEST} levels of tables and lists", "more")
+    check(deepest > 0, f"{place[:40]}...", f"tables and lists nested at most {DEEPEST} deep", "more")
     check(not isinstance(item, set | frozenset), place, "a list", "a set")
     if isinstance(item, int):
         check(abs(item) <= float_info.max, place, "a finite number", f"one of {item.bit_length()} bits")
