@@ -74,7 +74,7 @@ class Setting:
             case ("ge",):
                 return f"{bounds['ge']} or more"
             case ("ge", "le"):
-                return f"{bounds['ge']} to {bounds['le']}"
+                return f"{bounds['ge']} to {bounds['le']} {self.unit}".rstrip()
             case ("gt", "lt"):
                 return f"{what} between {bounds['gt']} and {bounds['lt']}"
             case ("gt", "le") if bounds["le"] != "inf":
@@ -93,10 +93,14 @@ class Setting:
 
     def check(self, value: Any, what: str) -> None:
         """SceneError naming ``what``, unless the numbers of a value are in bounds; None and texts have none."""
-        if not all(map(self._holds, _numbers(value))):
+        if not self.holds(value):
             raise SceneError(f"{what}: expected {self.allowed}, found {value}")
 
-    def _holds(self, number: float) -> bool:
+    def holds(self, value: Any) -> bool:
+        """Whether all numbers of a value are in bounds."""
+        return all(self._is_within(number) for number in _numbers(value))
+
+    def _is_within(self, number: float) -> bool:
         within = all(getattr(operator, name)(number, bound) for name, bound in self.bounds.items())
         return within and (isfinite(number) or self.le == inf)
 

@@ -6,14 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import COLOR, CutSurface, SceneObject, check_range
-from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check
+from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check, settings
 from elvis.scene.surfaces import Plane, Surface, Vector, unit
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
-
-#: pixels of a side of a picture, at most
-LARGEST_SIDE = 32768
 
 
 @dataclass(frozen=True, repr=False)
@@ -127,9 +124,10 @@ class Scene(Model):
     size: Annotated[
         tuple[int, int] | None,
         Setting(
-            "Width and height in pixels.",
+            "Width and height.",
             ge=1,
-            le=LARGEST_SIDE,
+            le=32768,
+            unit="pixels a side",
             option="--size",
             metavar="WxH",
             parse="size",
@@ -231,9 +229,10 @@ class Scene(Model):
 
     def check(self) -> None:
         """SceneError for a size that no picture has, an unknown view, a range that doesn't ascend."""
-        width, height = self.size or (1, 1)
-        if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
-            raise SceneError(f"the size of a picture is 1 to {LARGEST_SIDE} pixels a side, found {width} x {height}")
+        size = settings(Scene)["size"]
+        if self.size is not None and not size.holds(self.size):
+            found = " x ".join(map(str, self.size))
+            raise SceneError(f"the size of a picture is {size.allowed}, found {found}")
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
             raise SceneError(f"unknown view {self.camera!r}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
         if isinstance(self.range, str):

@@ -102,11 +102,9 @@ def camera(text: str) -> scene.Camera | str:
 def size(text: str) -> tuple[int, int]:
     """``WIDTHxHEIGHT`` in pixels."""
     sides, setting = text.lower().split("x"), settings(scene.Scene)["size"]
-    good = len(sides) == 2 and all(side.isdecimal() for side in sides)
-    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, {setting.allowed} a side", repr(text))
-    width, height = (int(side) for side in sides)
-    setting.check((width, height), "size")
-    return width, height
+    good = len(sides) == 2 and all(side.isdecimal() and setting.holds(int(side)) for side in sides)
+    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, {setting.allowed}", repr(text))
+    return int(sides[0]), int(sides[1])
 
 
 def color_range(text: str) -> tuple[float, float] | str:
