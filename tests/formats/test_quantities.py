@@ -1,4 +1,4 @@
-"""Expressions: what they mean, their derivatives and ready-made quantities against closed forms on every shape."""
+"""Expressions: what they mean, their derivatives and predefined quantities against closed forms on every shape."""
 
 from dataclasses import replace
 
@@ -416,7 +416,7 @@ PUBLISHED = {
 
 
 @pytest.mark.parametrize("case", PUBLISHED)
-def test_norms_of_ready_made_quantities_are_the_published_ones(nektar, case):
+def test_norms_of_predefined_quantities_are_the_published_ones(nektar, case):
     folder, name, text = case
     dataset = read(*(nektar / folder / f"{name}.{end}" for end in ("xml", "fld")))
     norm = quantity_norm(dataset, Expression.of(dataset, text))

@@ -22,7 +22,7 @@ field_option = click.option(
     "quantities",
     multiple=True,
     metavar="EXPR",
-    help="A field, an expression such as sqrt(u^2+v^2) or d(v,x)-d(u,y), or a ready-made quantity; repeatable.",
+    help="A field, an expression such as sqrt(u^2+v^2) or d(v,x)-d(u,y), or a predefined quantity; repeatable.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers with all their digits.")
 

@@ -26,7 +26,7 @@ from elvis.plugins.volume import Part, Quantity, Shown, Solution, Volume
 def volume_of(data: Dataset | Opened, quantities: Sequence[str]) -> Volume:
     """The elements that have the first quantity, each with all of them.
 
-    quantities  fields, expressions or ready-made quantities (see `elvis.core.quantities`); every part has them by
+    quantities  fields, expressions or predefined quantities (see `elvis.core.quantities`); every part has them by
                 these names in ``Part.quantities``, and the first as its own field
 
     ElvisError for what names no quantity.

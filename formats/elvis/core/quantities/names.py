@@ -1,4 +1,4 @@
-"""What the names in an expression stand for: fields, coordinates, time, constants, ready-made quantities."""
+"""What the names in an expression stand for: fields, coordinates, time, constants, predefined quantities."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from elvis.core.distances.boundaries import ALL, boundaries
 from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
-from elvis.core.quantities import ready
+from elvis.core.quantities import predefined
 from elvis.core.quantities.tree import AXES, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
@@ -30,7 +30,7 @@ class Names:
     fields      names, in the order of the file
     dimension   number of coordinates that fields depend on
     time        of the data; the name ``t`` stands for it where it is known
-    gamma       ratio of specific heats, for the ready-made quantities of gases
+    gamma       ratio of specific heats, for the predefined quantities of gases
     boundaries  names that distances may be measured to
     """
 
@@ -51,8 +51,8 @@ class Names:
 
     @cached_property
     def ready(self) -> Mapping[str, Callable[[], Node]]:
-        """The ready-made quantities whose ingredients are there."""
-        return ready.quantities(self.fields, self.dimension, self.gamma)
+        """The predefined quantities whose ingredients are there."""
+        return predefined.quantities(self.fields, self.dimension, self.gamma)
 
     def meaning(self, name: str) -> Node | None:
         """What a name stands for, None where it says nothing."""
@@ -83,8 +83,8 @@ class Names:
         """A sentence about a name that says nothing."""
         if name == "t":
             return "the data don't tell the time t"
-        if name in ready.INGREDIENTS:
-            return f"{name} needs {ready.INGREDIENTS[name]}; {self.listed}"
+        if name in predefined.INGREDIENTS:
+            return f"{name} needs {predefined.INGREDIENTS[name]}; {self.listed}"
         near = difflib.get_close_matches(name, [*self.fields, *self.ready, *ATTRIBUTES], 1)
         meant = f" (perhaps {near[0]})" if near else ""
         return f"there is no {name!r}{meant}; {self.listed}"

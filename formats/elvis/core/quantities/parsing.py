@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from elvis.core.errors import ElvisError
 from elvis.core.grammar import Grammar
-from elvis.core.quantities import ready
+from elvis.core.quantities import predefined
 from elvis.core.quantities.functions import FUNCTIONS
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import AXES, Node, attribute, call, negative, number, world_derivative
@@ -69,7 +69,7 @@ class Parser(Grammar[Node]):
             if of.op != "field" or of.axes:
                 raise self._mistaken("expected a field in jump(…)", first)
             return attribute(f"jump({of.name})")
-        rule = ready.gradient if name == "grad" else ready.laplacian
+        rule = predefined.gradient if name == "grad" else predefined.laplacian
         return self._guarded(lambda: rule(of, self._names.dimension), first)
 
     def _derivative(self) -> Node:

@@ -34,7 +34,7 @@ class NativeVolume:
 
     @staticmethod
     def of(dataset: Dataset, quantities: str | Sequence[str]) -> NativeVolume:
-        """The elements that have the first quantity, with all of them: fields, expressions, ready-made ones.
+        """The elements that have the first quantity, with all of them: fields, expressions, predefined ones.
 
         Elements of one shape and one pair of degrees make a part; quasi-3D data become one period of their planes along
         z, or of their lines along z or y and z.  Raises ElvisError for what names no quantity, and for lines.

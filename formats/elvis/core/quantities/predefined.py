@@ -1,4 +1,4 @@
-"""Ready-made quantities of flows, from fields with customary names.
+"""Predefined quantities of flows, from fields with customary names.
 
 speed          |u|
 vorticity      rot u: its length, in two dimensions its one component; vorticity_x, vorticity_y, vorticity_z
