@@ -1,4 +1,4 @@
-"""Volumes of linear meshes: along a ray the quantities are linear in every tetrahedron, whose ways are summed up."""
+"""Volumes of linear meshes: along a ray the quantities are linear in each tetrahedron; their segments are summed."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from elvis.reference.clipping import clipped
 from elvis.reference.composing import Fog
 from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
+from elvis.reference.scenes.segments import Segments, points_of
 from elvis.reference.scenes.volumes import Look, depths_by_pixel, integrated, lengths, points_along
-from elvis.reference.scenes.ways import Ways, points_of
 from elvis.scene import Clip, Implicit, Transfer
 from elvis.scene.view import View
 
-#: parts of the way through a tetrahedron, of two Gauss points each
+#: parts of the segment through a tetrahedron, of two Gauss points each
 _PARTS = 8
 
 
@@ -38,8 +38,8 @@ def fogs(
         for depth in depths_by_pixel(*surface_hits(own, view)[:2], view.count)
     ]
     glowing = ~np.all([_dark(mesh.values[name][mesh.simplices], transfer) for name, transfer in looks], axis=0)
-    for ways in _ways(mesh.part(glowing), names, view):
-        parted = ways.between([*cuts, *walls])
+    for segments in _segments(mesh.part(glowing), names, view):
+        parted = segments.between([*cuts, *walls])
         for column in range(len(looks), len(names)):
             parted = _parted(parted, column)
         parted = parted.part(~_gone(parted, clips, names, view, mesh.size))
@@ -64,24 +64,24 @@ def _dark(values: Floats, transfer: Transfer) -> Bools:
     return ~lit
 
 
-def _parted(ways: Ways, column: int) -> Ways:
-    """Ways parted where one of their values is zero."""
-    first, last = ways.first[:, column], ways.last[:, column]
+def _parted(segments: Segments, column: int) -> Segments:
+    """Segments parted where one of their values is zero."""
+    first, last = segments.first[:, column], segments.last[:, column]
     which = np.flatnonzero((first < 0) != (last < 0))
     share = (first[which] / (first - last)[which])[:, None]
-    middle = ways.first[which] + share * (ways.last - ways.first)[which]
-    return ways.halved(which, ways.near[which] + share[:, 0] * (ways.far - ways.near)[which], middle)
+    middle = segments.first[which] + share * (segments.last - segments.first)[which]
+    return segments.halved(which, segments.near[which] + share[:, 0] * (segments.far - segments.near)[which], middle)
 
 
-def _gone(ways: Ways, clips: Sequence[Clip], names: Sequence[str], view: View, size: float) -> Bools:
-    """(k,) which ways clips take away: those whose middle they do."""
-    middle = 0.5 * (ways.first + ways.last)
-    points = points_of(view, ways.pixel, 0.5 * (ways.near + ways.far))
+def _gone(segments: Segments, clips: Sequence[Clip], names: Sequence[str], view: View, size: float) -> Bools:
+    """(k,) which segments clips take away: those whose middle they do."""
+    middle = 0.5 * (segments.first + segments.last)
+    points = points_of(view, segments.pixel, 0.5 * (segments.near + segments.far))
     return clipped(clips, points, lambda name: middle[:, names.index(name)], size)
 
 
-def _ways(mesh: LinearMesh, names: Sequence[str], view: View) -> Iterator[Ways]:
-    """The ways of rays through tetrahedra, some at a time, with the values (k, names) at both ends."""
+def _segments(mesh: LinearMesh, names: Sequence[str], view: View) -> Iterator[Segments]:
+    """The segments of rays through tetrahedra, some at a time, with the values (k, names) at both ends."""
     corners = mesh.points[mesh.simplices]
     values = np.stack([mesh.values[name][mesh.simplices] for name in names], axis=2)
     gradients = barycentric_gradients(corners)
@@ -99,4 +99,4 @@ def _ways(mesh: LinearMesh, names: Sequence[str], view: View) -> Iterator[Ways]:
         here = np.flatnonzero((near < far) & np.isfinite(far))
         ends = [base[here] + depth[here, None] * slope[here] for depth in (near, far)]
         first, last = (np.einsum("nk,nkv->nv", end, values[cell[here]]) for end in ends)
-        yield Ways(pixel[here], cell[here], near[here], far[here], first, last)
+        yield Segments(pixel[here], cell[here], near[here], far[here], first, last)

@@ -27,9 +27,9 @@ from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
+from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
 from elvis.reference.scenes.twins import TwinQuantities
 from elvis.reference.scenes.volumes import between_kinks, gathered, visible
-from elvis.reference.scenes.ways import beginnings, ways_through, without_overlaps
 from elvis.reference.selection import chosen_faces
 from elvis.scene import (
     Camera,
@@ -214,12 +214,12 @@ class Scenery:
         ]
         found, begun = [], beginnings(lambda: self.locator, view, self.box)
         patches = self.quantities.patches
-        every = [ways_through(number, patch, view, self.size, begun) for number, patch in enumerate(patches)]
+        every = [segments_through(number, patch, view, self.size, begun) for number, patch in enumerate(patches)]
         for patch, own in zip(patches, without_overlaps(every, self.size), strict=True):
-            ways = visible(own.between(cuts), patch, self.quantities, scene.clip, view, self.size)
-            ways = between_kinks(ways, patch, self.quantities, looks, view)
-            color, alpha = gathered(ways, patch, self.quantities, looks, view, self.size)
-            found.append(Fog(ways.pixel, 0.5 * (ways.near + ways.far), color, alpha))
+            segments = visible(own.between(cuts), patch, self.quantities, scene.clip, view, self.size)
+            segments = between_kinks(segments, patch, self.quantities, looks, view)
+            color, alpha = gathered(segments, patch, self.quantities, looks, view, self.size)
+            found.append(Fog(segments.pixel, 0.5 * (segments.near + segments.far), color, alpha))
         return found
 
     def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:

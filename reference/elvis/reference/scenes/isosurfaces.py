@@ -1,9 +1,9 @@
 """Rays against isosurfaces, and against implicit surfaces in general.
 
 Pairs of an element and a ray of which bounds can't say that they miss the value (`bounding`) are looked at.  Along the
-ray's way through the element (`ways`, `courses`) the function depends on the depth alone, and all its zeros are found
-(`zeros`), however near to one another.  Newton's method on the exact map and function finishes each.  How certain it is
-shows when the function is measured nearby: values beside a straight line are rounding.
+ray's segment in the element (`segments`, `segment_curves`) the function depends on the depth alone, and all its zeros
+are found (`zeros`), however near to one another.  Newton's method on the exact map and function finishes each.  How
+certain it is shows when the function is measured nearby: values beside a straight line are rounding.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.patch import Patch
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.bounding import candidates, degree_along
-from elvis.reference.scenes.courses import followed_through
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, inverses, solve
-from elvis.reference.scenes.ways import Ways, ways_through
+from elvis.reference.scenes.segment_curves import followed_through
+from elvis.reference.scenes.segments import Segments, segments_through
 from elvis.reference.scenes.zeros import Zeros, zeros
 from elvis.reference.solids import margins_of, placed
 from elvis.scene.frame import Status
@@ -28,12 +28,12 @@ from elvis.scene.view import View
 
 #: values next to the one that is looked for are it, in parts of it; steps of Newton's method; starts are near
 _ROUNDING, _STEPS = 4e-15, 12
-#: half the stretch on which the function is measured about a zero, in parts of the depth and of the way at most; places
-#: there; how much greater rounding may be elsewhere
+#: half the stretch on which the function is measured about a zero, in parts of the depth and of the segment at most;
+#: places there; how much greater rounding may be elsewhere
 _WINDOW, _NARROW, _PLACES, _SAFETY = 1e-8, 1e-6, 9, 4.0
-#: how far from a zero's place Newton's method may end, in parts of the way, and of the scene's size
+#: how far from a zero's place Newton's method may end, in parts of the segment, and of the scene's size
 _NEAR, _NEARER = 1e-2, 1e-9
-#: ways that are looked at together
+#: segments that are looked at together
 _AT_ONCE = 1 << 15
 
 
@@ -47,12 +47,12 @@ def iso_crossings(
     size: float,
     begun: Crossings,
 ) -> Crossings:
-    """All hits of rays with the surface in a patch on which a quantity has a value; ``begun``: `ways_through`."""
+    """All hits of rays with the surface in a patch on which a quantity has a value; ``begun``: `segments_through`."""
     wanted = candidates(patch, quantities, name, value, view)
-    ways = ways_through(number, patch, view, size, begun, wanted)
+    segments = segments_through(number, patch, view, size, begun, wanted)
     search = _Search(number, patch, quantities, name, value, view, size)
-    parts = np.array_split(np.arange(len(ways)), -(-len(ways) // _AT_ONCE) or 1)
-    return Crossings.joined([search.hits(ways.part(rows)) for rows in parts]).distinct(size)
+    parts = np.array_split(np.arange(len(segments)), -(-len(segments) // _AT_ONCE) or 1)
+    return Crossings.joined([search.hits(segments.part(rows)) for rows in parts]).distinct(size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,33 +67,33 @@ class _Search:
     view: View
     size: float
 
-    def hits(self, ways: Ways) -> Crossings:
-        """The hits along some ways."""
-        courses = followed_through(ways, self.patch, self.view, self.size)
+    def hits(self, segments: Segments) -> Crossings:
+        """The hits along some segments."""
+        curves = followed_through(segments, self.patch, self.view, self.size)
 
         def along(which: Ints, shares: Floats) -> Floats:
-            reference, rows = courses.at(which, shares), np.repeat(courses.ways.row[which], shares.shape[1])
+            reference, rows = curves.at(which, shares), np.repeat(curves.segments.row[which], shares.shape[1])
             values = self.quantities.values(self.name, self.patch, rows, reference)
             return np.asarray(values.reshape(shares.shape)) - self.value
 
         degree = degree_along(self.patch, self.quantities, self.name)
-        found = zeros(along, degree, courses.accuracy, _ROUNDING * abs(self.value))
+        found = zeros(along, degree, curves.accuracy, _ROUNDING * abs(self.value))
         if not len(found.which):
             return Crossings.none()
-        own, place = courses.ways.part(found.which), found.place[:, None]
-        return self._finished(found, own, courses.at(found.which, place), own.at(place)[:, 0])
+        own, place = curves.segments.part(found.which), found.place[:, None]
+        return self._finished(found, own, curves.at(found.which, place), own.at(place)[:, 0])
 
-    def _finished(self, found: Zeros, ways: Ways, start: Floats, depth: Floats) -> Crossings:
+    def _finished(self, found: Zeros, segments: Segments, start: Floats, depth: Floats) -> Crossings:
         """The zeros as hits: those that are certain by Newton's method, double ones where they are."""
-        origins, directions = self.view.rays(*np.divmod(ways.pixel, self.view.width)[::-1])
+        origins, directions = self.view.rays(*np.divmod(segments.pixel, self.view.width)[::-1])
         constraint = level_of(self.quantities, self.name, self.patch, self.value)
-        roots = solve(self.patch, ways.row, start, origins, directions, constraint, self.size, 0.5, _STEPS)
-        near = np.where(found.rough, np.inf, _NEAR * (ways.far - ways.near) + _NEARER * self.size)
+        roots = solve(self.patch, segments.row, start, origins, directions, constraint, self.size, 0.5, _STEPS)
+        near = np.where(found.rough, np.inf, _NEAR * (segments.far - segments.near) + _NEARER * self.size)
         stays = roots.found & (np.abs(roots.depth - depth) <= near)
         reference = np.where(stays[:, None], roots.reference, start)
         depth = np.where(stays, roots.depth, depth)
-        width = np.minimum(_WINDOW * depth, _NARROW * (ways.far - ways.near))
-        uncertainty, along = self._uncertain(ways.row, reference, directions, width)
+        width = np.minimum(_WINDOW * depth, _NARROW * (segments.far - segments.near))
+        uncertainty, along = self._uncertain(segments.row, reference, directions, width)
         uncertainty[found.double | ~stays] = np.inf
 
         # what is uncertain may lie on either side of a border
@@ -103,7 +103,7 @@ class _Search:
         doubt: Bools = (margin <= TOLERANCE + shift) | ~np.isfinite(uncertainty)
         status = np.where(doubt, Status.AMBIGUOUS, Status.CERTAIN).astype(np.uint8)
         number = np.full(len(depth), self.number)
-        every = Crossings(ways.pixel, depth, number, ways.row, reference, roots.normal, status, uncertainty)
+        every = Crossings(segments.pixel, depth, number, segments.row, reference, roots.normal, status, uncertainty)
         return every.part(here)
 
     def _uncertain(self, rows: Ints, reference: Floats, directions: Floats, width: Floats) -> tuple[Floats, Floats]:

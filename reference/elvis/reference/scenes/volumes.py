@@ -1,7 +1,7 @@
 """Light along rays through the volume: what elements send out and take up, by fine quadrature in every element.
 
 Along a ray the colour gathered is the integral of T s c, T = exp(-integral of s), with density s and colour c piecewise
-linear in the quantity; of several volumes s c and s are sums.  Each way through an element is parted where these have
+linear in the quantity; of several volumes s c and s are sums.  Each segment in an element is parted where these have
 kinks, then evenly; within a part s is integrated by Gauss's rule and c is its mean weighted by s (Max, Optical Models
 for Direct Volume Rendering, 1995, section 4).
 """
@@ -20,32 +20,36 @@ from elvis.core.polynomials.quadrature import gauss
 from elvis.reference.clipping import clipped
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.cuts import surface_hits
-from elvis.reference.scenes.ways import Ways, places
+from elvis.reference.scenes.segments import Segments, places
 from elvis.scene import Clip, Implicit, Transfer
 from elvis.scene.view import View
 
-#: parts of a way as long as the scene; how many parts a way through an element may have; Gauss points in each
+#: parts of a segment as long as the scene; how many parts a segment in an element may have; Gauss points in each
 ALONG, PARTS, POINTS = 256, (4, 8, 16, 32, 64, 128), 2
-#: ways that are summed together
+#: segments that are summed together
 _AT_ONCE = 1 << 13
-#: places along a way between which an expression of a clip, or a quantity less the value of a kink, has one sign change
+#: places along a segment between which an expression of a clip, or a quantity less a kink's value, changes sign once
 _SIGNS = 33
 #: name of a quantity, and its transfer function with colours
 Look: TypeAlias = tuple[str, Transfer]
 
 
-def visible(ways: Ways, patch: Patch, quantities: Quantities, clips: Sequence[Clip], view: View, size: float) -> Ways:
-    """What clips leave of ways: these are parted where rays meet the surfaces, and the middle of each part decides."""
+def visible(
+    segments: Segments, patch: Patch, quantities: Quantities, clips: Sequence[Clip], view: View, size: float
+) -> Segments:
+    """What clips leave: segments are parted where rays meet the surfaces, and the middle of each part decides."""
     for clip in clips:
         own = clip.surface
         if isinstance(own, Implicit):
-            ways = _parted(ways, partial(_values, patch=patch, quantities=quantities, name=own.expression, view=view))
+            segments = _parted(
+                segments, partial(_values, patch=patch, quantities=quantities, name=own.expression, view=view)
+            )
         else:
-            ways = ways.between(depths_by_pixel(*surface_hits(own, view)[:2], view.count))
-    middle = np.full(len(ways.pixel), 0.5)
-    reference, points = places(ways, patch, view, middle[:, None])
-    gone = clipped(clips, points, lambda name: quantities.values(name, patch, ways.row, reference), size)
-    return ways.part(~gone)
+            segments = segments.between(depths_by_pixel(*surface_hits(own, view)[:2], view.count))
+    middle = np.full(len(segments.pixel), 0.5)
+    reference, points = places(segments, patch, view, middle[:, None])
+    gone = clipped(clips, points, lambda name: quantities.values(name, patch, segments.row, reference), size)
+    return segments.part(~gone)
 
 
 def depths_by_pixel(pixel: Ints, depth: Floats, count: int) -> Floats:
@@ -58,68 +62,72 @@ def depths_by_pixel(pixel: Ints, depth: Floats, count: int) -> Floats:
     return depths
 
 
-def between_kinks(ways: Ways, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View) -> Ways:
-    """Ways parted where densities and colours have kinks, so that no layer is so thin that it falls between places."""
+def between_kinks(
+    segments: Segments, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View
+) -> Segments:
+    """Segments parted at the kinks of densities and colours, so that no thin layer falls between places."""
     for name, transfer in looks:
         along = partial(_values, patch=patch, quantities=quantities, name=name, view=view)
-        ways = _parted(ways, along, transfer.values)
-    return ways
+        segments = _parted(segments, along, transfer.values)
+    return segments
 
 
-def _parted(ways: Ways, along: Callable[[Ways, Floats], Floats], levels: Sequence[float] = (0.0,)) -> Ways:
-    """Ways parted wherever a function along them, of ways and shares (k, m), is seen to pass one of some levels."""
-    way, share, value = _sampled(ways, along)
-    same = way[1:] == way[:-1]
-    owners, shares = [np.repeat(np.arange(len(ways)), 2)], [np.tile([0.0, 1.0], len(ways))]
+def _parted(
+    segments: Segments, along: Callable[[Segments, Floats], Floats], levels: Sequence[float] = (0.0,)
+) -> Segments:
+    """Segments parted where a function along them, of segments and shares (k, m), passes one of some levels."""
+    segment, share, value = _sampled(segments, along)
+    same = segment[1:] == segment[:-1]
+    owners, shares = [np.repeat(np.arange(len(segments)), 2)], [np.tile([0.0, 1.0], len(segments))]
     for level in levels:
         sides = np.sign(value - level)
         place = np.flatnonzero(same & (sides[1:] * sides[:-1] < 0.0))
-        some, low, high = ways.part(way[place]), share[place], share[place + 1]
+        some, low, high = segments.part(segment[place]), share[place], share[place + 1]
         for _ in range(52):
             middle = 0.5 * (low + high)
             before = np.sign(along(some, middle[:, None])[:, 0] - level) == sides[place]
             low, high = np.where(before, middle, low), np.where(before, high, middle)
-        owners.append(way[place])
+        owners.append(segment[place])
         shares.append(low)
 
-    # the ends of all parts: those of the ways and the places between
+    # the ends of all parts: those of the segments and the places between
     owner, at = np.concatenate(owners), np.concatenate(shares)
     order = np.lexsort([at, owner])
     owner, at = owner[order], at[order]
     first = np.flatnonzero(owner[1:] == owner[:-1])
-    return ways.cut(owner[first], at[first], at[first + 1])
+    return segments.cut(owner[first], at[first], at[first + 1])
 
 
-def _sampled(ways: Ways, along: Callable[[Ways, Floats], Floats]) -> tuple[Ints, Floats, Floats]:
-    """Places along ways, in order: numbers of the ways, shares and values, all (m,).
+def _sampled(segments: Segments, along: Callable[[Segments, Floats], Floats]) -> tuple[Ints, Floats, Floats]:
+    """Places along segments, in order: numbers of the segments, shares and values, all (m,).
 
-    Beside even places the vertices of the parabolas through three of them that turn: what is touched on the way.
+    Beside even places the vertices of the parabolas through three of them that turn: what is touched in between.
     """
     even = np.linspace(0.0, 1.0, _SIGNS)
-    values = along(ways, np.tile(even, (len(ways), 1)))
+    values = along(segments, np.tile(even, (len(segments), 1)))
     rises = np.diff(values, axis=1)
-    way, place = np.nonzero(rises[:, 1:] * rises[:, :-1] < 0.0)
-    before, after = rises[way, place], rises[way, place + 1]
+    segment, place = np.nonzero(rises[:, 1:] * rises[:, :-1] < 0.0)
+    before, after = rises[segment, place], rises[segment, place + 1]
     turn = even[place + 1] + 0.5 * (before + after) / (before - after) / (_SIGNS - 1)
-    summits = along(ways.part(way), turn[:, None])[:, 0]
+    peaks = along(segments.part(segment), turn[:, None])[:, 0]
 
-    owner = np.concatenate([np.repeat(np.arange(len(ways)), _SIGNS), way])
-    share, value = np.concatenate([np.tile(even, len(ways)), turn]), np.concatenate([values.ravel(), summits])
+    owner = np.concatenate([np.repeat(np.arange(len(segments)), _SIGNS), segment])
+    share, value = np.concatenate([np.tile(even, len(segments)), turn]), np.concatenate([values.ravel(), peaks])
     order = np.lexsort([share, owner])
     return owner[order], share[order], value[order]
 
 
 def gathered(
-    ways: Ways, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View, size: float
+    segments: Segments, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View, size: float
 ) -> tuple[Floats, Floats]:
-    """Colours (k, 3) times alpha, and alphas (k,), of each way; ``size`` of the scene in world units."""
-    colors, alphas = np.zeros((len(ways.pixel), 3)), np.zeros(len(ways.pixel))
-    needed = np.ceil(ALONG * lengths(ways, view) / size)
+    """Colours (k, 3) times alpha, and alphas (k,), of each segment; ``size`` of the scene in world units."""
+    colors, alphas = np.zeros((len(segments.pixel), 3)), np.zeros(len(segments.pixel))
+    needed = np.ceil(ALONG * lengths(segments, view) / size)
     parts = np.array(PARTS)[np.searchsorted(PARTS, needed).clip(0, len(PARTS) - 1)]
     for count in PARTS:
         here = np.flatnonzero(parts == count)
         for chunk in np.array_split(here, -(-len(here) // _AT_ONCE)) if len(here) else ():
-            some = ways.part(chunk)
+            some = segments.part(chunk)
             shares = np.tile(points_along(count), (len(chunk), 1))
             values = [_values(some, shares, patch, quantities, name, view) for name, _ in looks]
             transfers = [transfer for _, transfer in looks]
@@ -132,22 +140,22 @@ def points_along(parts: int) -> Floats:
     return np.asarray(((np.arange(parts)[:, None] + (1 + gauss(POINTS)[0]) / 2) / parts).ravel())
 
 
-def _values(ways: Ways, shares: Floats, patch: Patch, quantities: Quantities, name: str, view: View) -> Floats:
-    """(k, m) a quantity at shares (k, m) of ways."""
-    reference, _ = places(ways, patch, view, shares)
-    rows = np.repeat(ways.row, shares.shape[1])
+def _values(segments: Segments, shares: Floats, patch: Patch, quantities: Quantities, name: str, view: View) -> Floats:
+    """(k, m) a quantity at shares (k, m) of segments."""
+    reference, _ = places(segments, patch, view, shares)
+    rows = np.repeat(segments.row, shares.shape[1])
     return np.asarray(quantities.values(name, patch, rows, reference).reshape(shares.shape))
 
 
-def lengths(ways: Ways, view: View) -> Floats:
-    """(k,) lengths of ways in world units."""
-    row, column = np.divmod(ways.pixel, view.width)
+def lengths(segments: Segments, view: View) -> Floats:
+    """(k,) lengths of segments in world units."""
+    row, column = np.divmod(segments.pixel, view.width)
     directions = view.rays(column.astype(np.float64), row.astype(np.float64))[1]
-    return np.asarray(np.linalg.norm(directions, axis=1) * (ways.far - ways.near))
+    return np.asarray(np.linalg.norm(directions, axis=1) * (segments.far - segments.near))
 
 
 def integrated(values: Sequence[Floats], length: Floats, transfers: Sequence[Transfer]) -> tuple[Floats, Floats]:
-    """Colours (k, 3) times alpha, and alphas (k,), of ways of some length (k,).
+    """Colours (k, 3) times alpha, and alphas (k,), of segments of some length (k,).
 
     values  for each volume (k, parts * POINTS) of its quantity at Gauss points of equal parts; beyond the ends of the
             transfer function it stays as it is there, and what is no number sends out and takes up nothing

@@ -1,4 +1,4 @@
-"""Ways of rays through elements: between neighbouring hits of their faces, and the places along them."""
+"""Segments of rays through elements: between neighbouring hits of their faces, and the places along them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from elvis.scene.frame import Status
 from elvis.scene.view import View
 
 _STEPS = 12
-#: part of the scene's size that ways may share of a ray by rounding alone
+#: part of the scene's size that segments may share of a ray by rounding alone
 _SHARED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
-    """Ways of rays through elements of one patch.
+class Segments:
+    """Segments of rays through elements of one patch.
 
     pixel        (k,)    row by row from the top
     row          (k,)    of the elements
@@ -42,16 +42,16 @@ class Ways:
     def __len__(self) -> int:
         return len(self.pixel)
 
-    def part(self, which: Ints | Bools) -> Ways:
-        """Some of the ways."""
-        return Ways(**{name: column[which] for name, column in vars(self).items()})
+    def part(self, which: Ints | Bools) -> Segments:
+        """Some of the segments."""
+        return Segments(**{name: column[which] for name, column in vars(self).items()})
 
-    def and_also(self, other: Ways) -> Ways:
-        """These ways and others."""
-        return Ways(**{name: np.concatenate([own, getattr(other, name)]) for name, own in vars(self).items()})
+    def and_also(self, other: Segments) -> Segments:
+        """These segments and others."""
+        return Segments(**{name: np.concatenate([own, getattr(other, name)]) for name, own in vars(self).items()})
 
-    def between(self, cuts: Sequence[Floats] | Floats) -> Ways:
-        """The ways, parted at depths (n,) by pixel."""
+    def between(self, cuts: Sequence[Floats] | Floats) -> Segments:
+        """The segments, parted at depths (n,) by pixel."""
         made = self
         for cut in cuts:
             at = cut[made.pixel]
@@ -60,28 +60,28 @@ class Ways:
             made = made.halved(crossed, at[crossed], made.first[crossed] + part * (made.last - made.first)[crossed])
         return made
 
-    def halved(self, which: Ints, depth: Floats, middle: Floats) -> Ways:
-        """The ways, those of numbers (k,) parted at depths (k,), where the reference coordinates are (k, …)."""
+    def halved(self, which: Ints, depth: Floats, middle: Floats) -> Segments:
+        """The segments, those of numbers (k,) parted at depths (k,), where the reference coordinates are (k, …)."""
         far, last = self.far.copy(), self.last.copy()
         far[which], last[which] = depth, middle
-        beyond = Ways(self.pixel[which], self.row[which], depth, self.far[which], middle, self.last[which])
-        return Ways(self.pixel, self.row, self.near, far, self.first, last).and_also(beyond)
+        beyond = Segments(self.pixel[which], self.row[which], depth, self.far[which], middle, self.last[which])
+        return Segments(self.pixel, self.row, self.near, far, self.first, last).and_also(beyond)
 
-    def cut(self, own: Ints, low: Floats, high: Floats) -> Ways:
-        """Parts (m,) of ways of numbers ``own``, each from one share of its way to another."""
+    def cut(self, own: Ints, low: Floats, high: Floats) -> Segments:
+        """Parts (m,) of segments of numbers ``own``, each from one share of its segment to another."""
         near, far = (self.near[own] + end * (self.far - self.near)[own] for end in (low, high))
         first, last = (self.first[own] + end[:, None] * (self.last - self.first)[own] for end in (low, high))
-        return Ways(self.pixel[own], self.row[own], near, far, first, last)
+        return Segments(self.pixel[own], self.row[own], near, far, first, last)
 
     def at(self, shares: Floats) -> Floats:
-        """(k, m) depths at shares (k, m) of the ways."""
+        """(k, m) depths at shares (k, m) of the segments."""
         return np.asarray(self.near[:, None] + shares * (self.far - self.near)[:, None])
 
 
-def ways_through(
+def segments_through(
     number: int, patch: Patch, view: View, size: float, begun: Crossings, wanted: Ints | None = None
-) -> Ways:
-    """The ways of all rays through the elements of a patch: between neighbouring hits of faces, where inside.
+) -> Segments:
+    """The segments of all rays through the elements of a patch: between neighbouring hits of faces, where inside.
 
     begun   where rays begin within elements
     wanted  (n,) sorted numbers row * pixels + pixel of pairs of an element and a pixel; no others are looked at
@@ -99,8 +99,8 @@ def ways_through(
     return found.part(margins_of(patch, followed(patch, found.row, start, points)) > -1e-9)
 
 
-def without_overlaps(parts: Sequence[Ways], size: float) -> list[Ways]:
-    """The ways of several patches; of what two share of a ray, which runs in the face between them, the first has all.
+def without_overlaps(parts: Sequence[Segments], size: float) -> list[Segments]:
+    """The segments of several patches; what two share of a ray, in the face between them, belongs to the first.
 
     size  of the scene in world units
     """
@@ -108,7 +108,7 @@ def without_overlaps(parts: Sequence[Ways], size: float) -> list[Ways]:
     order = np.lexsort([far, near, pixel])
     rank = np.arange(len(order)) - np.searchsorted(pixel[order], pixel[order])
 
-    # how far each ray is known to have come, by turns of its ways
+    # how far each ray is known to have come, by turns of its segments
     begin, reached = near.copy(), np.full(int(pixel.max(initial=0)) + 1, -np.inf)
     for turn in range(int(rank.max(initial=-1)) + 1):
         own = order[rank == turn]
@@ -144,17 +144,17 @@ def beginnings(locator: Callable[[], Locator], view: View, box: Floats) -> Cross
     return Crossings(*columns, np.full(len(held), np.nan))
 
 
-def _paired(hits: Crossings, pairs: Ints) -> Ways:
+def _paired(hits: Crossings, pairs: Ints) -> Segments:
     after = pairs + 1
     ends = (hits.depth[pairs], hits.depth[after], hits.reference[pairs], hits.reference[after])
-    return Ways(hits.pixel[pairs], hits.row[pairs], *ends)
+    return Segments(hits.pixel[pairs], hits.row[pairs], *ends)
 
 
-def places(ways: Ways, patch: Patch, view: View, shares: Floats) -> tuple[Floats, Floats]:
-    """Reference coordinates and world points (k * m, 3) at shares (k, m) of ways."""
-    start = ways.first[:, None] + shares[..., None] * (ways.last - ways.first)[:, None]
-    rows, pixel = (np.repeat(column, shares.shape[1]) for column in (ways.row, ways.pixel))
-    points = points_of(view, pixel, ways.at(shares).ravel())
+def places(segments: Segments, patch: Patch, view: View, shares: Floats) -> tuple[Floats, Floats]:
+    """Reference coordinates and world points (k * m, 3) at shares (k, m) of segments."""
+    start = segments.first[:, None] + shares[..., None] * (segments.last - segments.first)[:, None]
+    rows, pixel = (np.repeat(column, shares.shape[1]) for column in (segments.row, segments.pixel))
+    points = points_of(view, pixel, segments.at(shares).ravel())
     return followed(patch, rows, start.reshape(-1, start.shape[-1]), points), points
 
 
