@@ -6,16 +6,14 @@ import mmap
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from elvis.converters.gmsh import Gmsh, block_of
+from elvis.converters.gmsh import Gmsh
 from elvis.converters.gmsh_data import Contents
 from elvis.converters.gmsh_mesh import read_mesh
 from elvis.converters.hdf5 import holds, opened
-from elvis.core.errors import FormatError
+from elvis.converters.inputs import single
 from elvis.core.files.plain import leading
 from elvis.formats.nektar.hdf5_checks import check_stored
-from elvis.plugins.conversion import Boundary
 
 #: how files of the older container begin; the library sets the highest bit of the first four bytes
 _ADF, _MASK = b"@(#)ADF Database", bytes([0x7F] * 4 + [0xFF] * 12)
@@ -38,22 +36,10 @@ class Cgns(Gmsh):
         return len(paths) == 1 and (_is_adf(paths[0]) or holds(paths[0], "CGNSLibraryVersion"))
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        if len(paths) != 1:
-            raise FormatError(f"expected one file, found {len(paths)}", file=paths[0])
-        path = Path(paths[0])
-        with TemporaryDirectory() as folder:
-            named = Path(folder) / f"{path.stem}.cgns"  # the library tells formats by suffixes
-            named.symlink_to(path.resolve())
-            _check_sizes(path)
-            try:
-                self._mesh = read_mesh(Contents(named, True, True, (), ()), with_entities=True, suffix=".cgns")
-            except FormatError as error:
-                raise FormatError(error.message.replace(str(named), path.name), file=path) from error
-        self._groups = self._mesh.groups
-        self.blocks = [block_of(i, group, self._mesh) for i, group in enumerate(self._groups)]
-        self.boundaries = [Boundary(name, vertices=sides) for name, sides in self._mesh.sides.items()]
-        self.notes = [*self._mesh.notes, *_left_out(path)]
-        self.fields = []
+        path = single(paths)
+        _check_sizes(path)
+        self.take_mesh(read_mesh(Contents(path, True, True, (), ()), with_entities=True, suffix=".cgns"))
+        self.notes = [*self.notes, *_left_out(path)]
 
 
 def _check_sizes(path: Path) -> None:

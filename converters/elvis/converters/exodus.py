@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from elvis.converters.exodus_files import CORNERS, SIDES, Variables, is_exodus, nodes_of, shape_of
+from elvis.converters.exodus_files import SIDES, Variables, is_exodus, nodes_of, shape_of
+from elvis.converters.inputs import STEP, single, step_number
+from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, PyramidSpace, SourceField
-from elvis.plugins.nodal import space_size, space_values
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace
+from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, space_size
 
 
-@dataclass(eq=False)
-class _Part:
-    """A block of the file: rows (n, k) of nodes, of elements from ``first`` on, counted over all blocks."""
-
-    number: int
-    shape: Shape
-    name: str
-    nodes: Ints
-    first: int
-
-
-class Exodus(Converter):
+class Exodus(NodalConverter):
     """A mesh and its variables at one time."""
 
     format = "Exodus II (.e, .exo, .gen)"
@@ -37,7 +28,7 @@ class Exodus(Converter):
     )
     loses = "node sets, attributes, variables of sides and sets; elements of lower dimension"
     needs = ("scipy",)
-    options = (Option("step", "Which step of a series, counted from 0; the last by default."),)
+    options = (STEP,)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -45,34 +36,14 @@ class Exodus(Converter):
         return len(paths) == 1 and is_exodus(paths[0])
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
-        if step is not None and not step.lstrip("-").isdigit():
-            raise ElvisError(f"expected a number for --step, found {step!r}")
-        if len(paths) != 1:
-            raise FormatError(f"expected one file, found {len(paths)}", file=paths[0])
-        self._file = Variables(Path(paths[0]))
-        self.notes: list[str] = []
+        number = step_number(step)
+        self._file = Variables(single(paths))
         self._places = self._coordinates()
-        self._parts = self._blocks()
-        self._tables = {(p.shape, p.nodes.shape[1]): _Functions(p.shape, p.nodes.shape[1]) for p in self._parts}
-        self.blocks = [self._elements(i, part) for i, part in enumerate(self._parts)]
+        self._functions: dict[tuple[Shape, int], _Functions] = {}
+        self._numbers: list[int] = []
+        self._read_blocks()
         self.boundaries = self._side_sets()
-        self.fields: list[SourceField] = []
-        self._values: dict[tuple[str, int], Floats] = {}
-        self._read_variables(step)
-
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """The nodes, combined by their functions."""
-        part = self._parts[block.key]
-        table = self._tables[part.shape, part.nodes.shape[1]].at(points)
-        return np.asarray(np.matmul(table, self._places[part.nodes[block.rows]]))
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Values at nodes, combined likewise; values on elements as they are."""
-        part = self._parts[block.key]
-        if field.is_continuous:
-            table = self._tables[part.shape, part.nodes.shape[1]].at(points)
-            return np.asarray(self._values[field.key, -1][part.nodes[block.rows]] @ table.T)
-        return np.repeat(self._values[field.key, part.number][block.rows, None], len(points), axis=1)
+        self._read_variables(number)
 
     def _coordinates(self) -> Floats:
         if "coord" in self._file:
@@ -84,9 +55,10 @@ class Exodus(Converter):
         self.precision = SINGLE if columns[0].dtype.itemsize == 4 else DOUBLE
         return np.stack(columns, axis=1).astype(np.float64)
 
-    def _blocks(self) -> list[_Part]:
-        names, found, first, number = self._file.texts("eb_names"), [], 0, 1
-        ids = self._file.ints("eb_prop1").tolist() if "eb_prop1" in self._file else []
+    def _read_blocks(self) -> None:
+        names = self._labels("eb", "block")
+        found: list[tuple[int, Elements]] = []
+        first, number = 0, 1
         while f"connect{number}" in self._file:
             nodes = self._file.ints(f"connect{number}", 2) - 1
             kind = self._file.element_type(f"connect{number}")
@@ -94,109 +66,124 @@ class Exodus(Converter):
                 expected = f"nodes from 1 to {len(self._places)}"
                 raise FormatError(f"expected {expected}, found others", file=self._file.path, place=f"connect{number}")
             shape = shape_of(kind, nodes.shape[1], self._file.path)
-            label = names[number - 1] if number <= len(names) else ""
-            own = ids[number - 1] if number <= len(ids) else number
             if shape is not None:
-                found.append(_Part(number, shape, label or f"block {own}", nodes, first))
+                found.append((number, self._elements(shape, names(number), nodes, first)))
             first, number = first + len(nodes), number + 1
-        dimension = max((part.shape.dimension for part in found), default=0)
-        kept = [part for part in found if part.shape.dimension == dimension]
+        dimension = max((block.shape.dimension for _, block in found), default=0)
+        kept = [(own, block) for own, block in found if block.shape.dimension == dimension]
+        self._numbers = [own for own, _ in kept]
+        self.blocks = [block for _, block in kept]
         if len(kept) < number - 1:
-            self.notes = [*self.notes, f"{number - 1 - len(kept)} blocks of lower dimension were left out"]
-        return kept
+            self.notes = [f"{number - 1 - len(kept)} blocks of lower dimension were left out"]
 
-    def _elements(self, key: int, part: _Part) -> Elements:
-        corners = list(CORNERS.get(part.shape, range(len(part.shape.vertices))))
-        order = self._tables[part.shape, part.nodes.shape[1]].order
-        ids = part.first + np.arange(len(part.nodes))
-        space = PyramidSpace.RATIONAL
-        return Elements(part.shape, len(ids), order, part.nodes[:, corners], None, ids, part.name, space, key=key)
+    def _elements(self, shape: Shape, name: str, nodes: Ints, first: int) -> Elements:
+        """Elements with nodes (n, k), numbered from ``first`` on over all blocks."""
+        kind = (shape, nodes.shape[1])
+        if kind not in self._functions:
+            self._functions[kind] = _Functions(*kind)
+        functions = self._functions[kind]
+        return Elements(
+            shape,
+            len(nodes),
+            functions.order,
+            nodes[:, UNIT[shape].corners],
+            ids=first + np.arange(len(nodes)),
+            region=name,
+            pyramid=PyramidSpace.RATIONAL,
+            key=NodalBlock(NodalValues(self._places, functions, nodes)),
+        )
+
+    def _labels(self, what: str, noun: str) -> Callable[[int], str]:
+        """Names of blocks or side sets by number: those of the file, else the noun with the id or the number."""
+        names = self._file.texts(f"{what}_names")
+        ids = self._file.ints(f"{what}_prop1").tolist() if f"{what}_prop1" in self._file else []
+
+        def label(number: int) -> str:
+            own = ids[number - 1] if number <= len(ids) else number
+            name = names[number - 1] if number <= len(names) else ""
+            return name or f"{noun} {own}"
+
+        return label
 
     def _side_sets(self) -> list[Boundary]:
-        names, number, found = self._file.texts("ss_names"), 1, []
-        ids = self._file.ints("ss_prop1").tolist() if "ss_prop1" in self._file else []
+        names, number, found = self._labels("ss", "sides"), 1, []
         while f"elem_ss{number}" in self._file:
             elements, sides = self._file.ints(f"elem_ss{number}") - 1, self._file.ints(f"side_ss{number}") - 1
             if len(elements) != len(sides):
                 expected = f"{len(elements)} sides"
                 raise FormatError(f"expected {expected}, found {len(sides)}", file=self._file.path, place=f"ss{number}")
-            vertices = []
-            for part in self._parts:
-                rows = elements - part.first
-                here = (rows >= 0) & (rows < len(part.nodes))
-                for side, corners in enumerate(SIDES[part.shape]):
-                    own = part.nodes[rows[here & (sides == side)]][:, list(corners)]
-                    if len(own):
-                        vertices.append(own)
-            label = names[number - 1] if number <= len(names) else ""
-            own_id = ids[number - 1] if number <= len(ids) else number
-            found.append(Boundary(label or f"sides {own_id}", vertices=vertices))
+            found.append(Boundary(names(number), vertices=self._sides(elements, sides)))
             number += 1
         return found
 
-    def _read_variables(self, step: str | None) -> None:
+    def _sides(self, elements: Ints, sides: Ints) -> list[Ints]:
+        """Vertices of sides (n,) of elements (n,)."""
+        vertices = []
+        for block in self.blocks:
+            nodes = self.nodal(block).geometry.nodes
+            if nodes is None or block.ids is None or not len(block):
+                continue
+            rows = elements - int(block.ids[0])
+            here = (rows >= 0) & (rows < len(nodes))
+            for side, corners in enumerate(SIDES[block.shape]):
+                own = nodes[rows[here & (sides == side)]][:, list(corners)]
+                if len(own):
+                    vertices.append(own)
+        return vertices
+
+    def _read_variables(self, number: int) -> None:
         times = self._file.floats("time_whole") if "time_whole" in self._file else np.empty(0)
         if not len(times):
             return
-        number = -1 if step is None else int(step)
         if not -len(times) <= number < len(times):
-            raise FormatError(f"expected a step below {len(times)}, found {step}", file=self._file.path)
+            raise FormatError(f"expected a step below {len(times)}, found {number}", file=self._file.path)
         self.time = float(times[number])
         nodal, own = self._file.texts("name_nod_var"), self._file.texts("name_elem_var")
         for i, name in enumerate(nodal):
             found = self._nodal(i, number)
             if found.shape != (len(self._places),):
                 raise FormatError(f"expected {name} at all nodes, found {found.shape}", file=self._file.path)
-            self._values[name, -1] = found
-            order = [self._tables[p.shape, p.nodes.shape[1]].order for p in self._parts]
-            self.fields.append(SourceField(name, order, True, key=name))
+            geometries = [self.nodal(block).geometry for block in self.blocks]
+            values = [replace(each, values=found[:, None]) for each in geometries]
+            self.add_field((name, "nodal"), [name], values, is_continuous=True)
         for i, name in enumerate(own):
             label = f"{name}_element" if name in nodal else name
-            parts = [f"vals_elem_var{i + 1}eb{part.number}" for part in self._parts]
-            orders = [0 if each in self._file else None for each in parts]
-            for part, each in zip(self._parts, parts, strict=True):
-                if each in self._file:
-                    self._values[label, part.number] = self._own(each, number, len(part.nodes))
-            self.fields.append(SourceField(label, orders, key=label))
+            self.add_field((name, "element"), [label], [self._own(i, each, number) for each in range(len(self.blocks))])
 
     def _nodal(self, index: int, step: int) -> Floats:
         name = f"vals_nod_var{index + 1}"
         where = (name, step) if name in self._file else ("vals_nod_var", step, index)
         return np.asarray(self._file.floats(*where), np.float64)
 
-    def _own(self, name: str, step: int, count: int) -> Floats:
-        """(count,) values on the elements of a block."""
+    def _own(self, index: int, block: int, step: int) -> NodalValues | None:
+        """A variable on the elements of a block, where it has it."""
+        name = f"vals_elem_var{index + 1}eb{self._numbers[block]}"
+        if name not in self._file:
+            return None
         found = np.asarray(self._file.floats(name, step), np.float64)
+        count = len(self.blocks[block])
         if len(found) != count:
             expected = f"values on {count} elements"
             raise FormatError(f"expected {expected}, found {len(found)}", file=self._file.path, place=name)
-        return found
+        return NodalValues(found[:, None, None], None)
 
 
-class _Functions:
-    """The functions of the nodes of a type of elements; of serendipity ones where nodes are missing.
-
-    order  of the least complete space that holds them
-    """
+class _Functions(NodalBasis):
+    """The functions of the nodes of a type of elements; of serendipity ones where nodes are missing."""
 
     def __init__(self, shape: Shape, count: int) -> None:
-        self.shape = shape
-        self.order = 1 if count == len(shape.vertices) else 2
-        self._is_complete = count == space_size(shape, self.order, PyramidSpace.RATIONAL)
-        self._inverse = np.linalg.inv(self._space(nodes_of(shape, count)))
+        order = 1 if count == len(shape.vertices) else 2
+        self._is_complete = count == space_size(shape, order, PyramidSpace.RATIONAL)
+        super().__init__(shape, order, nodes_of(shape, count), PyramidSpace.RATIONAL)
 
-    def at(self, points: Floats) -> Floats:
-        """(n, count) values at points (n, d) of our reference element."""
-        return np.asarray(self._space(points) @ self._inverse)
-
-    def _space(self, points: Floats) -> Floats:
+    def space(self, points: Floats) -> Floats:
         """(n, count) values of a basis."""
         if self._is_complete:
-            return space_values(self.shape, self.order, points, PyramidSpace.RATIONAL)
+            return super().space(points)
         if self.shape is Shape.PYRAMID:
             # Bedrosian, Shape functions and integration formulas for three-dimensional finite element analysis, 1992:
             # all functions but the biquadratic one of the base, which comes last
-            return space_values(self.shape, self.order, points, PyramidSpace.RATIONAL)[:, :-1]
+            return super().space(points)[:, :-1]
         return np.stack([np.prod(points**exponents, axis=1) for exponents in self._exponents()], axis=1)
 
     def _exponents(self) -> list[Ints]:

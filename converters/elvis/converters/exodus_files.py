@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.hdf5 import attribute, holds, opened, rows, text
+from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import leading
@@ -32,9 +33,6 @@ _NAMES = {
     "SHELL": Shape.QUADRILATERAL,
     "TRI": Shape.TRIANGLE,
 }
-
-#: the file's corner at each local vertex; wedges are given as two triangles
-CORNERS = {Shape.PRISM: (0, 2, 5, 3, 1, 4)}
 
 _TRIANGLE = [(0, 1), (1, 2), (2, 0)]
 _SQUARE = [(0, 1), (1, 2), (2, 3), (3, 0)]
@@ -98,7 +96,7 @@ def shape_of(name: str, nodes: int, path: Path) -> Shape | None:
 def nodes_of(shape: Shape, count: int) -> Floats:
     """(count, d) reference coordinates, in ours, of the nodes in the file's order."""
     corners = np.empty_like(shape.vertices)
-    corners[list(CORNERS.get(shape, range(len(corners))))] = shape.vertices
+    corners[UNIT[shape].corners] = shape.vertices
     return np.stack([*corners, *(corners[list(own)].mean(axis=0) for own in _MIDDLES[shape, count])])
 
 

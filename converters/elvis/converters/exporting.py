@@ -22,7 +22,6 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss
-from elvis.plugins.projection.frames import affine_between
 
 #: points of each element at which an export is compared with the data
 _CHECKS = 24
@@ -158,9 +157,3 @@ def _add(loss: Loss, cell: Cell, patch: Patch, part: slice, exact: Floats, found
 
 def _parts(count: int) -> Iterator[slice]:
     return (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
-
-
-def moved(points: Floats, source: Floats, target: Floats) -> Floats:
-    """Points (n, d) moved as the affine map does that takes the vertices ``source`` to ``target``, both (v, d)."""
-    matrix, offset = affine_between(np.asarray(source, np.float64), np.asarray(target, np.float64))
-    return np.asarray(points @ matrix.T + offset)

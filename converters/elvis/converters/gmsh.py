@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,27 +14,20 @@ import numpy as np
 
 from elvis.converters.gmsh_data import MAGIC, Contents, Scheme, Section, beginning, scan
 from elvis.converters.gmsh_mesh import Functions, Group, Mesh, read_mesh
-from elvis.converters.names import components
+from elvis.converters.inputs import STEP, step_number
 from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.errors import FormatError
 from elvis.core.files.plain import leading
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
+from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace
+from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 from elvis.plugins.recognition import found_instead
 
 #: how many bytes tell what a file is, comments at its beginning included
 _HEAD = 1 << 16
 
 
-@dataclass(eq=False)
-class _Values:
-    """Values (n, functions, components) of a section on a block; ``functions`` None where they are constant."""
-
-    functions: Functions | None
-    values: Floats
-
-
-class Gmsh(Converter):
+class Gmsh(NodalConverter):
     """A mesh, with data from the same file or others."""
 
     format = "Gmsh meshes and data (.msh, versions 1, 2.2 and 4)"
@@ -44,9 +36,7 @@ class Gmsh(Converter):
     )
     loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
     needs = ("gmsh",)
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("step", "Which step of a series, counted from 0; the last by default."),
-    )
+    options: ClassVar[tuple[Option, ...]] = (STEP,)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -64,38 +54,24 @@ class Gmsh(Converter):
         return ""
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
-        if step is not None and not step.lstrip("-").isdigit():
-            raise ElvisError(f"expected a number for --step, found {step!r}")
+        number = step_number(step)
         for path in paths:
             if not _starts(path):
                 found = self.hint(path) or found_instead(path)
                 raise FormatError(f"expected {MAGIC.decode()} at the beginning, found {found}", file=path)
         contents = [scan(path) for path in paths]
-        self._mesh = read_mesh(_with_mesh(contents))
-        self._groups = self._mesh.groups
-        self.blocks = [block_of(i, group, self._mesh) for i, group in enumerate(self._groups)]
-        self.boundaries = [Boundary(name, vertices=sides) for name, sides in self._mesh.sides.items()]
-        self.notes = list(self._mesh.notes)
-        self._values: dict[tuple[str, int], _Values] = {}
-        self._known: dict[tuple[int, Shape], Functions] = {}
-        self.fields = []
-        for name, kind, sections in _series([s for each in contents for s in each.sections], step):
+        self.take_mesh(read_mesh(_with_mesh(contents)))
+        for name, kind, sections in _series([s for each in contents for s in each.sections], number):
             self._read(name, kind, sections)
             self.time = sections[0].time if self.time is None else max(self.time, sections[0].time)
 
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """The nodes, combined by the functions of the element."""
-        group = self._groups[block.key]
-        return np.asarray(np.matmul(group.kind.functions.at(points), self._mesh.places[group.nodes[block.rows]]))
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Values combined by the functions of the scheme or of the element."""
-        name, component = field.key
-        own = self._values[name, block.key]
-        values = own.values[block.rows, :, component]
-        if own.functions is None:
-            return np.repeat(values, len(points), axis=1)
-        return np.asarray(values @ own.functions.at(points).T)
+    def take_mesh(self, mesh: Mesh) -> None:
+        """Blocks, boundaries and notes of a mesh."""
+        self._mesh, self._groups = mesh, mesh.groups
+        self._known: dict[tuple[int, Shape], Functions] = {}
+        self.blocks = [_block(group, mesh) for group in mesh.groups]
+        self.boundaries = [Boundary(name, vertices=sides) for name, sides in mesh.sides.items()]
+        self.notes = list(mesh.notes)
 
     def _read(self, name: str, kind: str, sections: Sequence[Section]) -> None:
         """The values of one field at one time, which may be in pieces."""
@@ -105,31 +81,28 @@ class Gmsh(Converter):
         order = np.argsort(tags, kind="stable")
         tags, starts, counts = tags[order], starts[order], counts[order]
         self._check_tags(sections[0], tags)
-        orders: list[int | None] = []
-        for i, group in enumerate(self._groups):
+        found: list[NodalValues | None] = []
+        for group in self._groups:
             wanted = self._mesh.tags[group.nodes] if kind == "NodeData" else group.tags[:, None]
             rows = np.minimum(np.searchsorted(tags, wanted), max(len(tags) - 1, 0))
             if not len(tags) or not np.array_equal(tags[rows], wanted):
-                orders.append(None)
+                found.append(None)
                 continue
-            found = self._on_group(group, sections[0], starts[rows], counts[rows], values)
-            self._values[name, i] = found
-            orders.append(0 if found.functions is None else found.functions.order)
-        for i, label in enumerate(components(name, values.shape[1])):
-            self.fields = [*self.fields, SourceField(label, orders, kind == "NodeData", key=(name, i))]
+            found.append(self._on_group(group, sections[0], starts[rows], counts[rows], values))
+        self.add_field(name, component_names(name, values.shape[1]), found, kind == "NodeData")
 
-    def _on_group(self, group: Group, section: Section, starts: Ints, counts: Ints, values: Floats) -> _Values:
+    def _on_group(self, group: Group, section: Section, starts: Ints, counts: Ints, values: Floats) -> NodalValues:
         """The values on a group, at (elements, nodes or 1) places ``starts`` of the values."""
         if section.kind == "ElementData":
-            return _Values(None, values[starts])
+            return NodalValues(values[starts], None)
         if section.kind == "NodeData":
             functions = self._functions(group, section, group.nodes.shape[1])
-            return _Values(functions, values[starts])
+            return NodalValues(values[starts], functions)
         number = int(counts.max(initial=0))
         if (counts != number).any():
             raise _error(section, "as many values in elements of one type", f"{counts.min()} and {number}")
         functions = self._functions(group, section, number)
-        return _Values(functions, values[starts + np.arange(number)])
+        return NodalValues(values[starts + np.arange(number)], functions)
 
     def _functions(self, group: Group, section: Section, count: int) -> Functions:
         """The functions that so many values on an element of a group belong to."""
@@ -138,7 +111,7 @@ class Gmsh(Converter):
         if scheme is None and count == kind.functions.count:
             return kind.functions
         if scheme is None and count == len(kind.corners):
-            return self._linear(group)
+            return Functions.linear(kind)
         if scheme is None or len(scheme.coefficients) != count:
             wanted = kind.functions.count if scheme is None else len(scheme.coefficients)
             raise _error(section, f"{wanted} values in a {kind.name.lower()}", f"{count}")
@@ -153,22 +126,6 @@ class Gmsh(Converter):
                 raise _error(section, f"a scheme of polynomials for a {shape.label.lower()}", "another")
             self._known[key] = found
         return self._known[key]
-
-    def _linear(self, group: Group) -> Functions:
-        """One function a vertex, in the library's order."""
-        from elvis.plugins.nodal import NodalBasis, native_points
-
-        kind = group.kind
-        nodes = native_points(kind.shape, kind.frame, kind.nodes[: len(kind.corners)])
-        basis = NodalBasis(kind.shape, 1, nodes, PyramidSpace.RATIONAL)
-        found = Functions.fitted(
-            kind.shape,
-            kind.frame,
-            lambda points: basis.at(native_points(kind.shape, kind.frame, points[:, : kind.shape.dimension])),
-            range(1, 2),
-        )
-        assert found is not None
-        return found
 
     def _check_tags(self, section: Section, tags: Ints) -> None:
         """A note where some values belong to nothing in the mesh, as after saving a part; FormatError where most do."""
@@ -196,8 +153,8 @@ def _with_mesh(contents: Sequence[Contents]) -> Contents:
     return found[0]
 
 
-def block_of(number: int, group: Group, mesh: Mesh) -> Elements:
-    """The elements of a group, known by its number."""
+def _block(group: Group, mesh: Mesh) -> Elements:
+    """The elements of a group."""
     kind = group.kind
     return Elements(
         kind.shape,
@@ -208,12 +165,12 @@ def block_of(number: int, group: Group, mesh: Mesh) -> Elements:
         ids=group.tags,
         region=group.region,
         pyramid=PyramidSpace.RATIONAL,
-        key=number,
+        key=NodalBlock(NodalValues(mesh.places, kind.functions, group.nodes)),
     )
 
 
-def _series(sections: Sequence[Section], step: str | None) -> list[tuple[str, str, list[Section]]]:
-    """Of each field the sections of one step: of the last, or of that with a number."""
+def _series(sections: Sequence[Section], step: int) -> list[tuple[str, str, list[Section]]]:
+    """Of each field the sections of one step: of that with a number."""
     found: dict[tuple[str, str], dict[tuple[float, int], list[Section]]] = {}
     for section in sections:
         found.setdefault((section.name, section.kind), {}).setdefault((section.time, section.step), []).append(section)
@@ -222,7 +179,7 @@ def _series(sections: Sequence[Section], step: str | None) -> list[tuple[str, st
     for (name, kind), steps in found.items():
         times = sorted(steps)
         try:
-            own = steps[times[-1 if step is None else int(step)]]
+            own = steps[times[step]]
         except IndexError:
             raise _error(steps[times[0]][0], f"a step {step}", f"{len(times)} steps") from None
         result.append((name if names.count(name) == 1 else f"{name}_{kind}", kind, own))

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Piece, Target, exported, moved
-from elvis.converters.gmsh_mesh import CORNERS
+from elvis.converters.exporting import Cell, Export, Piece, Target, exported
+from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.files.output import replacing
@@ -19,6 +19,7 @@ from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss, require
+from elvis.plugins.nodal import moved, nearest_nodes
 
 _FAMILIES = {
     Shape.SEGMENT: "Line",
@@ -62,9 +63,9 @@ class GmshTarget(Target):
 
     def _frame(self, number: int, shape: Shape) -> tuple[Floats, Floats]:
         """The library's nodes of a type, and those at our vertices."""
-        _, dimension, _, count, local, corners = self.gmsh.model.mesh.getElementProperties(number)
+        _, dimension, _, count, local, _ = self.gmsh.model.mesh.getElementProperties(number)
         nodes = np.asarray(local, np.float64).reshape(count, -1)[:, :dimension]
-        return nodes, nodes[list(CORNERS.get(shape, range(corners)))]
+        return nodes, nodes[UNIT[shape].corners]
 
 
 @contextmanager
@@ -142,7 +143,7 @@ def _tags(piece: Piece) -> Ints:
 def _add(gmsh: Any, entity: int, piece: Piece, mesh: Mesh, first: int) -> int:
     """Add the elements of a piece; the number of the next node."""
     shape, cell = piece.patch.shape, piece.cell
-    corners = _corners(piece)
+    corners = nearest_nodes(cell.nodes, cell.shape.vertices)
     entities = mesh.of(shape)
     order = np.argsort(entities.ids, kind="stable")
     rows = order[np.searchsorted(entities.ids, piece.patch.element_ids, sorter=order)]
@@ -175,12 +176,6 @@ def _present(gmsh: Any, count: int) -> Ints:
     """Numbers of the vertices that the library has already."""
     tags = np.asarray(gmsh.model.mesh.getNodes()[0], np.int64)
     return tags[tags <= count]
-
-
-def _corners(piece: Piece) -> Ints:
-    """The node of the cell at each vertex of its shape."""
-    distances = np.abs(piece.cell.nodes[:, None] - piece.cell.shape.vertices[None]).max(axis=2)
-    return np.asarray(distances.argmin(axis=0), np.int64)
 
 
 def _write_field(file: BinaryIO, name: str, time: float, export: Export, number: int, tags: list[Ints]) -> None:

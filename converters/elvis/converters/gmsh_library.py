@@ -13,7 +13,8 @@ import numpy as np
 
 from elvis.converters.gmsh_binary import check
 from elvis.converters.gmsh_data import MAGIC
-from elvis.converters.gmsh_mesh import CORNERS, HIGHEST, Functions
+from elvis.converters.gmsh_mesh import HIGHEST, Functions
+from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
@@ -173,7 +174,7 @@ class _Reading:
         if shape is None or len(shape.vertices) != corners:
             expected = ", ".join(key.lower() for key in _SHAPES)
             raise FormatError(f"expected elements of the kinds {expected}, found {name}", file=self.path)
-        own = np.array(CORNERS.get(shape, range(corners)), np.int64)
+        own = np.array(UNIT[shape].corners, np.int64)
 
         def evaluate(points: Floats) -> Floats:
             table = self.gmsh.model.mesh.getBasisFunctions(number, points.reshape(-1), "Lagrange")[1]

@@ -18,10 +18,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.nodal import native_points, space_values, tensor_nodes
-
-#: the library's vertex at each of ours
-CORNERS = {Shape.PRISM: (0, 2, 5, 3, 1, 4)}
+from elvis.plugins.nodal import ShapeFunctions, moved, native_points, space_values, tensor_nodes
 
 #: functions that differ by more from a polynomial aren't one
 _ROUNDING, HIGHEST = 1e-8, 15
@@ -76,29 +73,25 @@ class Mesh:
     notes: list[str] = field(default_factory=list)
 
 
-class Functions:
+class Functions(ShapeFunctions):
     """Functions that are combinations of those of a complete space.
 
-    order         of the least complete space that holds them
+    frame         (n_vertices, d) the library's reference coordinates of our vertices
     coefficients  (modes, functions)
     """
 
     def __init__(self, shape: Shape, order: int, frame: Floats, coefficients: Floats) -> None:
         self.shape, self.order, self._frame, self.coefficients = shape, order, frame, coefficients
-        self._last: tuple[Floats, Floats] | None = None
 
     @property
     def count(self) -> int:
         """Number of functions."""
         return int(self.coefficients.shape[1])
 
-    def at(self, points: Floats) -> Floats:
+    def tabulate(self, points: Floats) -> Floats:
         """(n, functions) values at points (n, d) of the library's reference element."""
-        if self._last is None or self._last[0] is not points:
-            own = native_points(self.shape, self._frame, points)
-            table = space_values(self.shape, self.order, own, PyramidSpace.RATIONAL) @ self.coefficients
-            self._last = (points, table)
-        return self._last[1]
+        own = native_points(self.shape, self._frame, points)
+        return np.asarray(space_values(self.shape, self.order, own, PyramidSpace.RATIONAL) @ self.coefficients)
 
     @classmethod
     def fitted(
@@ -109,22 +102,22 @@ class Functions:
             eta = tensor_nodes(_BOXES[shape.dimension], tuple(gauss(order + 2)[0].tolist()))
             own = uncollapse(shape, eta)
             points = np.zeros((len(own), 3))
-            points[:, : shape.dimension] = _from_native(shape, frame, own)
+            points[:, : shape.dimension] = moved(own, shape.vertices, frame)
             table, wanted = space_values(shape, order, own, PyramidSpace.RATIONAL), evaluate(points)
             coefficients = np.asarray(np.linalg.lstsq(table, wanted, rcond=None)[0], np.float64)
             if np.abs(table @ coefficients - wanted).max() <= _ROUNDING * np.abs(wanted).max():
                 return cls(shape, order, frame, coefficients)
         return None
 
+    @classmethod
+    def linear(cls, kind: Kind) -> Functions:
+        """One function for each vertex of a type of elements, in the library's order."""
+        nodes = native_points(kind.shape, kind.frame, kind.nodes[: len(kind.corners)])
+        table = space_values(kind.shape, 1, nodes, PyramidSpace.RATIONAL)
+        return cls(kind.shape, 1, kind.frame, np.linalg.inv(table))
+
 
 _BOXES = {1: Shape.SEGMENT, 2: Shape.QUADRILATERAL, 3: Shape.HEXAHEDRON}
-
-
-def _from_native(shape: Shape, frame: Floats, points: Floats) -> Floats:
-    from elvis.plugins.projection.frames import affine_between
-
-    matrix, offset = affine_between(shape.vertices, frame)
-    return points @ matrix.T + offset
 
 
 def read_mesh(contents: Contents, with_entities: bool = False, suffix: str = ".msh") -> Mesh:

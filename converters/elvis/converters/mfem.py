@@ -17,12 +17,12 @@ import numpy as np
 from elvis.converters.apart import Apart, LibraryError
 from elvis.converters.mfem_files import check_mesh, is_field, is_mesh, named_attributes, rounding, values_after_header
 from elvis.converters.mfem_pieces import Piece, is_stream, pieces
-from elvis.converters.names import components
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.nodal import component_names
 from elvis.plugins.projection.vertices import clusters
 
 #: by dimension and number of vertices
@@ -87,7 +87,7 @@ class Mfem(Converter):
             is_exact = own.is_nodal or (own.is_nurbs and not part.is_rational)
             raised = 0 if is_exact else _RATIONAL if own.is_nurbs else _VECTOR * is_bent
             orders = [int(order[number]) + raised for order in self._orders]
-            for i, component in enumerate(components(name, own.count)):
+            for i, component in enumerate(component_names(name, own.count)):
                 fields.append(SourceField(component, orders, own.is_continuous, is_exact, (number, i)))
         self.fields = fields
 

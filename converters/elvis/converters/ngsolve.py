@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.names import components
 from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, export
 from elvis.converters.ngsolve_files import is_mesh, sampled
 from elvis.converters.unit import UNIT
@@ -24,7 +23,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.archives import Archive, names_in
 from elvis.core.files.plain import leading
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
-from elvis.plugins.nodal import NodalBasis, native_points, space_size
+from elvis.plugins.nodal import NodalBasis, component_names, native_points, space_size
 
 _HIGHEST, _HEAD = 30, 4096
 
@@ -204,7 +203,7 @@ class NGSolve(Converter):
             is_continuous = stated is None or name in np.ravel(stated).tolist()
             own = int(self._orders_of(f"order_{name}")[0]) if f"order_{name}" in self._data else _HIGHEST
             orders = [min(own, order) for order in self._orders]
-            for i, component in enumerate(components(name, count)):
+            for i, component in enumerate(component_names(name, count)):
                 fields.append(SourceField(component, orders, is_continuous, key=(name, i)))
         return fields
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.converters.names import components
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, kind_of, other_kind, read
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
@@ -21,6 +20,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Converter, Elements, Option, SourceField
+from elvis.plugins.nodal import component_names
 
 #: cells whose edges tell where the nodes lie, and the share of an edge that a node may be off
 _ENOUGH, _OFF = 2000, 1e-5
@@ -172,7 +172,7 @@ class Vtk(Converter):
             is_polynomial = not on_points or not any(part is not None and part.is_rational for part in holders)
             result += [
                 SourceField(label, degrees, on_points, is_polynomial, key=(on_points, name, i))
-                for i, label in enumerate(components(f"{name}_cell" if name in taken else name, widths.pop()))
+                for i, label in enumerate(component_names(f"{name}_cell" if name in taken else name, widths.pop()))
             ]
         return result
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Piece, Target, exported, moved
+from elvis.converters.exporting import Cell, Export, Piece, Target, exported
 from elvis.converters.vtk_cells import LAGRANGE, Kind
 from elvis.converters.vtk_cells import Cell as VtkCell
 from elvis.core.arrays import Floats
@@ -17,7 +17,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.output import write_text
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss, require
-from elvis.plugins.nodal import space_size
+from elvis.plugins.nodal import moved, space_size
 
 _TYPES = {shape: number for number, shape in LAGRANGE.items()}
 

@@ -1,15 +1,21 @@
-"""Nodal data: values at nodes of an element, evaluated anywhere.
+"""Nodal data: values at nodes of elements, evaluated anywhere.
 
-For converters whose files hold nodal values: ``values @ NodalBasis(shape, order, nodes).at(points).T``.
+For converters whose files hold nodal values.  Such a converter derives from `NodalConverter`; its constructor makes a
+block of `Elements` with a `NodalBlock` as key, and `add_field` takes in what the nodes carry.  `NodalBasis` are the
+functions of nodes that determine a complete space.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
@@ -17,7 +23,11 @@ from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.projection.frames import affine_between
+
+#: letters of the components of vectors and tensors
+_XYZ = "xyz"
 
 #: interpolation that loses more digits than this is refused
 _WORST_CONDITION = 1e10
@@ -69,7 +79,40 @@ def _bergot(order: int, eta: Floats) -> Floats:
     return np.stack(columns, axis=1)
 
 
-class NodalBasis:
+def order_of_space(
+    shape: Shape, count: int, highest: int, pyramid: PyramidSpace = PyramidSpace.POLYNOMIAL
+) -> int | None:
+    """The order, up to ``highest``, of the complete space of so many functions; None where there is none."""
+    for order in range(highest + 1):
+        if space_size(shape, order, pyramid) == count:
+            return order
+    return None
+
+
+class ShapeFunctions(ABC):
+    """Functions on a reference element, one for each of its nodes.
+
+    order  of the least complete space that holds them
+    """
+
+    order: int
+    _last: tuple[Floats, Floats] | None = None
+
+    def at(self, points: Floats) -> Floats:
+        """(n, n_nodes) values at reference points (n, d), so that ``nodal_values @ at(points).T`` are those there.
+
+        They are kept until other points are asked for.
+        """
+        if self._last is None or self._last[0] is not points:
+            self._last = (points, frozen_floats(self.tabulate(np.asarray(points, np.float64))))
+        return self._last[1]
+
+    @abstractmethod
+    def tabulate(self, points: Floats) -> Floats:
+        """(n, n_nodes) values at reference points (n, d)."""
+
+
+class NodalBasis(ShapeFunctions):
     """The functions of a complete polynomial space that are 1 at one node and 0 at the others.
 
     nodes  (n, d) reference coordinates, as many as the space has functions; ElvisError where they don't determine them
@@ -79,21 +122,127 @@ class NodalBasis:
         self, shape: Shape, order: int, nodes: Floats, pyramid: PyramidSpace = PyramidSpace.POLYNOMIAL
     ) -> None:
         self.shape, self.order, self.pyramid = shape, order, pyramid
-        vandermonde = space_values(shape, order, np.asarray(nodes, np.float64), pyramid)
+        vandermonde = self.space(np.asarray(nodes, np.float64))
         if vandermonde.shape[0] != vandermonde.shape[1]:
             expected = f"{vandermonde.shape[1]} nodes for a {shape.label.lower()} of order {order}"
             raise ElvisError(f"expected {expected}, found {len(vandermonde)}")
         if not np.linalg.cond(vandermonde) < _WORST_CONDITION:
             raise ElvisError(f"expected nodes that determine a {shape.label.lower()} of order {order}")
         self._inverse = frozen_floats(np.linalg.inv(vandermonde))
-        self._last: tuple[Floats, Floats] | None = None
 
-    def at(self, points: Floats) -> Floats:
-        """(n, n_nodes) values at reference points (n, d), so that ``nodal_values @ at(points).T`` are those there."""
-        if self._last is None or self._last[0] is not points:
-            table = space_values(self.shape, self.order, points, self.pyramid) @ self._inverse
-            self._last = (points, frozen_floats(table))
-        return self._last[1]
+    def space(self, points: Floats) -> Floats:
+        """(n, m) values of a basis of the space at reference points (n, d)."""
+        return space_values(self.shape, self.order, points, self.pyramid)
+
+    def tabulate(self, points: Floats) -> Floats:
+        """The basis of the space, combined to be 1 at one node and 0 at the others."""
+        return np.asarray(self.space(points) @ self._inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class NodalValues:
+    """Values of c components at the nodes of m elements.
+
+    values     (n, c) at nodes that elements share; or (m, k, c) where each has its own, (m, 1, c) where it is constant
+    functions  of the k nodes; None where values are constant on each element
+    nodes      (m, k) rows of shared values; None where each element has its own
+    weights    (n,) of shared nodes whose functions are rational; None elsewhere
+    """
+
+    values: Floats
+    functions: ShapeFunctions | None
+    nodes: Ints | None = None
+    weights: Floats | None = None
+
+    @property
+    def order(self) -> int:
+        """Degree of the functions, 0 for constants."""
+        return 0 if self.functions is None else self.functions.order
+
+    def component(self, number: int, rows: slice | Ints, points: Floats) -> Floats:
+        """(r, n) values of a component at reference points (n, d) of elements ``rows``."""
+        own = self._of(self.values[..., number], rows)
+        if self.functions is None:
+            return np.repeat(own, len(points), axis=1)
+        table = self.functions.at(points).T
+        if self.weights is None:
+            return np.asarray(own @ table)
+        weights = self._of(self.weights, rows)
+        return np.asarray((own * weights) @ table / (weights @ table))
+
+    def at(self, rows: slice | Ints, points: Floats) -> Floats:
+        """(r, n, c) values at reference points (n, d) of elements ``rows``."""
+        components = [self.component(i, rows, points) for i in range(self.values.shape[-1])]
+        return np.stack(components, axis=2)
+
+    def _of(self, values: Floats, rows: slice | Ints) -> Floats:
+        """(r, k) those of elements ``rows``."""
+        chosen = rows if self.nodes is None else self.nodes[rows]
+        return np.asarray(values[chosen], np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class NodalBlock:
+    """What a `NodalConverter` knows of a block of elements: the places of their nodes, and fields by name."""
+
+    geometry: NodalValues
+    fields: dict[Any, NodalValues] = field(default_factory=dict)
+
+
+class NodalConverter(Converter):
+    """A converter whose blocks have a `NodalBlock` as key, and whose fields were taken in by `add_field`."""
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """The places of the nodes, combined by their functions."""
+        return self.nodal(block).geometry.at(block.rows, points)
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """The values at the nodes, combined by their functions."""
+        name, component = field.key
+        return self.nodal(block).fields[name].component(component, block.rows, points)
+
+    @staticmethod
+    def nodal(block: Elements) -> NodalBlock:
+        """The nodal data of a block."""
+        found: NodalBlock = block.key
+        return found
+
+    def add_field(
+        self,
+        key: Any,
+        labels: Sequence[str],
+        values: Sequence[NodalValues | None],
+        is_continuous: bool = False,
+        is_polynomial: bool = True,
+        orders: Sequence[int | None] | None = None,
+    ) -> None:
+        """A field for each of the components that ``labels`` name.
+
+        key     by which the values are known, one of its own for each call
+        values  on each block, None where it lacks them
+        orders  on each block, where they are not those of the values
+        """
+        for block, own in zip(self.blocks, values, strict=True):
+            if own is not None:
+                self.nodal(block).fields[key] = own
+        if orders is None:
+            orders = [None if own is None else own.order for own in values]
+        added = [
+            SourceField(label, orders, is_continuous, is_polynomial, key=(key, i)) for i, label in enumerate(labels)
+        ]
+        self.fields = [*self.fields, *added]
+
+
+def component_names(name: str, count: int) -> list[str]:
+    """Names of the components of an array: letters for vectors and tensors, numbers for anything else."""
+    if count == 1:
+        return [name]
+    if count in (2, 3):
+        return [f"{name}_{axis}" for axis in _XYZ[:count]]
+    if count in (4, 9):
+        axes = _XYZ[: 2 if count == 4 else 3]
+        return [f"{name}_{a}{b}" for a in axes for b in axes]
+    return [f"{name}_{i}" for i in range(count)]
 
 
 @lru_cache(maxsize=64)
@@ -103,12 +252,21 @@ def tensor_nodes(shape: Shape, nodes: tuple[float, ...]) -> Floats:
     return frozen_floats(np.stack([axis.reshape(-1) for axis in axes[::-1]], axis=1))
 
 
+def nearest_nodes(nodes: Floats, places: Floats) -> Ints:
+    """(m,) the node, of those at reference points (n, d), that is nearest to each of the points (m, d)."""
+    distance = np.abs(nodes - places[:, None]).max(axis=2)
+    return np.asarray(distance.argmin(axis=1), np.int64)
+
+
+def moved(points: Floats, source: Floats, target: Floats) -> Floats:
+    """Points (n, d) moved as the affine map does that takes the vertices ``source`` to ``target``, both (v, d)."""
+    matrix, offset = affine_between(np.asarray(source, np.float64), np.asarray(target, np.float64))
+    return np.asarray(np.asarray(points, np.float64) @ matrix.T + offset)
+
+
 def native_points(shape: Shape, frame: Floats, points: Floats) -> Floats:
     """Reference points (n, d) of a source in the coordinates of ``shape``.
 
     frame  (n_vertices, d) the source's reference coordinates of the vertices, in the local order of ``shape``
     """
-    from elvis.plugins.projection.frames import affine_between
-
-    matrix, offset = affine_between(np.asarray(frame, np.float64), shape.vertices)
-    return np.asarray(points, np.float64) @ matrix.T + offset
+    return moved(points, frame, shape.vertices)

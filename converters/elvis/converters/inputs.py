@@ -1,0 +1,49 @@
+"""What converters share about the files that they are given: how many, which is which, which step, which rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from elvis.core.arrays import Ints
+from elvis.core.errors import ElvisError, FormatError
+from elvis.plugins.conversion import Option
+
+#: the option of converters of series
+STEP = Option("step", "Which step of a series, counted from 0; the last by default.")
+
+
+def step_number(step: str | None, may_be_negative: bool = True) -> int:
+    """The step that `STEP` names, -1 for the last; ElvisError where it is no number."""
+    if step is None:
+        return -1
+    digits = step.lstrip("-") if may_be_negative else step
+    if not digits.isdigit():
+        raise ElvisError(f"expected a number for --step, found {step!r}")
+    return int(step)
+
+
+def single(paths: Sequence[Path]) -> Path:
+    """The only file; FormatError where there are several."""
+    if len(paths) != 1:
+        raise FormatError(f"expected one file, found {len(paths)}", file=paths[0])
+    return Path(paths[0])
+
+
+def check_roles(meshes: int, others: int, what: str = "solution") -> None:
+    """FormatError unless there are one mesh and at most one other file, which holds ``what``."""
+    if meshes != 1 or others > 1:
+        raise FormatError(f"expected one mesh and at most one {what}, found {meshes} and {others}")
+
+
+def check_rows(
+    rows: Ints, count: int, what: str, first: int = 0, file: str | Path | None = None, place: str | None = None
+) -> None:
+    """FormatError unless all of ``rows``, which count from 0, are those of a table of ``count``.
+
+    what   the table holds
+    first  of its numbers in the file
+    """
+    if rows.size and not 0 <= rows.min() <= rows.max() < count:
+        found = f"{rows.min() + first} to {rows.max() + first}"
+        raise FormatError(f"expected {what} {first} to {count - 1 + first}, found {found}", file=file, place=place)
