@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces import Faces
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.passes.faces.pieces import THIN, Edges, Pieces, pieces_of
+from elvis.renderer.passes.faces.pieces import Edges, Pieces, pieces_of
 from elvis.renderer.passes.faces.sides import Sides
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.scene.conditioning import misplaced
@@ -23,6 +24,8 @@ from elvis.scene.view import View
 
 #: part of the scene's size within which two hits are at one place
 _TIE = 1e-11
+#: pixels near edges that are looked at together
+_AT_ONCE = 1 << 20
 _TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
 #: what is known of a pixel: kind of number, and how many
 _IMAGE = {
@@ -237,24 +240,29 @@ def _binned(
 
 def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:
     """What lies on an edge before all else is seen or not: such pixels are ambiguous."""
-    # steps of one pixel along the longer direction of each edge
+    # steps of one pixel along the longer direction of each edge, within the picture
     steep = np.abs(edges.ends[1, :, 1] - edges.ends[0, :, 1]) > np.abs(edges.ends[1, :, 0] - edges.ends[0, :, 0])
     (x0, y0), (x1, y1) = np.moveaxis(np.where(steep[:, None], edges.ends[..., ::-1], edges.ends), -1, 1)
-    first, last = np.ceil(np.minimum(x0, x1) - THIN), np.floor(np.maximum(x0, x1) + THIN)
-    counts = np.maximum(last - first + 1, 0).astype(np.int64)
-    edge = np.repeat(np.arange(len(counts)), counts)
-    x = first[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    first, last = np.ceil(np.minimum(x0, x1) - edges.reach), np.floor(np.maximum(x0, x1) + edges.reach)
+    end = np.where(steep, view.height, view.width) - 1
+    edge, x = _runs(first.clip(0, None), np.minimum(last, end))
 
-    # centres of pixels that the edge goes through
+    # there all pixels whose centres are near it
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
-    y = y0[edge] + slope[edge] * (x - x0[edge])
-    column, row = np.where(steep[edge], np.rint([y, x]), np.rint([x, y])).astype(np.int64)
-    held = (
-        (np.abs(y - np.rint(y)) <= 4 * THIN) & (column >= 0) & (column < view.width) & (row >= 0) & (row < view.height)
-    )
-    pixel, edge = (row * view.width + column)[held], edge[held]
-    if not len(pixel):
-        return
-    near, far = edges.depth[:, edge]
-    before = (near <= layer.depth[pixel]) & (far >= after[pixel]) & (layer.status[pixel] != Status.FAILED)
-    layer.status[pixel[before]] = Status.AMBIGUOUS
+    y, end = y0[edge] + slope[edge] * (x - x0[edge]), np.where(steep, view.width, view.height)[edge] - 1
+    first, last = np.ceil(y - edges.reach[edge]).clip(0, None), np.minimum(np.floor(y + edges.reach[edge]), end)
+    for some in chunks(len(edge), max(1, _AT_ONCE // max(view.width, view.height))):
+        step, across = _runs(first[some], last[some])
+        along, own = x[some][step], edge[some][step]
+        column, row = np.where(steep[own], [across, along], [along, across]).astype(np.int64)
+        pixel = row * view.width + column
+        near, far = edges.depth[:, own]
+        before = (near <= layer.depth[pixel]) & (far >= after[pixel]) & (layer.status[pixel] != Status.FAILED)
+        layer.status[pixel[before]] = Status.AMBIGUOUS
+
+
+def _runs(first: Floats, last: Floats) -> tuple[Ints, Floats]:
+    """All whole numbers from first to last (n,), ends included: (m,) which of the ranges, and (m,) the number."""
+    counts = np.maximum(last - first + 1, 0).astype(np.int64)
+    which = np.repeat(np.arange(len(counts)), counts)
+    return which, first[which] + np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)

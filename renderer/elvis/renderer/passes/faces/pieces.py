@@ -19,7 +19,7 @@ from elvis.scene.view import View
 
 #: greatest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
 TAME = 0.25
-#: pixels below which a piece counts as a point, or as a line where it is that thin
+#: pixels below which a piece counts as a point, or as a line where it is that thin, unless rounding leaves more open
 THIN = 1e-6
 #: how often a face is halved at most
 _LEVELS = 96
@@ -53,10 +53,12 @@ class Edges:
 
     ends   (2, n, 2)  in pixels
     depth  (2, n)     least and greatest
+    reach  (n,)       pixels within which a ray may meet the piece though it seems to pass the line between the ends
     """
 
     ends: Floats
     depth: Floats
+    reach: Floats
 
 
 def pieces_of(
@@ -68,21 +70,25 @@ def pieces_of(
     """
     forward = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
     rows = np.concatenate([view.to_pixel, forward[None], [[0.0, 0.0, 0.0, 1.0]]])
+    rounding = _rounding(nets, view)
     found = [_Batch.of(space, np.arange(0), np.empty((5, space.count, 0)))]
     for some in chunks(len(nets), _CHUNK):
         number = np.arange(len(nets))[some]
-        for batch in _divided(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view):
+        for batch in _divided(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view, rounding):
             found.append(batch)
             pulse()
     face, place, screen, pixels, line, spread = (
         np.concatenate(parts, axis=-1) for parts in zip(*map(_Batch.parts, found), strict=True)
     )
     depth = screen[3] / screen[4]
-    noise = _rounding(nets, view) * spread[~line]
+    noise = rounding * spread[~line]
     bounds, near = pixels[..., ~line].transpose(0, 2, 1), depth.min(axis=0)
     pieces = Pieces(face[~line], np.moveaxis(place[..., ~line], -1, 0), bounds, near[~line], noise)
-    ends = _ends(screen[:2, :, line] / screen[2][:, line])[0]
-    return pieces, Edges(ends.transpose(0, 2, 1), np.stack([near[line], depth[:, line].max(axis=0)]))
+
+    weight, between = screen[2][:, line], np.stack([near[line], depth[:, line].max(axis=0)])
+    slack = _slack(weight, rounding, view)
+    ends, width = _ends(screen[:2, :, line] / weight, slack)
+    return pieces, Edges(ends.transpose(0, 2, 1), between, width + 3.0 * slack)
 
 
 @dataclass(eq=False)
@@ -127,15 +133,26 @@ def _rounding(nets: Floats, view: View) -> float:
     return float(16 * np.finfo(float).eps * (max(across, down) + max(view.width, view.height) * weight))
 
 
-def _divided(space: FaceSpace, batch: _Batch, view: View) -> Iterator[_Batch]:
+def _slack(weight: Floats, rounding: float, view: View) -> Floats:
+    """(n,) pixels below which rounding leaves no shape to pieces in front of the eye, that have weights (count, n).
+
+    So a piece that rounding may move onto a pixel's centre is kept, and no piece is halved into noise.
+    """
+    with np.errstate(divide="ignore", over="ignore"):
+        own = rounding / weight.min(axis=0, initial=np.inf)
+    return np.asarray(own.clip(THIN, 2.0 * (view.width + view.height)))
+
+
+def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Iterator[_Batch]:
     """Pieces that are tame, and those that are points or lines.
 
     What is neither is halved where it looks longest, unless it covers no centre.
+    rounding  see _rounding
     """
     stack = [(0, batch)]
     while stack:
         level, batch = stack.pop()
-        batch, front = _seen(batch, view)
+        batch, front = _seen(batch, view, rounding)
         tame, way, batch.spread = _examined(space, batch, front, view)
         done = front & (tame | batch.line | (level == _LEVELS))
         batch.line |= ~tame
@@ -161,46 +178,49 @@ def _halved(space: FaceSpace, way: Ints, batch: _Batch) -> _Batch:
     return halves
 
 
-def _seen(batch: _Batch, view: View) -> tuple[_Batch, Bools]:
+def _seen(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
     """The pieces that may cover the centre of a pixel, and (n,) whether they are in front of the eye.
 
     Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.
     """
     (x, y, w, depth), size = batch.screen[:4], np.array([view.width - 1.0, view.height - 1.0])
     seen = np.isfinite(batch.screen).all(axis=(0, 1)) & (depth.max(axis=0) > 0.0)
+    beside = np.maximum(THIN * w, rounding)
     for side, far in zip((x, y), size, strict=True):
-        seen &= ((side + THIN * w).max(axis=0) > 0.0) & (((far + THIN) * w - side).max(axis=0) > 0.0)
+        seen &= ((side + beside).max(axis=0) > 0.0) & ((far * w + beside - side).max(axis=0) > 0.0)
     batch = batch.some(np.flatnonzero(seen))
     front = batch.screen[2].min(axis=0) > 0.0
-    flat = batch.screen[:2].compress(front, axis=-1) / batch.screen[2].compress(front, axis=-1)
-    batch.pixels[..., front] = pixels = _pixels(flat, view)
-    ends, width = _ends(flat)
+    weight = batch.screen[2].compress(front, axis=-1)
+    flat, slack = batch.screen[:2].compress(front, axis=-1) / weight, _slack(weight, rounding, view)
+    batch.pixels[..., front] = pixels = _pixels(flat, slack, view)
+    ends, width = _ends(flat, slack)
     batch.line[:] = False
-    batch.line[front] = width < THIN
+    batch.line[front] = width < slack
     kept = ~front
-    kept[front] = (pixels[1] >= pixels[0]).all(axis=0) & _may_hold(flat, ends, width)
+    kept[front] = (pixels[1] >= pixels[0]).all(axis=0) & _may_hold(flat, ends, width, slack)
     return batch.some(np.flatnonzero(kept)), front[kept]
 
 
-def _may_hold(points: Floats, ends: Floats, width: Floats) -> Bools:
+def _may_hold(points: Floats, ends: Floats, width: Floats, slack: Floats) -> Bools:
     """(n,) whether hulls (2, count, n) may hold the centre of a pixel: thin ones hold few, however long they are.
 
     ends, width  see _ends
+    slack        (n,) pixels within which the hulls are known
     """
     steep = np.abs(ends[1] - ends[0])[1] > np.abs(ends[1] - ends[0])[0]
     turned = np.where(steep, points[1], points[0])
     (x0, x1), (y0, y1) = np.where(steep, ends[:, 1], ends[:, 0]), np.where(steep, ends[:, 0], ends[:, 1])
 
     # the columns that they reach over, rows where they are steep
-    first, last = np.ceil(turned.min(axis=0) - THIN), np.floor(turned.max(axis=0) + THIN)
+    first, last = np.ceil(turned.min(axis=0) - slack), np.floor(turned.max(axis=0) + slack)
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
     x = first + np.arange(_COLUMNS)[:, None]
     y = y0 + slope * (x - x0)
-    held = (np.abs(y - np.rint(y)) <= 1.5 * width + 2 * THIN) & (x <= last)
+    held = (np.abs(y - np.rint(y)) <= 1.5 * width + 2 * slack) & (x <= last)
     return np.asarray(held.any(axis=0) | (last - first >= _COLUMNS))
 
 
-def _pixels(points: Floats, view: View) -> Ints:
+def _pixels(points: Floats, slack: Floats, view: View) -> Ints:
     """(2, 4, n) least and greatest x, y, x + y and x - y of the pixels of the view that hulls (2, count, n) may cover.
 
     None where the least ones exceed the greatest.
@@ -209,19 +229,22 @@ def _pixels(points: Floats, view: View) -> Ints:
     every = (x, y, x + y, x - y)
     least = np.stack([side.min(axis=0) for side in every]).clip(-reach, reach)
     most = np.stack([side.max(axis=0) for side in every]).clip(-reach, reach)
-    least, most = np.ceil(least - THIN), np.floor(most + THIN)
+    least, most = np.ceil(least - slack), np.floor(most + slack)
     least[:2] = least[:2].clip(0.0, None)
     most[:2] = most[:2].clip(None, [[view.width - 1.0], [view.height - 1.0]])
     return np.stack([least, most]).astype(np.int64)
 
 
-def _ends(points: Floats) -> tuple[Floats, Floats]:
-    """(2, 2, n) two points of each hull (2, count, n) far apart, and (n,) how far others lie from the line between."""
+def _ends(points: Floats, slack: Floats) -> tuple[Floats, Floats]:
+    """(2, 2, n) two points of each hull (2, count, n) far apart, and (n,) how far others lie from the line between.
+
+    slack  (n,) hulls no longer than this are points
+    """
     x, y = points - points[:, :1]
     number, every = (x * x + y * y).argmax(axis=0), np.arange(points.shape[2])
     far_x, far_y = x[number, every], y[number, every]
     length, across = np.hypot(far_x, far_y), np.abs(x * far_y - y * far_x).max(axis=0)
-    width = np.divide(across, length, out=np.zeros_like(across), where=length > THIN)
+    width = np.divide(across, length, out=np.zeros_like(across), where=length > slack)
     return np.stack([points[:, 0], points[:, number, every]]), width
 
 
