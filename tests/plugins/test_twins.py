@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.inverse import Status as Inversion
 from elvis.core.mapping.margins import drawn_in
 from elvis.core.quantities import Expression
 from elvis.core.shapes import Shape
@@ -18,8 +19,8 @@ from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.twins import Twin, expressed, slopes_of, twins_of
 from elvis.plugins.volume import Part, Shown
+from elvis.reference.locating import Locator
 from elvis.reference.picture import render as judge
-from elvis.reference.scenes.twins import TwinLocator
 from elvis.reference.twins import TwinPatch
 from elvis.renderer import (
     CutSurface,
@@ -111,11 +112,28 @@ def test_the_reference_finds_points_of_every_shape(shape):
     inner = drawn_in(shape, scattered(shape, 60), -0.02)
     places = twin.evaluated(np.zeros(60, int), inner)[0]
     far = places + np.array([0.0, 5.0, 0.0])
-    found = TwinLocator([TwinPatch(twin)]).locate(np.concatenate([places, far]))
+    found = Locator([TwinPatch(twin)]).locate(np.concatenate([places, far]))
     assert np.array_equal(found.status, np.repeat([1, 0], 60))
     assert np.abs(found.reference[:60] - inner).max() < 1e-12
-    every = TwinLocator([TwinPatch(twin), TwinPatch(twin)]).locate(places, all=True)
+    every = Locator([TwinPatch(twin), TwinPatch(twin)]).locate(places, all=True)
     assert np.array_equal(every.point, np.repeat(np.arange(60), 2))
+
+
+def test_points_within_rounding_of_a_border_are_inside_however_far_the_element_is():
+    """A twisted hexahedron at 2^20, where numbers are 2.3e-10 apart: more than the tolerance of margins."""
+
+    def evaluate(elements, points):
+        x, y, z = points.T
+        return np.column_stack([2.0**20 + x + 0.25 * y * z, y, z]), x
+
+    boxes = np.array([[2.0**20 - 4, -4, -4, 2.0**20 + 4, 4, 4]], np.float32)
+    part = Part("none", "Twisted", np.arange(1), boxes, {}, shape=Shape.HEXAHEDRON, evaluate=evaluate)
+    border = np.column_stack([np.ones(50), scattered(Shape.QUADRILATERAL, 50)])
+    places = evaluate(None, border)[0]
+    beside, off = (places + np.array([count * 2.0**-32, 0.0, 0.0]) for count in (1, 200))
+    locator = Locator([TwinPatch(Twin(part, Shape.HEXAHEDRON))])
+    assert (locator.locate(np.concatenate([places, beside])).status == Inversion.INSIDE).all()
+    assert (locator.locate(off).status == Inversion.OUTSIDE).all()
 
 
 @pytest.fixture(scope="module")

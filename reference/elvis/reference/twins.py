@@ -22,8 +22,8 @@ _LEVEL, _REACH = 2, 1.5
 _STARTS, _STEPS, _SLACK = 4, 20, 0.05
 #: distance of the points of rough derivatives; steps so short that they only lead along the border
 _NEAR, _STUCK = 1e-4, 1e-3
-#: residual of a root, in parts of the greatest coordinate
-_RESIDUAL = 4e-15
+#: residual of a root, in parts of the greatest coordinate; how far rounding of coordinates may move margins at most
+_RESIDUAL, _MOST = 4e-15, 0.25
 #: modes that stand for functions of which no degree is known
 _MODES = 9
 
@@ -77,7 +77,7 @@ class TwinPatch(Patch):
             due = (status != Status.INSIDE) & (away[np.arange(len(rows)), cell] <= _REACH)
             here = np.flatnonzero(due)
             found, root = self._newton(rows[here], self.cells[cell[here]].mean(axis=1), points[here])
-            margin = margins(self.shape, found)
+            margin = margins(self.shape, found) + self._blur(rows[here], found)
             inside = root & (margin >= -TOLERANCE)
             reference[here[inside]], status[here[inside]] = found[inside], Status.INSIDE
             if number == 0:
@@ -109,6 +109,17 @@ class TwinPatch(Patch):
             if not len(active):
                 break
         return found, root
+
+    def _blur(self, rows: Ints, points: Floats) -> Floats:
+        """(n,) how much rounding of coordinates may move margins at reference points (n, d).
+
+        As a margin changes by at most half the sum of the changes of the reference coordinates.
+        """
+        magnitudes = np.abs(self.twin.part.boxes[rows]).max(axis=1, initial=0.0).astype(np.float64)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            lengths = np.linalg.norm(duals(self._rough(rows, points)), axis=1).sum(axis=1)
+            blur = 0.5 * _RESIDUAL * magnitudes * lengths
+        return np.asarray(np.where(np.isfinite(blur), np.minimum(blur, _MOST), 0.0))
 
     def _rough(self, rows: Ints, points: Floats) -> Floats:
         """(n, 3, d) derivatives of the map by central differences: near enough for steps."""
