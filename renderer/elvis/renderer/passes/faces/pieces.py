@@ -140,7 +140,12 @@ def _slack(weight: Floats, rounding: float, view: View) -> Floats:
     """
     with np.errstate(divide="ignore", over="ignore"):
         own = rounding / weight.min(axis=0, initial=np.inf)
-    return np.asarray(own.clip(THIN, 2.0 * (view.width + view.height)))
+    return np.asarray(own.clip(THIN, _reach(view)))
+
+
+def _reach(view: View) -> float:
+    """Pixels beyond which all is as far away, and more than from one side of the picture to another."""
+    return 2.0 * (view.width + view.height)
 
 
 def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Iterator[_Batch]:
@@ -189,6 +194,11 @@ def _seen(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
     for side, far in zip((x, y), size, strict=True):
         seen &= ((side + beside).max(axis=0) > 0.0) & ((far * w + beside - side).max(axis=0) > 0.0)
     batch = batch.some(np.flatnonzero(seen))
+
+    # what rounding can't tell from the eye itself may be anywhere: a point in the middle, of the weight that says so
+    least = rounding / _reach(view)
+    at_eye = batch.screen[2].max(axis=0) <= least
+    batch.screen[:3, :, at_eye] = least * np.append(0.5 * size, 1.0)[:, None, None]
     front = batch.screen[2].min(axis=0) > 0.0
     weight = batch.screen[2].compress(front, axis=-1)
     flat, slack = batch.screen[:2].compress(front, axis=-1) / weight, _slack(weight, rounding, view)
@@ -225,7 +235,7 @@ def _pixels(points: Floats, slack: Floats, view: View) -> Ints:
 
     None where the least ones exceed the greatest.
     """
-    reach, (x, y) = 2.0 * (view.width + view.height), points
+    reach, (x, y) = _reach(view), points
     every = (x, y, x + y, x - y)
     least = np.stack([side.min(axis=0) for side in every]).clip(-reach, reach)
     most = np.stack([side.max(axis=0) for side in every]).clip(-reach, reach)
