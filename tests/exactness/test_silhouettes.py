@@ -95,7 +95,7 @@ def test_an_eye_that_looks_along_a_face_far_away_leaves_all_pixels_ambiguous(gal
     """What is as near to the eye as rounding may be anywhere in the picture; it is not halved without end."""
     data = World("a cube", grid(Shape.HEXAHEDRON, 1), shift=(2.0**20, 0.0, 0.0)).dataset({"u": X}, 4)
     eye = np.array([2.0**20, 0.5, 0.5])
-    camera = Camera(tuple(eye), tuple(eye + [0.0, 0.5, 0.25]), (0.0, 0.0, 1.0), fov=40.0)
+    camera = Camera(tuple(eye), (eye[0], 1.0, 0.75), (0.0, 0.0, 1.0), fov=40.0)
     frame = gallery.frame(data, Scene(field="u", camera=camera, size=(61, 9), objects=(Faces(),)))
     assert (frame.status == Status.AMBIGUOUS).all()
 
