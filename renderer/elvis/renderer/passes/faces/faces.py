@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces import Faces
 from elvis.renderer.device import Buffer, Kernel
@@ -192,6 +193,8 @@ class FaceDrawer:
         record["face"] = sum(map(len, self.faces.blocks[:number])) + rows
         record["least"], record["most"], record["near"] = *pieces.bounds, pieces.near
         record["noise"] = pieces.noise
+        # a margin changes by no more than the coordinates of the face
+        record["brink"] = TOLERANCE + 2.0 * pieces.noise * np.abs(pieces.place[:, 1:]).sum(axis=1).max(axis=1)
         record["origin"], record["along"], record["across"] = pieces.place.transpose(1, 0, 2)
         frames = block.frames[block.local[rows]]
         own = pieces.place @ frames[:, 1:]
