@@ -8,19 +8,30 @@ a constant value.  The state names its mesh, which is sought beside it.  Layout:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.converters.hdf5 import attribute, attributes, floats, holds, ints, number, opened, require, text, texts
-from elvis.converters.subcells import SubCells
+from elvis.converters.inputs import check_roles, check_rows
+from elvis.converters.unit import UNIT, lattice
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
-from elvis.plugins.nodal import NodalBasis
+from elvis.plugins.conversion import Boundary, Elements, PyramidSpace
+from elvis.plugins.nodal import (
+    NodalBasis,
+    NodalBlock,
+    NodalConverter,
+    NodalValues,
+    native_points,
+    nearest_nodes,
+    tensor_nodes,
+)
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -28,8 +39,7 @@ if TYPE_CHECKING:
 #: last digit of an element's type: its number of corners
 _SHAPES = {4: Shape.TETRAHEDRON, 5: Shape.PYRAMID, 6: Shape.PRISM, 8: Shape.HEXAHEDRON}
 
-#: the file's corner at each local vertex, and the file's side at each local side; prisms are given as two triangles
-_CORNERS = {6: (0, 2, 5, 3, 1, 4)}
+#: our local side for each of the file's, by number of corners
 _SIDES = {6: (4, 2, 0, 1, 3)}
 
 #: of orders; of columns of ElemInfo
@@ -38,7 +48,7 @@ _HIGHEST, _COLUMNS = 30, 6
 _NODES = {"GAUSS": gauss, "GAUSS-LOBATTO": lobatto}
 
 
-class Hopr(Converter):
+class Hopr(NodalConverter):
     """A mesh, with the state that goes with it."""
 
     format = "HOPR mesh and FLEXI/GALAEXI state (HDF5)"
@@ -63,22 +73,6 @@ class Hopr(Converter):
             with opened(state) as file:
                 self._read_state(file)
 
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """Interpolation through the evenly spaced nodes."""
-        if isinstance(block.key, SubCells):
-            return block.key.positions(block.rows, points, self._geometry[block.shape], self._nodes[block.shape])
-        rows = block.rows if block.key is None else block.key[block.rows]
-        table = self._geometry[block.shape].at(points)
-        return np.asarray(np.einsum("eni,pn->epi", self._nodes[block.shape][rows], table))
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Interpolation through the nodes of the state; the mean of a sub-cell."""
-        values = self._values[field.key]
-        if isinstance(block.key, SubCells):
-            return np.repeat(block.key.values(block.rows, values)[:, None], len(points), axis=1)
-        rows = block.rows if block.key is None else block.key[block.rows]
-        return np.asarray(values[rows] @ self._basis.at(points).T)
-
     def _read_mesh(self, file: h5py.File) -> None:
         order = int(number(file, "Ngeo"))
         if not 1 <= order <= _HIGHEST:
@@ -87,23 +81,24 @@ class Hopr(Converter):
         coordinates = floats(file, "NodeCoords", len(ids), 3)
         if info.shape[1] < _COLUMNS:
             raise FormatError(f"expected {_COLUMNS} numbers an element, found {info.shape[1]}", place="ElemInfo")
-        self._info, self._geometry, self._nodes = info, {}, {}
+        self._info = info
         self.blocks = []
         for corners in np.unique(info[:, 0] % 10).tolist():
             if corners not in _SHAPES:
                 raise FormatError(f"expected elements of 4, 5, 6 or 8 corners, found {corners}", file=file.filename)
-            rows = np.flatnonzero(info[:, 0] % 10 == corners)
-            lattice, vertices = _lattice(corners, order)
-            nodes = info[rows, 4:5] + np.arange(len(lattice))
-            if (info[rows, 5] - info[rows, 4] != len(lattice)).any():
-                expected = f"{len(lattice)} nodes for each element of {corners} corners"
+            shape, rows = _SHAPES[corners], np.flatnonzero(info[:, 0] % 10 == corners)
+            places = lattice(shape, order)
+            nodes = info[rows, 4:5] + np.arange(len(places))
+            if (info[rows, 5] - info[rows, 4] != len(places)).any():
+                expected = f"{len(places)} nodes for each element of {corners} corners"
                 raise FormatError(f"expected {expected}, found another number", file=file.filename, place="ElemInfo")
-            _check_rows(nodes, len(ids), "nodes", "ElemInfo")
-            shape, space = _SHAPES[corners], PyramidSpace.RATIONAL
-            self._geometry[shape] = NodalBasis(shape, order, _own(corners, lattice, order), space)
-            self._nodes[shape] = coordinates[nodes]
-            own = ids[nodes[:, vertices]]
-            self.blocks.append(Elements(shape, len(rows), order, own, ids=rows, pyramid=space))
+            check_rows(nodes, len(ids), "nodes", place="ElemInfo")
+            local = nearest_nodes(places, order * UNIT[shape].frame)
+            vertices = ids[nodes[:, local]]
+            space = PyramidSpace.RATIONAL
+            basis = NodalBasis(shape, order, native_points(shape, UNIT[shape].frame, places / order), space)
+            own = NodalBlock(NodalValues(coordinates, basis, nodes))
+            self.blocks.append(Elements(shape, len(rows), order, vertices, ids=rows, pyramid=space, key=own))
         self.boundaries = self._boundaries(file)
 
     def _boundaries(self, file: h5py.File) -> list[Boundary]:
@@ -118,7 +113,7 @@ class Hopr(Converter):
                 corners = len(block.shape.vertices)
                 first, count = self._info[block.ids, 2], len(block.shape.faces)
                 numbers = first[:, None] + np.arange(count)
-                _check_rows(numbers, len(sides), "sides", "ElemInfo")
+                check_rows(numbers, len(sides), "sides", place="ElemInfo")
                 rows, local = np.nonzero(sides[numbers, 4] == condition)
                 order = np.array(_SIDES.get(corners, range(count)))
                 found.append((index, rows, order[local]))
@@ -142,43 +137,100 @@ class Hopr(Converter):
         if values.shape[1] not in (1, count) or values.shape[2] != count or not 1 <= count <= _HIGHEST + 1:
             expected = f"as many nodes each way, up to {_HIGHEST + 1}"
             raise FormatError(f"expected {expected}, found an array of shape {values.shape}", place="DG_Solution")
-        line = _NODES[kind](count)[0]
-        self._basis = NodalBasis(Shape.HEXAHEDRON, count - 1, _tensor(line))
+        nodes = tensor_nodes(Shape.HEXAHEDRON, tuple(_NODES[kind](count)[0].tolist()))
+        basis = NodalBasis(Shape.HEXAHEDRON, count - 1, nodes)
         filled = np.asarray(values, np.float64)
         if values.shape[1] == 1 < count:  # two-dimensional: constant along the third direction
             filled = np.repeat(filled, count, axis=1)
-        flat = np.moveaxis(filled, 4, 0).reshape(len(names), len(filled), -1)
-        self._values = dict(zip(names, flat, strict=True))
-        self._part_subcells(file, count)
-        orders = [0 if isinstance(block.key, SubCells) else count - 1 for block in self.blocks]
-        self.fields = [SourceField(name, orders, key=name) for name in names]
+        own = filled.reshape(len(filled), -1, len(names))
+        marks = self._marks(file)
+        if marks.any():
+            self._part_subcells(file, count, marks)
+            means = own[marks].reshape(-1, 1, len(names))
+            self.add_field("solution", names, [NodalValues(own[~marks], basis), NodalValues(means, None)])
+        else:
+            self.add_field("solution", names, [NodalValues(own, basis)])
         self.time = number(file, "Time")
         self.metadata = {key: text(attribute(file, key)) for key in ("Program", "Project_Name") if key in file.attrs}
 
-    def _part_subcells(self, file: h5py.File, count: int) -> None:
-        """Elements that hold ``count`` sub-cells each way make a block of these."""
+    def _marks(self, file: h5py.File) -> NDArray[np.bool_]:
+        """(n,) whether elements hold sub-cells."""
+        none = np.zeros(len(self._info), bool)
         names = [text(name) for name in attributes(file, "VarNamesAdd")] if "VarNamesAdd" in file.attrs else []
         if "FV_Elems" not in names or "ElemData" not in file:
-            return
+            return none
         data, column = require(file, "ElemData"), names.index("FV_Elems")
         if data.ndim != 2 or data.shape[0] != len(self._info) or data.shape[1] <= column:
             expected = f"({len(self._info)}, {len(names)}) numbers"
             raise FormatError(f"expected {expected}, found {data.shape}", file=file.filename, place="ElemData")
-        marks = np.asarray(data[:, column], np.float64) > 0.5
-        if not marks.any():
-            return
-        (block,), cells = self.blocks, SubCells(np.flatnonzero(marks), _widths(file, count))
+        return np.asarray(data[:, column], np.float64) > 0.5
+
+    def _part_subcells(self, file: h5py.File, count: int, marks: NDArray[np.bool_]) -> None:
+        """Elements that hold ``count`` sub-cells each way make a block of these."""
+        (block,) = self.blocks
         rows = np.flatnonzero(~marks)
-        assert block.vertices is not None
-        whole = Elements(block.shape, len(rows), block.order, block.vertices[rows], ids=rows, key=rows)
+        geometry = self.nodal(block).geometry
+        assert geometry.nodes is not None
+        places = replace(geometry, nodes=geometry.nodes[rows])
+        whole = replace(block.take(rows), key=NodalBlock(places), rows=slice(None))
+        cells = SubCells(**vars(geometry), elements=np.flatnonzero(marks), widths=_widths(file, count))
         total = len(cells.elements) * count**3
-        parts = Elements(block.shape, total, block.order, ids=len(marks) + np.arange(total), key=cells)
+        ids = len(marks) + np.arange(total)
+        parts = Elements(block.shape, total, block.order, ids=ids, key=NodalBlock(cells))
         self.blocks, self.is_conforming = [whole, parts], False
         self.boundaries = [cells.parted(boundary, rows) for boundary in self.boundaries]
         self.notes = [
             f"{len(cells.elements)} elements hold finite-volume sub-cells: "
             f"each became {count**3} elements, with the mean of each as a constant"
         ]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SubCells(NodalValues):
+    """Places in boxes of some hexahedra, all of one element together, the first direction fastest.
+
+    elements  (k,) rows of the hexahedra
+    widths    (n,) of the boxes along each direction; their sum is 2
+    """
+
+    elements: Ints
+    widths: Floats
+
+    @property
+    def count(self) -> int:
+        """Number of boxes each way."""
+        return len(self.widths)
+
+    def at(self, rows: slice | Ints, points: Floats) -> Floats:
+        """(r, n, 3) where points (n, 3) of boxes ``rows`` lie, by the map of the hexahedra."""
+        chosen = np.arange(len(self.elements) * self.count**3)[rows]
+        own, box = np.divmod(chosen, self.count**3)
+        ends = np.concatenate([[-1.0], np.cumsum(self.widths) - 1])
+        result = np.empty((len(own), len(points), 3))
+        for each in np.unique(box).tolist():
+            here = np.flatnonzero(box == each)
+            place = np.array([each, each // self.count, each // self.count**2]) % self.count
+            inside = ends[place] + self.widths[place] * (1 + points) / 2
+            result[here] = super().at(self.elements[own[here]], inside)
+        return result
+
+    def parted(self, boundary: Boundary, others: Ints) -> Boundary:
+        """A boundary of one block of hexahedra, with its sides on ``others`` and on boxes as blocks 0 and 1."""
+        ((_, rows, faces),) = boundary.sides
+        is_other = np.isin(rows, others)
+        place = np.searchsorted(others, rows[is_other])
+        own, sides = np.searchsorted(self.elements, rows[~is_other]), faces[~is_other]
+        grid = np.arange(self.count**3)
+        found: list[tuple[Ints, Ints]] = [(np.empty(0, np.int64), np.empty(0, np.int64))]
+        for face, local in enumerate(Shape.HEXAHEDRON.faces):
+            corners = Shape.HEXAHEDRON.vertices[list(local)]
+            axis = int(np.flatnonzero(np.ptp(corners, axis=0) == 0)[0])
+            last = 0 if corners[0, axis] < 0 else self.count - 1
+            outer = np.flatnonzero(grid // self.count**axis % self.count == last)
+            boxes = (own[sides == face][:, None] * self.count**3 + outer).reshape(-1)
+            found.append((boxes, np.full(len(boxes), face)))
+        boxes, local_faces = (np.concatenate(each) for each in zip(*found, strict=True))
+        return Boundary(boundary.name, sides=[(0, place, faces[is_other]), (1, boxes, local_faces)])
 
 
 def _widths(file: h5py.File, count: int) -> Floats:
@@ -213,9 +265,8 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     """The mesh, and the state where there is one; the mesh that a state names is sought beside it."""
     meshes = [path for path in paths if holds(path, "ElemInfo", "NodeCoords")]
     states = [path for path in paths if path not in meshes]
-    if len(meshes) > 1 or len(states) > 1:
-        raise FormatError(f"expected one mesh and at most one state, found {len(meshes)} and {len(states)}")
-    if meshes:
+    if meshes or len(states) > 1:
+        check_roles(len(meshes), len(states), "state")
         return meshes[0], states[0] if states else None
     with opened(states[0]) as file:
         name = text(attribute(file, "MeshFile"))
@@ -223,35 +274,3 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     if not mesh.is_file():
         raise FormatError(f"expected its mesh {name} beside it, found none; give the mesh file too", file=states[0])
     return mesh, states[0]
-
-
-def _check_rows(rows: Ints, count: int, what: str, place: str) -> None:
-    """FormatError unless all rows are those of a table of ``count``."""
-    if rows.size and not 0 <= rows.min() <= rows.max() < count:
-        raise FormatError(f"expected {what} 0 to {count - 1}, found {rows.min()} to {rows.max()}", place=place)
-
-
-def _lattice(corners: int, order: int) -> tuple[Ints, Ints]:
-    """(n, 3) indices of the nodes of an element in the file's order, and the node at each local vertex of ours."""
-    k, j, i = np.indices((order + 1,) * 3).reshape(3, -1)
-    inside = {4: i + j + k <= order, 5: (i + k <= order) & (j + k <= order), 6: i + j <= order, 8: i >= 0}[corners]
-    lattice = np.stack([i, j, k], axis=1)[inside]
-    ends = {
-        4: [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
-        5: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)],
-        6: [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
-        8: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
-    }[corners]
-    places = [int(np.flatnonzero((lattice == order * np.array(end)).all(axis=1))[0]) for end in ends]
-    return lattice, np.array(places)[list(_CORNERS.get(corners, range(corners)))]
-
-
-def _own(corners: int, lattice: Ints, order: int) -> Floats:
-    """(n, 3) reference coordinates, in ours, of the nodes of a lattice; the triangle of a prism lies in (z, x)."""
-    points = 2.0 * lattice / order - 1.0
-    return points[:, [1, 2, 0]] if corners == 6 else points
-
-
-def _tensor(line: Floats) -> Floats:
-    z, y, x = np.meshgrid(line, line, line, indexing="ij")
-    return np.stack([axis.reshape(-1) for axis in (x, y, z)], axis=1)

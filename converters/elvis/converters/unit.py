@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from elvis.core.arrays import Floats, frozen_floats
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.shapes import Shape
+
+#: how many of the first axes of a shape are those of a triangle or tetrahedron
+SIMPLEX_AXES = {Shape.TRIANGLE: 2, Shape.TETRAHEDRON: 3, Shape.PRISM: 2}
 
 _SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
 _BASE = tuple((*corner, 0) for corner in _SQUARE)
@@ -41,3 +46,12 @@ UNIT = {
     Shape.PRISM: _unit(((0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0), (1, 0, 1)), (0, 2, 5, 3, 1, 4)),
     Shape.HEXAHEDRON: _unit((*_BASE, *((*corner, 1) for corner in _SQUARE))),
 }
+
+
+def lattice(shape: Shape, order: int) -> Ints:
+    """(n, d) coordinates, times the order, of the evenly spaced nodes of a unit element; the first is the fastest."""
+    grid = np.indices((order + 1,) * shape.dimension).reshape(shape.dimension, -1)[::-1].T
+    if shape is Shape.PYRAMID:
+        return grid[grid[:, :2].max(axis=1) + grid[:, 2] <= order]
+    axes = SIMPLEX_AXES.get(shape, 0)
+    return grid[grid[:, :axes].sum(axis=1) <= order]

@@ -178,7 +178,7 @@ class NodalValues:
     def _of(self, values: Floats, rows: slice | Ints) -> Floats:
         """(r, k) those of elements ``rows``."""
         chosen = rows if self.nodes is None else self.nodes[rows]
-        return np.asarray(values[chosen], np.float64)
+        return np.ascontiguousarray(values[chosen], np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +252,7 @@ def tensor_nodes(shape: Shape, nodes: tuple[float, ...]) -> Floats:
     return frozen_floats(np.stack([axis.reshape(-1) for axis in axes[::-1]], axis=1))
 
 
-def nearest_nodes(nodes: Floats, places: Floats) -> Ints:
+def nearest_nodes(nodes: Floats | Ints, places: Floats) -> Ints:
     """(m,) the node, of those at reference points (n, d), that is nearest to each of the points (m, d)."""
     distance = np.abs(nodes - places[:, None]).max(axis=2)
     return np.asarray(distance.argmin(axis=1), np.int64)
