@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import configparser
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +17,22 @@ import numpy as np
 
 from elvis.converters import pyfr_old
 from elvis.converters.hdf5 import floats, holds, ints, opened, require, texts
+from elvis.converters.inputs import check_roles, check_rows
 from elvis.converters.pyfr_old import Values
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.hdf5_checks import check_attribute
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, PyramidSpace, SourceField
-from elvis.plugins.nodal import NodalBasis, native_points, space_size
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, Option, PyramidSpace, SourceField
+from elvis.plugins.nodal import (
+    NodalBasis,
+    NodalBlock,
+    NodalConverter,
+    NodalValues,
+    native_points,
+    nearest_nodes,
+    order_of_space,
+)
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -44,11 +54,11 @@ _KINDS: dict[str, tuple[Shape, tuple[tuple[int, ...], ...], tuple[int, ...]]] = 
     "tet": (Shape.TETRAHEDRON, ((-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)), (0, 1, 3, 2)),
 }
 
-#: orders that derived quantities get above the solution's, for they are not polynomials
-_DERIVED = 2
+#: orders that derived quantities get above the solution's, for they are not polynomials; the highest of a solution
+_DERIVED, _HIGHEST = 2, 30
 
 
-class PyFR(Converter):
+class PyFR(NodalConverter):
     """A mesh, with the solution that goes with it."""
 
     format = "PyFR mesh and solution (.pyfrm, .pyfrs)"
@@ -66,9 +76,7 @@ class PyFR(Converter):
 
     def __init__(self, paths: Sequence[Path], primitive: bool = False, subset: bool = False) -> None:
         mesh, solution = _roles(paths)
-        self._bases: dict[tuple[str, str], NodalBasis] = {}
-        self._values: dict[str, Floats] = {}
-        self._nodes: dict[str, Ints] = {}
+        self._kinds: list[str] = []
         self.blocks: list[Elements] = []
         with opened(mesh) as file:
             (self._read_old_mesh if _is_old(mesh) else self._read_mesh)(file)
@@ -79,76 +87,63 @@ class PyFR(Converter):
         elif primitive or subset:
             raise ElvisError("expected a solution for the options --primitive and --subset, found none")
 
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """Interpolation through the shape points."""
-        table = self._bases[block.key, "nodes"].at(points)
-        return np.asarray(np.einsum("eni,pn->epi", self._places[self._nodes[block.key][block.rows]], table))
-
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
         """Interpolation through the solution points; derived quantities from what is interpolated."""
-        table = self._bases[block.key, "values"].at(points)
-        own = self._values[block.key][block.rows]
-        if isinstance(field.key, int):
-            return np.asarray(own[:, field.key] @ table.T)
-        conserved = {name: own[:, i] @ table.T for i, name in enumerate(self._names)}
+        if not isinstance(field.key, str):
+            return super().sample(block, field, points)
+        own = self.nodal(block).fields["solution"]
+        conserved = {name: own.component(i, block.rows, points) for i, name in enumerate(self._names)}
         return _derived(field.name, conserved, self._gamma)
 
     def _read_mesh(self, file: h5py.File) -> None:
         nodes = require(file, "nodes")
-        self._places = np.asarray(nodes["location"], np.float64)
-        if self._places.ndim != 2 or self._places.shape[1] not in (2, 3):
-            raise FormatError(f"expected places, found numbers of shape {self._places.shape}", place="nodes")
+        places = np.asarray(nodes["location"], np.float64)
+        if places.ndim != 2 or places.shape[1] not in (2, 3):
+            raise FormatError(f"expected places, found numbers of shape {places.shape}", place="nodes")
         self.precision = SINGLE if nodes.dtype["location"].base == np.float32 else DOUBLE
         links: dict[str, Ints] = {}
         for kind in sorted(file["eles"]):
             data = require(file, f"eles/{kind}")
             numbers = np.asarray(data["nodes"], np.int64)
-            if numbers.size and not 0 <= numbers.min() <= numbers.max() < len(self._places):
-                found = f"{numbers.min()} to {numbers.max()}"
-                raise FormatError(f"expected nodes 0 to {len(self._places) - 1}, found {found}", file=file.filename)
-            self._add(file, kind, partial(_points, data), numbers, is_shared=True)
+            check_rows(numbers, len(places), "nodes", file=file.filename)
+            self._add(file, kind, partial(_points, data), places, numbers)
             links[kind] = np.asarray(data["faces"]["cidx"], np.int64)
         self.boundaries = self._boundaries(texts(file, "codec"), links)
 
     def _read_old_mesh(self, file: h5py.File) -> None:
-        first, places = 0, []
         for kind, nodes in pyfr_old.arrays(file, "spt").items():
-            points, count = nodes.shape[:2]
-            numbers = first + np.arange(count * points).reshape(count, points)
-            lattice = partial(pyfr_old.shape_points, kind, points, file.filename)
-            self._add(file, kind, lattice, numbers, is_shared=False)
-            places.append(nodes.transpose(1, 0, 2).reshape(-1, nodes.shape[2]))
-            first += len(places[-1])
-        if len({own.shape[1] for own in places}) != 1:
+            points_of = partial(pyfr_old.shape_points, kind, len(nodes), file.filename)
+            self._add(file, kind, points_of, nodes.transpose(1, 0, 2))
+        if len({self.nodal(block).geometry.values.shape[2] for block in self.blocks}) != 1:
             raise FormatError("expected elements of one dimension, found others or none", file=file.filename)
-        self._places = np.concatenate(places)
         self.boundaries = [Boundary(name, sides=self._sides(own)) for name, own in pyfr_old.sides(file).items()]
 
-    def _add(self, file: h5py.File, kind: str, points_of: Callable[[], Floats], numbers: Ints, is_shared: bool) -> None:
-        """A block of elements of a kind with nodes ``numbers`` (n, k) at points of theirs.
-
-        is_shared  whether elements share nodes
-        """
+    def _add(
+        self, file: h5py.File, kind: str, points_of: Callable[[], Floats], places: Floats, nodes: Ints | None = None
+    ) -> None:
+        """A block of elements of a kind: places (m, d) of nodes (n, k) that they share, else places (n, k, d)."""
         if kind not in _KINDS:
             raise FormatError(f"expected elements {', '.join(_KINDS)}, found {kind}", file=file.filename)
         shape, frame, _ = _KINDS[kind]
         points = native_points(shape, np.array(frame, float), points_of())
         order = _order(shape, len(points), file.filename)
-        if numbers.ndim != 2 or numbers.shape[1] != len(points):
-            raise FormatError(f"expected {len(points)} nodes an element, found {numbers.shape[1:]}", place=kind)
-        corners = [int(np.abs(points - v).max(axis=1).argmin()) for v in shape.vertices]
-        self._bases[kind, "nodes"], self._nodes[kind] = NodalBasis(shape, order, points), numbers
-        vertices = numbers[:, corners] if is_shared else None
+        own = places if nodes is None else nodes
+        if own.ndim < 2 or own.shape[1] != len(points) or (nodes is not None and own.ndim > 2):
+            raise FormatError(f"expected {len(points)} nodes an element, found {own.shape[1:]}", place=kind)
+        vertices = None if nodes is None else nodes[:, nearest_nodes(points, shape.vertices)]
+        block = NodalBlock(NodalValues(places, NodalBasis(shape, order, points), nodes))
         space = PyramidSpace.POLYNOMIAL
-        self.blocks.append(Elements(shape, len(numbers), order, vertices, pyramid=space, key=kind))
+        self.blocks.append(Elements(shape, len(own), order, vertices, pyramid=space, key=block))
+        self._kinds.append(kind)
 
     def _sides(self, pairs: Mapping[str, Ints]) -> list[tuple[int, Ints, Ints]]:
         """Sides (n, 2) by kind, an element's row and a face of the file's, as our blocks have them."""
-        return [
-            (i, pairs[block.key][:, 0], np.array(_KINDS[block.key][2])[pairs[block.key][:, 1]])
-            for i, block in enumerate(self.blocks)
-            if block.key in pairs
-        ]
+        found = []
+        for i, kind in enumerate(self._kinds):
+            if kind in pairs:
+                rows, faces = pairs[kind].T
+                found.append((i, rows, np.array(_KINDS[kind][2])[faces]))
+        return found
 
     def _boundaries(self, codec: Sequence[str], links: dict[str, Ints]) -> list[Boundary]:
         """Faces by what the codec says that they are connected to."""
@@ -164,32 +159,30 @@ class PyFR(Converter):
         prefix = stats.get("data", "prefix", fallback="soln")
         self._names = [name.strip() for name in stats.get("data", "fields", fallback="").split(",")]
         found = pyfr_old.values(file, prefix, config) if "mesh_uuid" in file else _values(file, prefix)
-        missing = 0
-        orders: list[int | None] = []
-        for index, block in enumerate(self.blocks):
-            if block.key in found:
-                orders.append(self._take(file, found[block.key], index))
-            else:
-                orders.append(None)
+        total = sum(map(len, self.blocks))
+        values: list[NodalValues | None] = []
+        for index, kind in enumerate(self._kinds):
+            values.append(self._take(file, found[kind], index) if kind in found else None)
+            if kind not in found:
                 self._keep(index, np.empty(0, np.int64))
-            missing += len(block) - len(self.blocks[index])
+        missing = total - sum(map(len, self.blocks))
         if missing and not subset:
-            total = missing + sum(map(len, self.blocks))
             expected = f"values on all {total} elements of the mesh"
             raise FormatError(f"expected {expected}, found none on {missing}; see --subset", file=file.filename)
-        self.fields = [SourceField(name, orders, key=i) for i, name in enumerate(self._names)]
+        self.add_field("solution", self._names, values)
         if primitive:
+            orders = [None if own is None else own.order for own in values]
             self._gamma = config.getfloat("constants", "gamma", fallback=1.4)
-            self.fields += _primitive(self._names, orders, file.filename)
+            self.fields = [*self.fields, *_primitive(self._names, orders, file.filename)]
         time = stats.get("solver-time-integrator", "tcurr", fallback=None)
         self.time = None if time is None else float(time)
         self.metadata = {"Program": _text(file, "creator") if "creator" in file else "PyFR"}
         self.notes = [f"{missing} elements without a solution were left out"] if missing else []
 
-    def _take(self, file: h5py.File, found: Values, index: int) -> int:
-        """Take in the values on a block; the order of the solution there."""
+    def _take(self, file: h5py.File, found: Values, index: int) -> NodalValues:
+        """The values on a block, which loses the elements that have none."""
         block = self.blocks[index]
-        shape, frame, _ = _KINDS[block.key]
+        shape, frame, _ = _KINDS[self._kinds[index]]
         points = native_points(shape, np.array(frame, float), found.points)
         rows = np.arange(len(block)) if found.rows is None else found.rows
         wanted = (len(rows), len(self._names), len(points))
@@ -199,19 +192,20 @@ class PyFR(Converter):
         if found.rows is not None:
             self._keep(index, rows)
         order = _order(shape, len(points), file.filename)
-        self._bases[block.key, "values"], self._values[block.key] = NodalBasis(shape, order, points), found.values
-        return order
+        return NodalValues(np.moveaxis(found.values, 1, 2), NodalBasis(shape, order, points))
 
     def _keep(self, index: int, rows: Ints) -> None:
         """Only the elements ``rows`` of a block."""
         block = self.blocks[index]
-        self._nodes[block.key] = self._nodes[block.key][rows]
-        vertices = None if block.vertices is None else block.vertices[rows]
-        kept = Elements(block.shape, len(rows), block.order, vertices, pyramid=block.pyramid, key=block.key)
+        geometry = self.nodal(block).geometry
+        if geometry.nodes is None:
+            kept = replace(geometry, values=geometry.values[rows])
+        else:
+            kept = replace(geometry, nodes=geometry.nodes[rows])
         place = np.full(len(block), -1)
         place[rows] = np.arange(len(rows))
         self.boundaries = [_restricted(boundary, index, place) for boundary in self.boundaries]
-        self.blocks[index] = kept
+        self.blocks[index] = replace(block.take(rows), key=NodalBlock(kept), rows=slice(None))
 
 
 def _points(data: h5py.Dataset) -> Floats:
@@ -272,8 +266,7 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
         if not meshes:
             raise FormatError("expected its mesh (.pyfrm) beside it, found none; give the mesh too", file=solutions[0])
         meshes = meshes[:1]
-    if len(meshes) != 1 or len(solutions) > 1:
-        raise FormatError(f"expected one mesh and at most one solution, found {len(meshes)} and {len(solutions)}")
+    check_roles(len(meshes), len(solutions))
     return meshes[0], solutions[0] if solutions else None
 
 
@@ -310,12 +303,10 @@ def _ini(file: h5py.File, name: str) -> configparser.ConfigParser:
 
 def _order(shape: Shape, count: int, file: str) -> int:
     """The order of a complete space of so many functions."""
-    for order in range(1, 31):
-        if space_size(shape, order) == count:
-            return order
-    if count == 1:
-        return 0
-    raise FormatError(f"expected the points of a {shape.label.lower()} of some order, found {count}", file=file)
+    order = order_of_space(shape, count, _HIGHEST)
+    if order is None:
+        raise FormatError(f"expected the points of a {shape.label.lower()} of some order, found {count}", file=file)
+    return order
 
 
 def _primitive(names: Sequence[str], orders: Sequence[int | None], file: str) -> list[SourceField]:

@@ -17,20 +17,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elvis.converters.hdf5 import require, text
+from elvis.converters.unit import lattice
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.quadrature import gauss, lobatto
+from elvis.core.shapes import Shape
+from elvis.plugins.nodal import tensor_nodes
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
 _LINES = {"gauss-legendre": gauss, "gauss-legendre-lobatto": lobatto}
 
-#: kinds that are products of lines, with their dimension
-_PRODUCTS = {"quad": 2, "hex": 3}
+#: kinds that are products of lines
+_PRODUCTS = ("quad", "hex")
 
-#: faces of each kind
-_FACES = {"tri": 3, "quad": 4, "tet": 4, "pyr": 5, "pri": 5, "hex": 6}
+#: our shape of each kind
+_SHAPES = {
+    "tri": Shape.TRIANGLE,
+    "quad": Shape.QUADRILATERAL,
+    "tet": Shape.TETRAHEDRON,
+    "pyr": Shape.PYRAMID,
+    "pri": Shape.PRISM,
+    "hex": Shape.HEXAHEDRON,
+}
 
 _HIGHEST = 15
 
@@ -101,10 +111,15 @@ def sides(file: h5py.File) -> dict[str, dict[str, Ints]]:
             assert match is not None
             kind, row, face = text(entry[0]), int(entry[1]), int(entry[2])
             number = firsts.get((kind, int(match[2])), -1)
-            if number < 0 or not 0 <= row < counts[kind] - number or not 0 <= face < _FACES[kind]:
+            if number < 0 or not 0 <= row < counts[kind] - number or not 0 <= face < _face_count(kind):
                 raise FormatError(f"expected a side of an element, found {entry}", file=file.filename, place=name)
             found.setdefault(match[1], {}).setdefault(kind, []).append((number + row, face))
     return {name: {kind: np.array(own, np.int64) for kind, own in of.items()} for name, of in found.items()}
+
+
+def _face_count(kind: str) -> int:
+    shape = _SHAPES[kind]
+    return len(shape.faces if shape.dimension == 3 else shape.edges)
 
 
 def _partition(name: str) -> tuple[int, str]:
@@ -123,29 +138,22 @@ def shape_points(kind: str, count: int, file: str) -> Floats:
 
 def _lattice(kind: str, order: int) -> Floats:
     """Evenly spaced points of an order; in pyramids every layer has a square of its own."""
-    if kind in ("quad", "hex", "pri"):
-        dimension = _PRODUCTS.get(kind, 3)
-        grid = np.indices((order + 1,) * dimension).reshape(dimension, -1)[::-1].T
-        grid = grid[grid[:, 0] + grid[:, 1] <= order] if kind == "pri" else grid
-        return np.asarray(2 * grid / order - 1)
-    if kind == "pyr":
-        layers = []
-        for low in range(order + 1):
-            line = (np.arange(low, 2 * order - low + 1, 2) / order) - 1
-            y, x = np.meshgrid(line, line, indexing="ij")
-            layers.append(np.stack([x, y, np.full_like(x, 2 * low / order - 1)], axis=2).reshape(-1, 3))
-        return np.concatenate(layers)
-    dimension = 2 if kind == "tri" else 3
-    grid = np.indices((order + 1,) * dimension).reshape(dimension, -1)[::-1].T
-    return np.asarray(2 * grid[grid.sum(axis=1) <= order] / order - 1)
+    if kind != "pyr":
+        return np.asarray(2 * lattice(_SHAPES[kind], order) / order - 1)
+    layers = []
+    for low in range(order + 1):
+        line = (np.arange(low, 2 * order - low + 1, 2) / order) - 1
+        square = tensor_nodes(Shape.QUADRILATERAL, tuple(line.tolist()))
+        layers.append(np.column_stack([square, np.full(len(square), 2 * low / order - 1)]))
+    return np.concatenate(layers)
 
 
 def solution_points(kind: str, rule: str, count: int, file: str) -> Floats:
     """(count, d) the points of a rule, in PyFR's coordinates and order; ElvisError where its table isn't there."""
     if kind in _PRODUCTS and rule in _LINES:
-        line = _LINES[rule](max(round(count ** (1 / _PRODUCTS[kind])), 1))[0]
-        axes = np.meshgrid(*(line,) * _PRODUCTS[kind], indexing="ij")
-        points = np.stack([axis.reshape(-1) for axis in axes[::-1]], axis=1)
+        shape = _SHAPES[kind]
+        along = max(round(count ** (1 / shape.dimension)), 1)
+        points = tensor_nodes(shape, tuple(_LINES[rule](along)[0].tolist()))
     else:
         points = _tabulated(kind, rule, count)
     if len(points) != count:
@@ -165,5 +173,4 @@ def _tabulated(kind: str, rule: str, count: int) -> Floats:
     known = [path for path in folder.glob("*.txt") if re.match(rf"{re.escape(rule)}-n{count}-", path.name)]
     if not known:
         raise ElvisError(f"the package pyfr has no table of {count} solution points {rule} in a {kind}")
-    dimension = 2 if kind in ("tri", "quad") else 3
-    return np.loadtxt(sorted(known)[0], ndmin=2)[:, :dimension]
+    return np.loadtxt(sorted(known)[0], ndmin=2)[:, : _SHAPES[kind].dimension]
