@@ -6,21 +6,22 @@ nodes are control points instead.  Layout: libMeshb, documentation of version 7.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from elvis.converters.gmf_files import ELEMENTS, GmfFile, Section, is_gmf, section_name, solution_name, type_sizes
 from elvis.converters.gmf_nodes import Bernstein, guessed, is_lattice, unit_points
 from elvis.converters.gmf_nodes import lattice as all_nodes
-from elvis.converters.unit import UNIT
-from elvis.core.arrays import Floats, Ints
+from elvis.converters.inputs import check_roles, check_rows
+from elvis.converters.unit import UNIT, unit_basis
+from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, PyramidSpace, SourceField
-from elvis.plugins.nodal import NodalBasis, native_points
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace
+from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions, nearest_nodes
 
 _SHAPES = {
     "Triangles": Shape.TRIANGLE,
@@ -42,12 +43,7 @@ _SYMMETRIC = {2: ("xx", "xy", "yy"), 3: ("xx", "xy", "yy", "xz", "yz", "zz")}
 _POSITION_ROUNDING, _HIGHEST_DEGREE = 1e-5, 30
 
 
-class _Functions(Protocol):
-    def at(self, points: Floats) -> Floats:
-        """(n, m) values at reference points."""
-
-
-class Gmf(Converter):
+class Gmf(NodalConverter):
     """A mesh, with the solution that goes with it."""
 
     format = "GMF mesh and solution (.mesh, .meshb, .sol, .solb)"
@@ -64,8 +60,7 @@ class Gmf(Converter):
         self._mesh, self.notes, self.blocks = mesh, [], []
         vertices = mesh.sections["Vertices"]
         self._places = vertices.reals
-        self._functions: dict[str, _Functions] = {}
-        self._nodes: dict[str, Ints] = {}
+        self._parts: list[tuple[str, Ints]] = []
         self.precision = SINGLE if mesh.real_size == 4 else DOUBLE
         dimension = 3 if _sections(mesh, 3) else 2
         parts = _sections(mesh, dimension)
@@ -75,38 +70,19 @@ class Gmf(Converter):
         if not self.blocks:
             raise FormatError("expected elements, found none", file=mesh.path)
         self.boundaries = self._borders(dimension - 1)
-        self.fields = []
-        self._values: dict[tuple[str, str], tuple[Floats, _Functions]] = {}
         if solution is not None:
             self._read_solution(solution)
-
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """The sum of the places of nodes with their functions."""
-        name, rows = block.key
-        places = self._places[self._nodes[name][rows[block.rows]]]
-        return np.asarray(np.einsum("enc,pn->epc", places, self._functions[name].at(points)))
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """The sum of the values at nodes with their functions."""
-        name, rows = block.key
-        section, component = field.key
-        values, functions = self._values[section, name]
-        own = values[self._nodes[name][rows[block.rows]]] if section == "SolAtVertices" else values[rows[block.rows]]
-        return np.asarray(own[:, :, component] @ functions.at(points).T)
 
     def _read_elements(self, kind: str, order: int, name: str) -> None:
         """One block for every reference that elements of a kind and order have."""
         shape, path = _SHAPES[kind], self._mesh.path
         table = self._mesh.sections[name].integers
         nodes, references = table[:, :-1] - 1, table[:, -1]
-        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self._places):
-            found, last = f"{nodes.min() + 1} to {nodes.max() + 1}", len(self._places)
-            raise FormatError(f"expected vertices 1 to {last}, found {found}", file=path, place=name)
+        check_rows(nodes, len(self._places), "vertices", 1, path, name)
         entries = self._entries(kind, order, name, nodes)
         is_bezier = bool(self._mesh.value("BezierBasis"))
-        self._functions[name] = _functions(shape, order, entries, is_bezier, path, name)
-        points, self._nodes[name] = unit_points(shape, entries), nodes
-        corners = [int(np.abs(points - order * own).max(axis=1).argmin()) for own in UNIT[shape].frame]
+        functions = _functions(shape, order, entries, is_bezier, path, name)
+        corners = nearest_nodes(unit_points(shape, entries), order * UNIT[shape].frame)
         start, blocks = sum(map(len, self.blocks)), list(self.blocks)
         for reference in np.unique(references).tolist():
             rows = np.flatnonzero(references == reference)
@@ -118,9 +94,10 @@ class Gmf(Converter):
                 ids=start + rows,
                 region=f"ref{reference}" if self._has_regions else "",
                 pyramid=PyramidSpace.RATIONAL,
-                key=(name, rows),
+                key=NodalBlock(NodalValues(self._places, functions, nodes[rows])),
             )
             blocks.append(block)
+            self._parts.append((name, rows))
         self.blocks = blocks
 
     def _entries(self, kind: str, order: int, name: str, nodes: Ints) -> Ints:
@@ -162,59 +139,58 @@ class Gmf(Converter):
         groups = {"SolAtVertices": self._at_vertices, "SolAt": self._constant, "HOSolAt": self._high_order}
         counts: dict[str, int] = {}
         for group, read in groups.items():
-            types, orders = read(file)
+            types, values = read(file)
             if types:
-                self._name_fields(group, types, orders, counts)
+                self._name_fields(group, types, values, counts)
         if not self.fields:
             raise FormatError("expected a solution on the elements of the mesh, found none", file=file.path)
 
-    def _name_fields(self, group: str, types: Sequence[int], orders: list[int | None], counts: dict[str, int]) -> None:
+    def _name_fields(
+        self, group: str, types: Sequence[int], values: Sequence[NodalValues | None], counts: dict[str, int]
+    ) -> None:
         """Fields by their type, numbered where there are several; the format has no names for them."""
-        dimension, at, fields = self._mesh.dimension, 0, list(self.fields)
+        labels = []
         for kind in types:
             counts[_TYPES[kind]] = number = counts.get(_TYPES[kind], 0) + 1
             name = _TYPES[kind] + (str(number) if number > 1 else "")
-            for suffix in _suffixes(kind, dimension):
-                is_continuous = group == "SolAtVertices"
-                fields.append(SourceField(f"{name}{suffix}", orders, is_continuous, key=(group, at)))
-                at += 1
-        self.fields = fields
+            labels += [f"{name}{suffix}" for suffix in _suffixes(kind, self._mesh.dimension)]
+        self.add_field(group, labels, values, is_continuous=group == "SolAtVertices")
 
-    def _at_vertices(self, file: GmfFile) -> tuple[tuple[int, ...], list[int | None]]:
+    def _at_vertices(self, file: GmfFile) -> tuple[tuple[int, ...], list[NodalValues | None]]:
         section = file.sections.get("SolAtVertices")
         if section is None:
             return (), []
         if self._mesh.value("BezierBasis"):
             raise FormatError("expected values at nodes, found a mesh with control points", file=file.path)
         self._check_count(file, "SolAtVertices", section, len(self._places), "vertices")
-        width = file.width(section.types, "SolAtVertices")
-        for name in self._nodes:
-            self._values["SolAtVertices", name] = section.reals.reshape(-1, width), self._functions[name]
-        return section.types, [block.order for block in self.blocks]
+        values = section.reals.reshape(-1, file.width(section.types, "SolAtVertices"))
+        return section.types, [replace(self.nodal(block).geometry, values=values) for block in self.blocks]
 
-    def _constant(self, file: GmfFile) -> tuple[tuple[int, ...], list[int | None]]:
-        return self._by_element(file, "SolAt", lambda kind, order: f"SolAt{kind}" if order == 1 else "")
+    def _constant(self, file: GmfFile) -> tuple[tuple[int, ...], list[NodalValues | None]]:
+        return self._by_element(file, lambda kind, order: f"SolAt{kind}" if order == 1 else "")
 
-    def _high_order(self, file: GmfFile) -> tuple[tuple[int, ...], list[int | None]]:
-        return self._by_element(file, "HOSolAt", solution_name)
+    def _high_order(self, file: GmfFile) -> tuple[tuple[int, ...], list[NodalValues | None]]:
+        return self._by_element(file, solution_name)
 
-    def _by_element(self, file: GmfFile, group: str, named: object) -> tuple[tuple[int, ...], list[int | None]]:
-        """Types of the fields of a group, the same on all elements, and their degree on every block."""
-        assert callable(named)
+    def _by_element(
+        self, file: GmfFile, named: Callable[[str, int], str]
+    ) -> tuple[tuple[int, ...], list[NodalValues | None]]:
+        """Types of the fields of a group, the same on all elements, and their values on every block."""
         types: tuple[int, ...] = ()
-        degrees: dict[str, int] = {}
+        found: dict[str, NodalValues] = {}
+        read = {name for name, _ in self._parts}
         for kind, order, name in _sections(self._mesh, 3) + _sections(self._mesh, 2):
-            section = file.sections.get(named(kind, order)) if name in self._nodes else None
+            section = file.sections.get(named(kind, order)) if name in read else None
             if section is None:
                 continue
             place = named(kind, order)
-            self._check_count(file, place, section, len(self._nodes[name]), "elements")
+            self._check_count(file, place, section, len(self._mesh.sections[name].integers), "elements")
             if types not in ((), section.types):
                 raise FormatError(f"expected the types {types}, found {section.types}", file=file.path, place=place)
-            types, degrees[name] = section.types, section.degree
+            types = section.types
             values = section.reals.reshape(len(section.reals), section.nodes, file.width(types, place))
-            self._values[group, name] = values, _solution_functions(file, place, _SHAPES[kind], section)
-        return types, [degrees.get(block.key[0]) for block in self.blocks]
+            found[name] = NodalValues(values, _solution_functions(file, place, _SHAPES[kind], section))
+        return types, [_part(found.get(name), rows) for name, rows in self._parts]
 
     @staticmethod
     def _check_count(file: GmfFile, place: str, section: Section, count: int, what: str) -> None:
@@ -235,9 +211,13 @@ def _roles(paths: Sequence[Path]) -> tuple[GmfFile, GmfFile | None]:
         if not meshes or "Vertices" not in meshes[0].sections:
             names = " or ".join(each.name for each in beside)
             raise FormatError(f"expected its mesh {names} beside it, found none; give the mesh file too", file=path)
-    if len(meshes) != 1 or len(solutions) > 1:
-        raise FormatError(f"expected one mesh and at most one solution, found {len(meshes)} and {len(solutions)}")
+    check_roles(len(meshes), len(solutions))
     return meshes[0], solutions[0] if solutions else None
+
+
+def _part(values: NodalValues | None, rows: Ints) -> NodalValues | None:
+    """The values on some of the elements."""
+    return None if values is None else replace(values, values=values.values[rows])
 
 
 def _sections(mesh: GmfFile, dimension: int) -> list[tuple[str, int, str]]:
@@ -256,18 +236,17 @@ def _suffixes(kind: int, dimension: int) -> tuple[str, ...]:
     return suffixes
 
 
-def _functions(shape: Shape, order: int, entries: Ints, is_bezier: bool, path: Path, place: str) -> _Functions:
+def _functions(shape: Shape, order: int, entries: Ints, is_bezier: bool, path: Path, place: str) -> ShapeFunctions:
     if is_bezier and shape is Shape.PYRAMID and order > 1:
         raise FormatError(
             "expected nodes, found control points of pyramids, which aren't known", file=path, place=place
         )
     if is_bezier and shape is not Shape.PYRAMID:
         return Bernstein(shape, order, entries)
-    points = native_points(shape, UNIT[shape].frame, unit_points(shape, entries) / order)
-    return NodalBasis(shape, order, points, PyramidSpace.RATIONAL)
+    return unit_basis(shape, order, unit_points(shape, entries) / order)
 
 
-def _solution_functions(file: GmfFile, place: str, shape: Shape, section: Section) -> _Functions:
+def _solution_functions(file: GmfFile, place: str, shape: Shape, section: Section) -> ShapeFunctions:
     """The functions of the nodes of a solution, which a table of positions or the degree tells."""
     if not 0 <= section.degree <= _HIGHEST_DEGREE:
         expected = f"a degree from 0 to {_HIGHEST_DEGREE}"
@@ -292,7 +271,6 @@ def _solution_functions(file: GmfFile, place: str, shape: Shape, section: Sectio
             return Bernstein(shape, section.degree, entries)
         raise FormatError("expected control points on a lattice, found others", file=file.path, place=place)
     try:
-        nodes = native_points(shape, UNIT[shape].frame, points)
-        return NodalBasis(shape, section.degree, nodes, PyramidSpace.RATIONAL)
+        return unit_basis(shape, section.degree, points)
     except ElvisError as error:
         raise FormatError(str(error), file=file.path, place=f"{place}NodesPositions") from None

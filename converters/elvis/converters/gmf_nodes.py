@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from math import comb, factorial, prod
-
 import numpy as np
 
-from elvis.converters.unit import UNIT
+from elvis.converters.unit import SIMPLEX_AXES, UNIT, unit_basis
+from elvis.converters.unit import lattice as unit_lattice
 from elvis.core.arrays import Floats, Ints
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.nodal import NodalBasis, native_points, space_size
+from elvis.plugins.nodal import ShapeFunctions, bernstein, moved, native_points, nearest_nodes, space_size
 
 #: at least so many elements tell where nodes lie that no table orders
 _JUDGED = 200
 
 #: of a triangle, tetrahedron or the triangle of a prism: numbers of barycentric coordinates
-_BARYCENTRIC = {Shape.TRIANGLE: 3, Shape.TETRAHEDRON: 4, Shape.PRISM: 3}
+_BARYCENTRIC = {shape: axes + 1 for shape, axes in SIMPLEX_AXES.items()}
 
 
 def unit_points(shape: Shape, entries: Floats | Ints) -> Floats:
@@ -38,17 +36,13 @@ def is_lattice(shape: Shape, order: int, entries: Ints) -> bool:
 
 def lattice(shape: Shape, order: int) -> Ints:
     """(n, k) entries of all nodes of an order, in some order; the vertices first, in the format's."""
-    cube = np.stack([axis.reshape(-1) for axis in np.indices((order + 1,) * shape.dimension)], axis=1)
-    if shape in _BARYCENTRIC:
-        kept = cube[:, : _BARYCENTRIC[shape] - 1].sum(axis=1) <= order
-        cube = cube[kept]
-        first = order - cube[:, : _BARYCENTRIC[shape] - 1].sum(axis=1)
-        cube = np.column_stack([first, cube])
-    elif shape is Shape.PYRAMID:
-        cube = cube[cube[:, :2].max(axis=1) + cube[:, 2] <= order]
-    points = unit_points(shape, cube)
-    corners = [int(np.flatnonzero((points == order * own).all(axis=1))[0]) for own in UNIT[shape].own]
-    return cube[[*corners, *np.setdiff1d(np.arange(len(cube)), corners)]]
+    points = unit_lattice(shape, order)
+    corners = nearest_nodes(points, order * UNIT[shape].own)
+    points = points[[*corners, *np.setdiff1d(np.arange(len(points)), corners)]]
+    if shape not in _BARYCENTRIC:
+        return points
+    first = order - points[:, : SIMPLEX_AXES[shape]].sum(axis=1)
+    return np.column_stack([first, points])
 
 
 def guessed(shape: Shape, order: int, places: Floats) -> Ints | None:
@@ -59,7 +53,7 @@ def guessed(shape: Shape, order: int, places: Floats) -> Ints | None:
     """
     entries, some = lattice(shape, order), places[:_JUDGED]
     count = len(UNIT[shape].own)
-    linear = NodalBasis(shape, 1, native_points(shape, UNIT[shape].frame, UNIT[shape].own), PyramidSpace.RATIONAL)
+    linear = unit_basis(shape, 1, UNIT[shape].own)
     points = native_points(shape, UNIT[shape].frame, unit_points(shape, entries) / order)
     straight = np.matmul(linear.at(points), some[:, :count])
     size = np.ptp(some, axis=1).max(axis=1)[:, None]
@@ -71,7 +65,7 @@ def guessed(shape: Shape, order: int, places: Floats) -> Ints | None:
     return entries[order_of] if len(np.unique(order_of)) == len(entries) else None
 
 
-class Bernstein:
+class Bernstein(ShapeFunctions):
     """The Bernstein functions of an order: products of multinomials of barycentric coordinates."""
 
     def __init__(self, shape: Shape, order: int, entries: Ints) -> None:
@@ -80,20 +74,15 @@ class Bernstein:
         self._simplex = entries[:, :count]
         self._lines = entries[:, count:]
 
-    def at(self, points: Floats) -> Floats:
+    def tabulate(self, points: Floats) -> Floats:
         """(n, m) values at our reference points (n, d)."""
-        from elvis.plugins.projection.frames import affine_between
-
-        matrix, offset = affine_between(self.shape.vertices, UNIT[self.shape].frame)
-        unit = np.asarray(points @ matrix.T + offset)
+        unit = moved(points, self.shape.vertices, UNIT[self.shape].frame)
         result = np.ones((len(unit), len(self._simplex)))
-        count = self._simplex.shape[1]
-        if count:
-            barycentric = np.column_stack([1 - unit[:, : count - 1].sum(axis=1), unit[:, : count - 1]])
-            weights = [factorial(self.order) / prod(map(factorial, row)) for row in self._simplex.tolist()]
-            result *= np.array(weights) * np.prod(barycentric[:, None, :] ** self._simplex, axis=2)
-        for axis in range(self._lines.shape[1]):
-            t, i = unit[:, [max(count - 1, 0) + axis]], self._lines[:, axis]
-            binomials = np.array([comb(self.order, k) for k in i.tolist()], np.float64)
-            result *= binomials * t**i * (1 - t) ** (self.order - i)
+        axes = SIMPLEX_AXES.get(self.shape, 0)
+        if axes:
+            first = 1 - unit[:, :axes].sum(axis=1)
+            result *= bernstein(np.column_stack([first, unit[:, :axes]]), self._simplex)
+        for along, powers in zip(unit[:, axes:].T, self._lines.T, strict=True):
+            both = np.column_stack([powers, self.order - powers])
+            result *= bernstein(np.column_stack([along, 1 - along]), both)
         return result

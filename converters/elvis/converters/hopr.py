@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elvis.converters.hdf5 import attribute, attributes, floats, holds, ints, number, opened, require, text, texts
 from elvis.converters.inputs import check_roles, check_rows
-from elvis.converters.unit import UNIT, lattice
+from elvis.converters.unit import UNIT, lattice, unit_basis
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import gauss, lobatto
@@ -28,7 +28,6 @@ from elvis.plugins.nodal import (
     NodalBlock,
     NodalConverter,
     NodalValues,
-    native_points,
     nearest_nodes,
     tensor_nodes,
 )
@@ -95,9 +94,8 @@ class Hopr(NodalConverter):
             check_rows(nodes, len(ids), "nodes", place="ElemInfo")
             local = nearest_nodes(places, order * UNIT[shape].frame)
             vertices = ids[nodes[:, local]]
+            own = NodalBlock(NodalValues(coordinates, unit_basis(shape, order, places / order), nodes))
             space = PyramidSpace.RATIONAL
-            basis = NodalBasis(shape, order, native_points(shape, UNIT[shape].frame, places / order), space)
-            own = NodalBlock(NodalValues(coordinates, basis, nodes))
             self.blocks.append(Elements(shape, len(rows), order, vertices, ids=rows, pyramid=space, key=own))
         self.boundaries = self._boundaries(file)
 

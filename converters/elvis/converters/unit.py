@@ -8,6 +8,8 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.shapes import Shape
+from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.nodal import NodalBasis, native_points
 
 #: how many of the first axes of a shape are those of a triangle or tetrahedron
 SIMPLEX_AXES = {Shape.TRIANGLE: 2, Shape.TETRAHEDRON: 3, Shape.PRISM: 2}
@@ -55,3 +57,9 @@ def lattice(shape: Shape, order: int) -> Ints:
         return grid[grid[:, :2].max(axis=1) + grid[:, 2] <= order]
     axes = SIMPLEX_AXES.get(shape, 0)
     return grid[grid[:, :axes].sum(axis=1) <= order]
+
+
+def unit_basis(shape: Shape, order: int, nodes: Floats | Ints) -> NodalBasis:
+    """The functions of nodes (n, d) of a unit element, those of pyramids rational; ElvisError as `NodalBasis`."""
+    own = native_points(shape, UNIT[shape].frame, np.asarray(nodes, np.float64))
+    return NodalBasis(shape, order, own, PyramidSpace.RATIONAL)

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -243,6 +244,19 @@ def component_names(name: str, count: int) -> list[str]:
         axes = _XYZ[: 2 if count == 4 else 3]
         return [f"{name}_{a}{b}" for a in axes for b in axes]
     return [f"{name}_{i}" for i in range(count)]
+
+
+def bernstein(places: Floats, powers: Ints) -> Floats:
+    """(n, m) Bernstein polynomials at barycentric coordinates (n, k): n! / prod a_i! times prod u_i^a_i.
+
+    powers  (m, k) the a_i of each, whose sum is the order
+    """
+    orders = powers.sum(axis=1)
+    factorials = np.array([factorial(n) for n in range(int(orders.max()) + 1)], np.float64)
+    result = factorials[orders] / factorials[powers].prod(axis=1)
+    for i in range(places.shape[1]):
+        result = result * places[:, i : i + 1] ** powers[:, i]
+    return np.asarray(result)
 
 
 @lru_cache(maxsize=64)
