@@ -134,7 +134,7 @@ def test_many_elements_in_runs(tmp_path):
     source = ElVisDat([path])
     assert [len(block) for block in source.blocks] == [370, 5]
     assert source.blocks[1].ids.tolist() == [*range(300, 305)]
-    assert np.array_equal(source.blocks[0].key[2][-1], elements[-1][2])
+    assert np.array_equal(source.blocks[0].key.fields["u"].values[-1, :, 0], elements[-1][2])
 
 
 BAD = [

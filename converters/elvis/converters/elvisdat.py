@@ -19,7 +19,8 @@ from elvis.core.files.plain import content, leading
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Converter, Elements, SourceField
+from elvis.plugins.conversion import Elements
+from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions
 
 #: numbers of types; those of tetrahedra and pyramids were never written
 _SHAPES = {1: Shape.HEXAHEDRON, 3: Shape.PRISM}
@@ -35,7 +36,7 @@ Kind = tuple[int, int, int, int]
 _LEAST: Kind = (1, 0, 0, 0)
 
 
-class ElVisDat(Converter):
+class ElVisDat(NodalConverter):
     """One volume, its only field called u."""
 
     format = "volume of the first ElVis (.dat)"
@@ -57,26 +58,45 @@ class ElVisDat(Converter):
     def __init__(self, paths: Sequence[Path]) -> None:
         path = paths[0]
         runs = _read(path, content(path))
-        self.blocks, orders = [], []
+        self.blocks = []
+        values = []
         for kind in sorted(runs):
             ids, data = (np.concatenate(parts) for parts in zip(*runs[kind], strict=True))
             shape = _SHAPES[kind[0]]
             places = np.asarray(data["vertices"], np.float64)[:, : len(shape.vertices)]
-            values = np.asarray(data["coefficients"], np.float64)
-            self.blocks.append(Elements(shape, len(ids), 1, ids=ids, key=(kind, places, values)))
-            orders.append(max(kind[1:]))
-        self.fields = [SourceField("u", orders, is_continuous=True)]
+            key = NodalBlock(NodalValues(places, _Corners(shape)))
+            self.blocks.append(Elements(shape, len(ids), 1, ids=ids, key=key))
+            coefficients = np.asarray(data["coefficients"], np.float64)
+            values.append(NodalValues(coefficients[:, :, None], _Polynomials(kind)))
+        self.add_field("u", ["u"], values, is_continuous=True)
 
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """Trilinear in collapsed coordinates."""
-        kind, places, _ = block.key
-        corners = _weights(_SHAPES[kind[0]], points)
-        return np.asarray(np.einsum("evc,pv->epc", places[block.rows], corners))
 
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """The sum of the coefficients with their polynomials."""
-        kind, _, values = block.key
-        return np.asarray(values[block.rows] @ polynomials(kind, points).T)
+class _Polynomials(ShapeFunctions):
+    """The functions of an element of type and degrees (a, b, c)."""
+
+    def __init__(self, kind: Kind) -> None:
+        self.kind, self.order = kind, max(kind[1:])
+
+    def tabulate(self, points: Floats) -> Floats:
+        """See `polynomials`."""
+        return polynomials(self.kind, points)
+
+
+class _Corners(ShapeFunctions):
+    """The functions of the vertices of straight elements: trilinear in collapsed coordinates."""
+
+    order = 1
+
+    def __init__(self, shape: Shape) -> None:
+        self.shape = shape
+
+    def tabulate(self, points: Floats) -> Floats:
+        """(n, n_vertices) values at reference points (n, 3)."""
+        cube = collapse(self.shape, points)
+        corners = np.prod(1 + cube[:, None, :] * Shape.HEXAHEDRON.vertices, axis=2) / 8
+        if self.shape is Shape.HEXAHEDRON:
+            return np.asarray(corners)
+        return np.asarray(corners @ np.eye(6)[_FOLDED])
 
 
 def polynomials(kind: Kind, points: Floats) -> Floats:
@@ -96,16 +116,6 @@ def polynomials(kind: Kind, points: Floats) -> Floats:
         columns.append(np.einsum("n,jn,kn->jkn", first[i], second, upper).reshape(-1, len(x)))
     # of each i all j, of each j all k
     return np.concatenate(columns).T
-
-
-def _weights(shape: Shape, points: Floats) -> Floats:
-    """(n, n_vertices) the functions of the vertices of straight elements."""
-    cube = collapse(shape, np.asarray(points, np.float64))
-    signs = Shape.HEXAHEDRON.vertices
-    corners = np.prod(1 + cube[:, None, :] * signs, axis=2) / 8
-    if shape is Shape.HEXAHEDRON:
-        return np.asarray(corners)
-    return np.asarray(corners @ np.eye(6)[_FOLDED])
 
 
 def _byte_order(start: bytes) -> str:

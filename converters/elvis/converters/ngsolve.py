@@ -17,13 +17,13 @@ import numpy as np
 
 from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, export
 from elvis.converters.ngsolve_files import is_mesh, sampled
-from elvis.converters.unit import UNIT
+from elvis.converters.unit import UNIT, unit_basis
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.archives import Archive, names_in
 from elvis.core.files.plain import leading
-from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
-from elvis.plugins.nodal import NodalBasis, component_names, native_points, space_size
+from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace
+from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, component_names, order_of_space
 
 _HIGHEST, _HEAD = 30, 4096
 
@@ -34,7 +34,7 @@ _KNOWN = re.compile(
 )
 
 
-class NGSolve(Converter):
+class NGSolve(NodalConverter):
     """Elements with values at points that determine their polynomials."""
 
     format = "NGSolve's meshes and grid functions (.vol, .vol.gz, .gfu), samples from a session (.elems.npz)"
@@ -65,9 +65,8 @@ class NGSolve(Converter):
     def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:
         is_archive = len(paths) == 1 and bool(names_in(paths[0]))
         self._path, self._data = paths[0], _load(paths[0]) if is_archive else sampled(paths, spaces)
-        self._bases: dict[str, NodalBasis] = {}
+        self._parts: list[tuple[str, Ints]] = []
         self.blocks = []
-        self._orders: list[int] = []
         geometry = int(self._orders_of("order")[0])
         names = self._fields()
         for shape in SHAPES:
@@ -75,7 +74,7 @@ class NGSolve(Converter):
                 self._read(shape, geometry, names)
         if not self.blocks:
             raise FormatError("expected elements, found none", file=self._path)
-        self.fields = self._source_fields(names)
+        self._add_fields(names)
         self.boundaries = self._borders()
         self.notes = [str(note) for note in self._data.get("notes", ())]
         if "pyramid_xyz" in self._data:
@@ -83,17 +82,6 @@ class NGSolve(Converter):
                 "NGSolve's own functions on pyramids, with an apex a little off, are met to 1e-7, not to rounding"
             ]
         self.time = self._time()
-
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """Interpolation through the points of the samples."""
-        shape, rows = block.key
-        return np.asarray(np.matmul(self._bases[shape].at(points), self._data[f"{shape}_xyz"][rows[block.rows]]))
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Interpolation through the points of the samples."""
-        (shape, rows), (name, component) = block.key, field.key
-        values = self._data[f"{shape}_f_{name}"][rows[block.rows], :, component]
-        return np.asarray(values @ self._bases[shape].at(points).T)
 
     def _orders_of(self, name: str) -> Ints:
         orders = np.asarray(self._array(name)).reshape(-1)
@@ -163,7 +151,7 @@ class NGSolve(Converter):
         if geometry > order:
             found = f"those of order {order}"
             raise FormatError(f"expected samples of order {geometry}, found {found}", file=self._path, place=shape)
-        self._make_basis(shape, order, reference)
+        basis = self._basis(shape, order, reference)
         regions = self._regions(f"{shape}_region", count)
         corners = np.array(UNIT_VERTICES[shape])[UNIT[own].corners]
         for region in np.unique(regions).tolist():
@@ -176,36 +164,38 @@ class NGSolve(Converter):
                 ids=np.asarray(self._data[f"{shape}_elem"], np.int64)[rows],
                 region=str(region),
                 pyramid=PyramidSpace.RATIONAL,
-                key=(shape, rows),
+                key=NodalBlock(NodalValues(xyz[rows], basis)),
             )
             self.blocks = [*self.blocks, block]
-            self._orders.append(order)
+            self._parts.append((shape, rows))
 
     def _determined(self, shape: str, count: int) -> int:
         """The order of the functions that so many points determine."""
-        for order in range(_HIGHEST + 1):
-            if space_size(SHAPES[shape], order, PyramidSpace.RATIONAL) == count:
-                return order
-        raise FormatError(f"expected the points of some order, found {count}", file=self._path, place=f"{shape}_ref")
+        order = order_of_space(SHAPES[shape], count, _HIGHEST, PyramidSpace.RATIONAL)
+        if order is None:
+            raise FormatError(
+                f"expected the points of some order, found {count}", file=self._path, place=f"{shape}_ref"
+            )
+        return order
 
-    def _make_basis(self, shape: str, order: int, reference: Floats) -> None:
-        own = SHAPES[shape]
-        nodes = native_points(own, UNIT[own].frame, np.asarray(reference, np.float64))
+    def _basis(self, shape: str, order: int, reference: Floats) -> NodalBasis:
         try:
-            self._bases[shape] = NodalBasis(own, order, nodes, PyramidSpace.RATIONAL)
+            return unit_basis(SHAPES[shape], order, reference)
         except ElvisError as error:
             raise FormatError(str(error), file=self._path, place=f"{shape}_ref") from None
 
-    def _source_fields(self, names: dict[str, int]) -> list[SourceField]:
+    def _add_fields(self, names: dict[str, int]) -> None:
         """Fields by component; where the file doesn't say which are continuous, all are tried."""
-        stated, fields = self._data.get("continuous"), []
+        stated = self._data.get("continuous")
         for name, count in names.items():
             is_continuous = stated is None or name in np.ravel(stated).tolist()
             own = int(self._orders_of(f"order_{name}")[0]) if f"order_{name}" in self._data else _HIGHEST
-            orders = [min(own, order) for order in self._orders]
-            for i, component in enumerate(component_names(name, count)):
-                fields.append(SourceField(component, orders, is_continuous, key=(name, i)))
-        return fields
+            values, orders = [], []
+            for block, (shape, rows) in zip(self.blocks, self._parts, strict=True):
+                functions = self.nodal(block).geometry.functions
+                values.append(NodalValues(self._data[f"{shape}_f_{name}"][rows], functions))
+                orders.append(min(own, values[-1].order))
+            self.add_field(name, component_names(name, count), values, is_continuous, orders=orders)
 
     def _borders(self) -> list[Boundary]:
         found: dict[str, list[Ints]] = {}

@@ -18,13 +18,13 @@ import numpy as np
 
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.errors import ElvisError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.output import replacing
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.nodal import space_size, space_values
+from elvis.plugins.nodal import moved, space_size, space_values, tensor_nodes
 
 #: our shape by the library's name of one, which is also its name in the files
 SHAPES = {
@@ -144,15 +144,13 @@ def _rule(shape: Shape, order: int) -> Floats:
     matrix of the functions; Sommariva, Vianello, Computing approximate Fekete points by QR factorizations of
     Vandermonde matrices, 2009.
     """
-    from elvis.plugins.projection.frames import affine_between
-
     is_cube = len(shape.vertices) == 2**shape.dimension
     line = lobatto(order + 1)[0] if is_cube else gauss(order + 3)[0]
-    axes = np.meshgrid(*(line,) * shape.dimension, indexing="ij")
-    many = uncollapse(shape, np.stack([axis.reshape(-1) for axis in axes], axis=1))
+    box = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)[shape.dimension - 1]
+    last_fastest = tensor_nodes(box, tuple(line.tolist()))[:, ::-1]
+    many = uncollapse(shape, last_fastest)
     chosen = list(range(len(many))) if is_cube else _pivots(shape, order, many)
-    matrix, offset = affine_between(shape.vertices, UNIT[shape].frame)
-    return frozen_floats(many[chosen] @ matrix.T + offset)
+    return frozen_floats(moved(many[chosen], shape.vertices, UNIT[shape].frame))
 
 
 def _pivots(shape: Shape, order: int, many: Floats) -> list[int]:
@@ -166,3 +164,39 @@ def _pivots(shape: Shape, order: int, many: Floats) -> list[int]:
         direction = left[best] / np.sqrt(sizes[best])
         left -= np.outer(left @ direction, direction)
     return chosen
+
+
+class Library:
+    """What the library does with files, in a process of its own: samples of a mesh and of functions as arrays."""
+
+    def __init__(self) -> None:
+        import ngsolve
+
+        self._ngsolve: Any = ngsolve
+
+    def samples(self, path: str, named: str, fields: Mapping[str, tuple[str, str, int]]) -> dict[str, Any]:
+        """See `samples`; ``fields`` are file, space and order by name.
+
+        FormatError where a function has another number of values than its space, or, naming ``named``, where the
+        samples can't be made.
+        """
+        mesh = self._ngsolve.Mesh(path)
+        functions = {
+            name: _function(self._ngsolve, mesh, Path(file), kind, order)
+            for name, (file, kind, order) in fields.items()
+        }
+        try:
+            return samples(mesh, functions)
+        except ElvisError as error:
+            raise FormatError(str(error), file=named) from error
+
+
+def _function(ngsolve: Any, mesh: Any, path: Path, kind: str, order: int) -> Any:
+    """The grid function of a file; FormatError where it has another number of values than the space."""
+    space = getattr(ngsolve, kind)(mesh, order=order)
+    if path.stat().st_size != 8 * space.ndof:
+        expected = f"{space.ndof} numbers of {kind} of order {order}"
+        raise FormatError(f"expected {expected}, found {path.stat().st_size / 8:g}", file=path)
+    function = ngsolve.GridFunction(space)
+    function.Load(str(path))
+    return function

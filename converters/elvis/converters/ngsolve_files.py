@@ -48,7 +48,7 @@ _LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsg
 _GZIP, _EXPANSION = b"\x1f\x8b", 100
 
 #: reads and samples in another process, where the library may crash
-_WORKER = "elvis.converters.ngsolve_library:Library"
+_WORKER = "elvis.converters.ngsolve_export:Library"
 
 
 def is_mesh(path: Path) -> bool:
