@@ -9,7 +9,7 @@ from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, _series
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import View
 
@@ -124,6 +124,30 @@ def test_a_flat_surface_costs_few_pieces(renderer):
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
     drawer.draw(View.through(CAMERA, (120, 120)), None, 1.0)
     assert drawer.counts["pieces"] < 200
+
+
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_elements_that_are_all_rounding_cost_few_pieces(renderer, shape):
+    """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, pieces next to apexes aren't halved to the end."""
+    data = exact(shape, lambda p: p[:, 2] - 0.46875, 2.0**-52, 1.0)
+    view = View.through(CAMERA, SIZE)
+    drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
+    layer = drawer.draw(view, None, 1.0)
+    assert drawer.counts["pieces"] < 600
+    assert (layer.owner == NOBODY).all()
+    assert (layer.status[places(view, 2, 0.46875)[1] > 1e-9] == Status.AMBIGUOUS).all()
+    assert (layer.status[~meets_cube(view)] == Status.MISS).all()
+
+
+def test_chebyshev_series_are_exact_where_symmetry_says_so():
+    """Cosines are right to a few roundings, zeros too: that of pi / 2 as rounded is 6e-17."""
+    for degree in range(1, 21):
+        points, transform = _series(degree)
+        assert np.array_equal(points, -points[::-1])
+        assert np.array_equal(transform[:, ::-1], transform * (-1.0) ** np.arange(degree + 1)[:, None])
+        assert np.allclose(
+            transform @ np.polynomial.chebyshev.chebvander(points, degree), np.eye(degree + 1), atol=1e-15 * degree
+        )
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PYRAMID])

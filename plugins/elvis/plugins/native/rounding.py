@@ -34,8 +34,14 @@ def operations(space: BernsteinSpace) -> int:
     For each direction 5 p + 2 are enough (Higham 2002, 3.1 and 5.1).  Term i goes through 2 i + 2 products and sums of
     the scheme, its power of 1 - t through p - i products of factors that are rounded once each.  t itself is off by one
     unit, and the derivative is at most 2 p times the greatest coefficient.  Together 4 p + 2.
+
+    Pyramids of degree r towards the apex have t = l / w along their base, w = 1 - t_z, in which l, w and the quotient
+    are rounded once each: 2 units more, 4 p roundings.  w is also off by the one unit of t_z, so t by 1 / w units; but
+    all coefficients of the apex's layer are one, so the derivative is at most 2 p (1 - t_z^r) <= 2 p r w of the
+    greatest: 2 p r roundings more.
     """
-    return _horner(space.shape.dimension, max(space.degrees))
+    collapsed = space.shape is Shape.PYRAMID
+    return _horner(space.shape.dimension, max(space.degrees), collapsed)
 
 
 def field_rounding(patch: Patch, field: int, space: BernsteinSpace, coefficients: Floats) -> Floats:
@@ -89,6 +95,7 @@ def expression_rounding(root: Node, cells: Cells, field_errors: Callable[[str], 
     Infinite where an operation is none of polynomials.
     """
     gradients = _Gradients(cells, degree)
+    collapsed = cells.patch.shape is Shape.PYRAMID
 
     def leaf(node: Node) -> _Computed:
         if node.op == "number":
@@ -98,7 +105,7 @@ def expression_rounding(root: Node, cells: Cells, field_errors: Callable[[str], 
         if node.op == "field":
             own = field_errors(node.name)
             return _Computed(ends, gradients.error(node, own) if node.axes else own)
-        return _Computed(ends, _horner(3, degree) * UNIT * size if node.op == "coordinate" else 0.0 * size)
+        return _Computed(ends, _horner(3, degree, collapsed) * UNIT * size if node.op == "coordinate" else 0.0 * size)
 
     def inner(node: Node, parts: list[_Computed]) -> _Computed:
         ends = function(node).interval(*(part.ends for part in parts))
@@ -169,5 +176,7 @@ class _Gradients:
         return total
 
 
-def _horner(dimension: int, degree: int) -> int:
-    return dimension * (5 * degree + 2)
+def _horner(dimension: int, degree: int, collapsed: bool = False) -> int:
+    """See `operations`."""
+    base = 2 * (4 * degree + 2 * degree * degree) if collapsed else 0
+    return dimension * (5 * degree + 2) + base

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.device import STAND_IN, Buffer, Kernel
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -257,12 +257,24 @@ def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _series(degree: int) -> tuple[Floats, Floats]:
-    """Chebyshev points (n,), n = degree + 1, and the matrix (n, n) from values there to those of T_0 to T_degree."""
+    """Chebyshev points (n,), n = degree + 1, and the matrix (n, n) from values there to those of T_0 to T_degree.
+
+    Cosines are those of angles up to pi / 4, or sines: all are right to 5 roundings, zeros too.
+    """
     n = degree + 1
-    angles = np.pi * (2 * np.arange(n) + 1) / (2 * n)
-    transform = 2 / n * np.cos(np.outer(np.arange(n), angles))
+    odd = 2 * np.arange(n) + 1
+    transform = 2 / n * _cosines(np.outer(np.arange(n), odd), n)
     transform[0] /= 2
-    return np.cos(angles), transform
+    return _cosines(odd, n), transform
+
+
+def _cosines(multiples: Ints, n: int) -> Floats:
+    """The cosines of multiples of pi / (2 n)."""
+    turned = multiples % (4 * n)
+    half = np.minimum(turned, 4 * n - turned)
+    quarter = np.minimum(half, 2 * n - half)
+    magnitude = np.where(2 * quarter <= n, np.cos(np.pi * quarter / (2 * n)), np.sin(np.pi * (n - quarter) / (2 * n)))
+    return np.asarray(np.where(half > n, -magnitude, magnitude))
 
 
 def _layer(hits: NDArray[Any], value: float) -> Layer:
