@@ -218,7 +218,7 @@ def test_functions_of_bezier_cells_are_those_of_the_library(kind, degrees):
     for point in points.tolist():
         cell._cell.InterpolateFunctions(point, weights)
         wanted.append(list(weights))
-    assert np.abs(cell.table(points[:, : cell.shape.dimension]) - wanted).max() < 1e-13
+    assert np.abs(cell.at(points[:, : cell.shape.dimension]) - wanted).max() < 1e-13
 
 
 @pytest.mark.parametrize("kind", sorted(BEZIER))
@@ -227,7 +227,7 @@ def test_bezier_cells_ask_the_library_for_nothing_point_by_point(kind):
     cell = Cell(Kind(kind, NODES[BEZIER[kind]](8)), "")
     cell._cell = None
     points = np.random.default_rng(5).dirichlet(np.ones(4), 3000)[:, : cell.shape.dimension]
-    table = cell.table(points)
+    table = cell.at(points)
     assert np.abs(table.sum(axis=1) - 1).max() < 1e-13
     assert np.abs(table @ cell.nodes[:, : cell.shape.dimension] - points).max() < 1e-13
 

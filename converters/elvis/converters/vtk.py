@@ -12,21 +12,22 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis.converters.inputs import STEP, step_number
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, kind_of, other_kind, read
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
 from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Converter, Elements, Option, SourceField
-from elvis.plugins.nodal import component_names
+from elvis.plugins.conversion import DOUBLE, SINGLE, Elements, Option
+from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 
 #: cells whose edges tell where the nodes lie, and the share of an edge that a node may be off
 _ENOUGH, _OFF = 2000, 1e-5
 
 
-class Vtk(Converter):
+class Vtk(NodalConverter):
     """Grids of one step, as one mesh."""
 
     format = "VTK unstructured grids (.vtu, .pvtu, .vtk, .vtm, .pvd)"
@@ -39,7 +40,7 @@ class Vtk(Converter):
         Option(
             "wedges", "How the third quadrilateral of Lagrange wedges is numbered.", ("auto", "as-read", "vtk8"), "auto"
         ),
-        Option("step", "Which step of a series, counted from 0; the last by default."),
+        STEP,
     )
 
     @classmethod
@@ -60,34 +61,17 @@ class Vtk(Converter):
         wedges: str = "auto",
         step: str | None = None,
     ) -> None:
-        if step is not None and not step.lstrip("-").isdigit():
-            raise ElvisError(f"expected a number for --step, found {step!r}")
-        self._grids = read(paths, -1 if step is None else int(step))
+        self._grids = read(paths, step_number(step))
         self.notes = []
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
         self._number_wedges(wedges)
         self._place_nodes(nodes)
-        self.blocks = [_block(part, number) for number, part in enumerate(self._parts)]
-        self.fields = [*self._fields(True), *self._fields(False)]
+        self.blocks = [_block(part) for part in self._parts]
+        self._add_fields(True)
+        self._add_fields(False)
         self.time = self._grids[0].time
         self.precision = self._precision()
-
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """The points of the cells, combined by the functions of the nodes."""
-        part: Part = self._parts[block.key]
-        return part.combined(part.grid.points, block.rows, points)
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Values at the points of the cells combined likewise; cell data as they are."""
-        is_on_points, name, component = field.key
-        leading: Part = self._parts[block.key]
-        part = leading.holder(name, is_on_points)
-        assert part is not None
-        array = part.arrays(is_on_points)[name][:, component : component + 1]
-        if is_on_points:
-            return part.combined(array, block.rows, points)[..., 0]
-        return np.repeat(np.asarray(array[part.rows[block.rows]], np.float64), len(points), axis=1)
 
     def _collect(self, dimension: int) -> list[Part]:
         """The cells of one kind of each grid, by number; grids of the same cells are taken together."""
@@ -117,7 +101,7 @@ class Vtk(Converter):
             pair = upright(part.cell)
             if hexahedra == "exchanged":
                 part.nodes[:, np.concatenate(pair)] = part.nodes[:, np.concatenate(pair[::-1])]
-            wrong = exchanged(np.asarray(part.grid.points[part.nodes], np.float64), part.cell, pair)
+            wrong = exchanged(part.places(part.nodes), part.cell, pair)
             if wrong > len(part.nodes) / 2:
                 raise FormatError(
                     f"expected nodes of edges near their edges, found those of two edges exchanged in {wrong} "
@@ -157,24 +141,20 @@ class Vtk(Converter):
         elif nodes == "equispaced" and warped > even:
             self.notes = [*self.notes, f"nodes of {warped} edges seem to lie at Gauss-Lobatto places (--nodes)"]
 
-    def _fields(self, on_points: bool) -> list[SourceField]:
+    def _add_fields(self, on_points: bool) -> None:
         """Point data, continuous where they agree; or cell data, constant."""
         names = dict.fromkeys(name for part in self._every() for name in part.arrays(on_points))
         taken = {name for part in self._every() for name in part.grid.point_data} if not on_points else set()
-        result = []
         for name in names:
             holders = [part.holder(name, on_points) for part in self._parts]
             widths = {part.arrays(on_points)[name].shape[1] for part in holders if part is not None}
             if len(widths) > 1:
                 found = " and ".join(map(str, sorted(widths)))
                 raise FormatError(f"expected as many components everywhere, found {found}", place=f"array {name}")
-            degrees = [None if part is None else part.cell.order if on_points else 0 for part in holders]
             is_polynomial = not on_points or not any(part is not None and part.is_rational for part in holders)
-            result += [
-                SourceField(label, degrees, on_points, is_polynomial, key=(on_points, name, i))
-                for i, label in enumerate(component_names(f"{name}_cell" if name in taken else name, widths.pop()))
-            ]
-        return result
+            labels = component_names(f"{name}_cell" if name in taken else name, widths.pop())
+            values = [None if part is None else part.field(name, on_points) for part in holders]
+            self.add_field((on_points, name), labels, values, on_points, is_polynomial)
 
     def _precision(self) -> float:
         arrays = [a for part in self._every() for a in (part.grid.points, *part.grid.point_data.values())]
@@ -217,15 +197,19 @@ class Part:
         low.companions = []
         return high
 
-    def combined(self, array: Floats, rows: slice | Ints, points: Floats) -> Floats:
-        """(cells, points, k) values of an array (n, k) of the grid's points at reference points of cells ``rows``."""
-        own, table = self.nodes[rows], self.cell.table(points)
-        values = np.asarray(array[own], np.float64)
-        if not self.is_rational:
-            return np.asarray(np.matmul(table, values))
-        assert self.grid.weights is not None
-        weights = self.grid.weights[own][..., None]
-        return np.asarray(np.matmul(table, values * weights) / np.matmul(table, weights))
+    def places(self, nodes: Ints) -> Floats:
+        """(..., 3) of nodes."""
+        return np.asarray(self.grid.points[nodes], np.float64)
+
+    def nodal(self, array: Floats) -> NodalValues:
+        """An array (n, k) of the grid's points, on the cells."""
+        weights = self.grid.weights if self.is_rational else None
+        return NodalValues(array, self.cell, self.nodes, weights)
+
+    def field(self, name: str, on_points: bool) -> NodalValues:
+        """An array that this part has."""
+        array = self.arrays(on_points)[name]
+        return self.nodal(array) if on_points else NodalValues(array[self.rows][:, None], None)
 
 
 def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
@@ -254,15 +238,13 @@ def _coincide(parts: Sequence[Part], others: Sequence[Part]) -> bool:
     for part, other in zip(parts, others, strict=True):
         if part.cell.shape is not other.cell.shape or not np.array_equal(part.rows, other.rows):
             return False
-        own, place = (
-            np.asarray(each.grid.points[each.nodes[:, each.cell.vertex_nodes()]], np.float64) for each in (part, other)
-        )
+        own, place = (each.places(each.nodes[:, each.cell.vertex_nodes()]) for each in (part, other))
         if not np.allclose(own, place, rtol=0, atol=1e-6 * float(np.ptp(own, axis=(0, 1)).max())):
             return False
     return True
 
 
-def _block(part: Part, number: int) -> Elements:
+def _block(part: Part) -> Elements:
     return Elements(
         part.cell.shape,
         len(part.rows),
@@ -272,7 +254,7 @@ def _block(part: Part, number: int) -> Elements:
         region=part.grid.name,
         pyramid=part.cell.pyramid,
         is_polynomial=not part.is_rational,
-        key=number,
+        key=NodalBlock(part.nodal(part.grid.points)),
     )
 
 
@@ -288,7 +270,7 @@ def _dimension(grids: Sequence[Grid], paths: Sequence[Path]) -> int:
 def _is_mirrored(parts: Sequence[Part], file: str) -> bool:
     """Whether the wedges of a file have a face numbered as by VTK 8; FormatError where they don't tell."""
     asked = [part for part in parts if not np.array_equal(*third_face(part.cell))]
-    votes = [reversed_faces(np.asarray(part.grid.points[part.nodes], np.float64), part.cell) for part in asked]
+    votes = [reversed_faces(part.places(part.nodes), part.cell) for part in asked]
     own, other = np.sum(votes, axis=0) if votes else (1, 0)
     if bool(own) == bool(other):
         found = f"{own} as of VTK 9 and {other} as of VTK 8"
@@ -302,7 +284,7 @@ def _votes(part: Part) -> tuple[int, int]:
     Simple is an edge that is a polynomial two degrees below the cell's order: nodes taken to lie elsewhere never are.
     """
     cell = part.cell
-    places = np.asarray(part.grid.points[part.nodes[:_ENOUGH][:, cell.edge_nodes()]], np.float64)
+    places = part.places(part.nodes[:_ENOUGH][:, cell.edge_nodes()])
     length = np.linalg.norm(places[:, :, -1] - places[:, :, 0], axis=2)
     counts = []
     for line in (np.linspace(-1, 1, cell.order + 1), lobatto(cell.order + 1)[0]):

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import factorial
 from typing import Any
 
 import numpy as np
 
+from elvis.converters.unit import SIMPLEX_AXES, UNIT, unit_basis
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.nodal import NodalBasis
+from elvis.plugins.nodal import (
+    NodalBasis,
+    ShapeFunctions,
+    bernstein,
+    native_points,
+    nearest_nodes,
+    order_of_space,
+    space_size,
+)
 
 #: cells with a fixed number of nodes: shape, order, number of nodes (vtkCellType.h)
 FIXED: dict[int, tuple[Shape, int, int]] = {
@@ -62,12 +70,6 @@ _BUBBLES = {(Shape.TRIANGLE, 7): 3, (Shape.TETRAHEDRON, 15): 4, (Shape.PRISM, 21
 #: cells that may have different degrees in different directions
 _GRADED = (70, 72, 73, 77, 79, 80)
 
-#: how many of the first axes of a shape are those of a triangle or tetrahedron
-_SIMPLICES = {Shape.TRIANGLE: 2, Shape.TETRAHEDRON: 3, Shape.PRISM: 2}
-
-#: our axis that each of theirs is: the triangle of our prism lies in (z, x)
-_AXES = {Shape.PRISM: (2, 0, 1)}
-
 _CENTRED_PYRAMID, _HIGHEST = 37, 30
 
 
@@ -94,7 +96,7 @@ class Kind:
     degrees: tuple[int, int, int] = (0, 0, 0)
 
 
-class Cell:
+class Cell(ShapeFunctions):
     """The reference cell of a kind.
 
     order     of the least complete space that holds its functions
@@ -113,54 +115,38 @@ class Cell:
         self.pyramid = PyramidSpace.RATIONAL if kind.type == 14 else PyramidSpace.TENSOR
         self.frame = self._frame()
         self._warped: NodalBasis | None = None
-        self._last: tuple[Floats, Floats] | None = None
 
     def _frame(self) -> Floats | None:
         if self.kind.type == _CENTRED_PYRAMID:
             return self.nodes[:5]
-        if self.shape is Shape.PYRAMID:
-            return None
-        unit = (self.shape.vertices + 1) / 2
-        return unit[:, list(_AXES.get(self.shape, range(self.shape.dimension)))]
+        return None if self.shape is Shape.PYRAMID else UNIT[self.shape].frame
 
     def vertex_nodes(self) -> Ints:
         """The node at each of our vertices."""
         places = self.nodes[:5] if self.frame is None else self.frame
-        own = self.nodes[:, : places.shape[1]]
-        return np.array([int(np.abs(own - place).max(axis=1).argmin()) for place in places])
+        return nearest_nodes(self.nodes[:, : places.shape[1]], places)
 
     def edge_nodes(self) -> Ints:
         """(edges, order + 1) nodes along each of our edges; Lagrange cells of one degree only."""
         corners, steps = self.nodes[self.vertex_nodes()], np.linspace(0, 1, self.order + 1)[:, None]
         lines = [corners[a] + steps * (corners[b] - corners[a]) for a, b in self.shape.edges]
-        own = np.abs(np.array(lines)[:, :, None] - self.nodes).max(axis=3)
-        return np.asarray(own.argmin(axis=2), np.int64)
+        return nearest_nodes(self.nodes, np.concatenate(lines)).reshape(len(lines), -1)
 
     @property
     def is_even(self) -> bool:
         """Whether this is a Lagrange cell of one degree with as many nodes as its space has functions."""
-        return self.kind.type in LAGRANGE and self.kind.nodes == _full(self.shape, (self.order,) * 3)
+        return self.kind.type in LAGRANGE and self.kind.nodes == space_size(self.shape, self.order)
 
     def warp(self) -> None:
         """From here on the nodes lie at Gauss-Lobatto places, and where a simplex is warped so that its edges have."""
-        native = 2 * warped(self.shape, self.order, self.nodes) - 1
-        axes = _AXES.get(self.shape, tuple(range(self.shape.dimension)))
-        own = np.empty((len(native), len(axes)))
-        own[:, list(axes)] = native[:, : len(axes)]
-        self._warped, self._last = NodalBasis(self.shape, self.order, own), None
+        nodes = warped(self.shape, self.order, self.nodes)
+        self._warped = unit_basis(self.shape, self.order, nodes[:, : self.shape.dimension])
+        self._last = None
 
-    def table(self, points: Floats) -> Floats:
+    def tabulate(self, points: Floats) -> Floats:
         """(n, nodes) values of the functions of the nodes at points (n, d), in the coordinates of the frame."""
-        if self._last is None or self._last[0] is not points:
-            self._last = (points, self._table(np.asarray(points, np.float64)))
-        return self._last[1]
-
-    def _table(self, points: Floats) -> Floats:
         if self._warped is not None:
-            axes = _AXES.get(self.shape, tuple(range(self.shape.dimension)))
-            own = np.empty_like(points)
-            own[:, list(axes)] = 2 * points - 1
-            return self._warped.at(own)
+            return self._warped.at(native_points(self.shape, UNIT[self.shape].frame, points))
         if self.frame is None:  # the parametric coordinates of these pyramids are collapsed ones
             points = (collapse(self.shape, points) + 1) / 2
         if self.kind.type in BEZIER:
@@ -175,29 +161,20 @@ class Cell:
 
     def _bernstein(self, points: Floats) -> Floats:
         """(n, nodes) Bernstein polynomials, which the library finds point by point, on tetrahedra by recursion."""
-        first = _SIMPLICES.get(self.shape, 0)
+        axes = SIMPLEX_AXES.get(self.shape, 0)
         degrees = self.kind.degrees if any(self.kind.degrees) else (self.order,) * 3
         indices = np.rint(self.nodes * degrees).astype(np.int64)
         result = np.ones((len(points), self.kind.nodes))
-        if first:  # n! / (a! b! ...) u^a v^b ..., barycentric coordinates u, v, ... with powers of sum n
-            last = 1 - points[:, :first].sum(axis=1, keepdims=True)
-            powers = indices[:, :first]
-            powers = np.concatenate([powers, degrees[0] - powers.sum(axis=1, keepdims=True)], axis=1)
-            result *= _products(np.concatenate([points[:, :first], last], axis=1), powers)
-        for axis in range(first, self.shape.dimension):
-            along, powers = points[:, axis : axis + 1], indices[:, axis : axis + 1]
-            powers = np.concatenate([powers, degrees[axis] - powers], axis=1)
-            result *= _products(np.concatenate([along, 1 - along], axis=1), powers)
+        if axes:
+            last = 1 - points[:, :axes].sum(axis=1)
+            powers = indices[:, :axes]
+            powers = np.column_stack([powers, degrees[0] - powers.sum(axis=1)])
+            result *= bernstein(np.column_stack([points[:, :axes], last]), powers)
+        for axis in range(axes, self.shape.dimension):
+            along, powers = points[:, axis], indices[:, axis]
+            both = np.column_stack([powers, degrees[axis] - powers])
+            result *= bernstein(np.column_stack([along, 1 - along]), both)
         return result
-
-
-def _products(places: Floats, powers: Ints) -> Floats:
-    """(n, m) multinomials of barycentric coordinates (n, k): with powers (m, k), n! / prod a_i! times prod u_i^a_i."""
-    factorials = np.array([factorial(n) for n in range(int(powers.sum(axis=1).max()) + 1)], np.float64)
-    factors = factorials[powers.sum(axis=1)] / factorials[powers].prod(axis=1)
-    for i in range(places.shape[1]):
-        factors = factors * places[:, i : i + 1] ** powers[:, i]
-    return np.asarray(factors)
 
 
 def warped(shape: Shape, order: int, nodes: Floats) -> Floats:
@@ -208,7 +185,7 @@ def warped(shape: Shape, order: int, nodes: Floats) -> Floats:
     """
     line = (lobatto(order + 1)[0] + 1) / 2
     result = line[np.rint(nodes * order).astype(np.int64)]
-    simplex = _SIMPLICES.get(shape, 0)
+    simplex = SIMPLEX_AXES.get(shape, 0)
     if not simplex:
         return result
     a = np.concatenate([nodes[:, :simplex], 1 - nodes[:, :simplex].sum(axis=1, keepdims=True)], axis=1)
@@ -238,9 +215,9 @@ def _order(kind: Kind, shape: Shape, file: str) -> int:
             return max(kind.degrees[: shape.dimension])
         expected = f"nodes of a {shape.label.lower()} of degrees {kind.degrees}"
         raise FormatError(f"expected {expected}, found {kind.nodes}", file=file)
-    for order in range(1, _HIGHEST + 1):
-        if _full(shape, (order,) * 3) == kind.nodes:
-            return order
+    complete = order_of_space(shape, kind.nodes, _HIGHEST)
+    if complete:
+        return complete
     if (shape, kind.nodes) in _BUBBLES and kind.type in LAGRANGE:
         return _BUBBLES[shape, kind.nodes]
     expected = f"as many nodes as a {shape.label.lower()} of some order up to {_HIGHEST} has"

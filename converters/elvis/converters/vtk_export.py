@@ -41,7 +41,7 @@ class VtkTarget(Target):
         """As the library evaluates them."""
         own = self._own(cell.shape, cell.order)
         assert own.frame is not None
-        return own.table(moved(points, cell.shape.vertices, own.frame))
+        return own.at(moved(points, cell.shape.vertices, own.frame))
 
     def _own(self, shape: Shape, order: int) -> VtkCell:
         if (shape, order) not in self._known:

@@ -10,6 +10,7 @@ import numpy as np
 
 from elvis.converters.vtk_cells import Cell
 from elvis.core.arrays import Floats, Ints
+from elvis.plugins.nodal import nearest_nodes
 
 #: nodes are near their places where they are that much nearer than they would be otherwise
 _NEARER = 0.5
@@ -40,8 +41,7 @@ def third_face(cell: Cell) -> tuple[Ints, Ints]:
     r, s, t = cell.nodes.T
     inside = np.flatnonzero((r == 0) & (s > 0) & (s < 1) & (t > 0) & (t < 1))
     opposite = cell.nodes[inside] * [1, -1, 1] + [0, 1, 0]
-    distance = np.abs(cell.nodes - opposite[:, None]).max(axis=2)
-    return inside, np.asarray(distance.argmin(axis=1), np.int64)
+    return inside, nearest_nodes(cell.nodes, opposite)
 
 
 def reversed_faces(places: Floats, cell: Cell) -> tuple[int, int]:
@@ -76,4 +76,4 @@ def _blend(cell: Cell, inside: Ints) -> Floats:
 
 def _node(cell: Cell, s: float, t: float) -> int:
     """The node at (0, s, t)."""
-    return int(np.abs(cell.nodes - [0, s, t]).max(axis=1).argmin())
+    return int(nearest_nodes(cell.nodes, np.array([[0, s, t]]))[0])
