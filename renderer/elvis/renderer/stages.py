@@ -212,11 +212,18 @@ class Stages:
     def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> Sheet:
         """One value of an isosurface, which its style may colour by another quantity."""
         of = self.named(item.quantity, scene)
-        self._in_range(item.quantity or scene.field, value)
+        asked = item.quantity or scene.field
+        # bounds of a distance take longer than its picture, so only an empty one asks for them
+        is_distance = self.distances.knows(of)
+        if not is_distance:
+            self._in_range(asked, value)
         own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
 
         def draw(view: View, beyond: Floats | None) -> Layer:
-            return self.resampled(self._at_level(view, of, value, beyond), of, own)
+            layer = self._at_level(view, of, value, beyond)
+            if is_distance and beyond is None and not np.any(layer.owner != NOBODY):
+                self._in_range(asked, value)
+            return self.resampled(layer, of, own)
 
         return Sheet(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
 
