@@ -65,7 +65,7 @@ class IsosurfaceDrawer:
             straight = self.traversal.is_straight(number, own)
             draw = self._kernel("iso_line" if straight else "iso_draw", number, own)
             if hits is None:
-                hits = self.device.buffer(np.zeros(view.count, draw.dtype("hits")))
+                hits = self.device.buffer(_no_hits(view.count, draw.dtype("hits")))
             buffers = {**self.loaded.bound(number, own), "hits": hits, "beyond": before}
             if straight:
                 self._draw_straight(draw, view, number, own, level, buffers)
@@ -277,10 +277,17 @@ def _cosines(multiples: Ints, n: int) -> Floats:
     return np.asarray(np.where(half > n, -magnitude, magnitude))
 
 
+def _no_hits(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Hit records (iso.slang) of pixels (count,) that show nothing."""
+    hits = np.zeros(count, dtype)
+    hits["owner"] = NOBODY
+    return hits
+
+
 def _layer(hits: NDArray[Any], value: float) -> Layer:
     """The record of the kernels, in the layout of layers."""
-    missed = hits["owner"] == 0
-    owner = np.where(missed, NOBODY, hits["owner"] - 1).astype(np.uint32)
+    owner = hits["owner"].copy()
+    missed = owner == NOBODY
     depth = np.where(missed, np.inf, hits["depth"])
     doubtful = (hits["doubt"] > 0) & (hits["doubt"] <= depth) | (hits["ambiguous"] != 0)
     status = np.where(missed, Status.MISS, Status.CERTAIN)

@@ -27,7 +27,7 @@ from elvis.scene.view import View
 MOST, WIDEST = 1024, 100.0
 #: a mark is a distance in these parts of a pixel; that of a contour has its number in place of the lowest bits
 UNITS = 1 << 26
-NOTHING = 0xFFFFFFFF
+NOTHING = NOBODY
 #: an element to be searched around a pixel, as in line.slang
 PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32), ("element", np.uint32)])
 #: lanes of a wave where lanes share what they read (native_data.slang)

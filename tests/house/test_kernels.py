@@ -1,0 +1,32 @@
+"""What kernels and Python agree on is written down once in each."""
+
+import re
+
+import pytest
+
+
+@pytest.fixture
+def renderer(root):
+    """Text of each file of the renderer, by path."""
+    files = (root / "renderer" / "elvis" / "renderer").rglob("*")
+    return {path: path.read_text(encoding="utf-8") for path in files if path.suffix in (".py", ".slang")}
+
+
+@pytest.mark.parametrize(
+    ("shader", "module", "pattern"),
+    [
+        ("pixels.slang", "pixels.py", r"\b(?:nobody|NOBODY) = (\w+)"),
+        ("pixels.slang", "tiles.py", r"\b(?:tile_size|TILE) = (\w+)"),
+    ],
+)
+def test_constants_have_one_place_and_one_value(renderer, shader, module, pattern):
+    places = {path.name: re.findall(pattern, text) for path, text in renderer.items() if re.search(pattern, text)}
+    assert places.keys() == {shader, module}
+    first, second = places.values()
+    assert len(first) == len(second) == 1
+    assert int(first[0], 0) == int(second[0], 0)
+
+
+def test_no_element_has_one_encoding(renderer):
+    names = [path.name for path, text in renderer.items() if re.search("0xf{8}", text, re.IGNORECASE)]
+    assert sorted(names) == ["pixels.py", "pixels.slang"]
