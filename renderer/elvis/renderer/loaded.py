@@ -34,8 +34,8 @@ class Loaded:
         self.device, self.parts, self.dimension = device, list(volume.parts), volume.dimension
         self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
         self.bytes, self._brought = 0, dict[int, Buffer]()
-        self._bounds: dict[str | None, Buffer] = {}
-        self._ends: dict[str | None, NDArray[np.float32]] = {}
+        self._bounds: dict[tuple[int, str | None], tuple[Floats, Floats]] = {}
+        self._ends: dict[str | None, tuple[NDArray[np.float32], Buffer]] = {}
         self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
@@ -72,27 +72,30 @@ class Loaded:
                 self._levels[key] = key[1], found[1]
         return self._levels[key]
 
-    def bounds(self, quantity: str | None = None) -> Buffer:
-        """On the device, by running number of elements, the certified bounds of a quantity in single precision."""
-        if quantity not in self._bounds:
-            every = self.every(quantity)
-            self._bounds[quantity] = self.device.buffer(every)
-            self.bytes += every.nbytes
-        return self._bounds[quantity]
+    def bounds(self, number: int, quantity: str | None) -> tuple[Floats, Floats]:
+        """Certified least and greatest value of each element of a part, (n,) each; infinite where none are known.
 
-    def every(self, quantity: str | None = None) -> NDArray[np.float32]:
-        """(n, 2) certified bounds of a quantity by running number of elements, in single precision; made once."""
-        if quantity not in self._ends:
-            self._ends[quantity] = _outward(np.concatenate([self.ends(part, quantity) for part in self.parts]))
-        return self._ends[quantity]
-
-    def ends(self, part: Part, quantity: str | None) -> Floats:
-        """(n, 2) least and greatest values of a part's elements, widened by rounding; infinite where none are known."""
+        They are asked of the part once: every stage has them from here.
+        """
+        part = self.parts[number]
         known = part.bounds if quantity is None else part.quantities[quantity].bounds
-        if known is None:
-            return np.tile([-np.inf, np.inf], (len(part), 1))
-        ends = np.stack(known(), axis=1)
+        if (number, quantity) not in self._bounds:
+            endless = np.full(len(part), np.inf)
+            self._bounds[number, quantity] = (-endless, endless) if known is None else known()
+        return self._bounds[number, quantity]
+
+    def ends(self, number: int, quantity: str | None) -> Floats:
+        """(n, 2) the bounds of a part's elements, widened by rounding."""
+        ends = np.stack(self.bounds(number, quantity), axis=1)
         return np.asarray(ends + 1e-12 * np.abs(ends).max(axis=1, keepdims=True) * [-1.0, 1.0])
+
+    def every(self, quantity: str | None = None) -> tuple[NDArray[np.float32], Buffer]:
+        """(n, 2) the ends of all elements by running number, in single precision: here and on the device; made once."""
+        if quantity not in self._ends:
+            ends = _outward(np.concatenate([self.ends(number, quantity) for number in range(len(self.parts))]))
+            self._ends[quantity] = ends, self.device.buffer(ends)
+            self.bytes += ends.nbytes
+        return self._ends[quantity]
 
     def _bring(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Buffer]:
         """Arrays on the device: those that several parts and quantities share are there once."""

@@ -153,7 +153,7 @@ class Stages:
 
     def _ends(self, own: str | None) -> list[Floats]:
         """For each part the certified least and greatest values (2, n) of a quantity on its elements."""
-        return [np.stack(self.volumes.traversal.bounds(n, own)) for n in range(len(self.loaded.parts))]
+        return [np.stack(self.loaded.bounds(n, own)) for n in range(len(self.loaded.parts))]
 
     def _undefined(self, own: str | None) -> Ints:
         """Global ids of the elements on which a quantity is not a number."""
@@ -174,8 +174,8 @@ class Stages:
 
     def _of_parts(self, name: str) -> tuple[float, float]:
         """The range that the parts' own bounds give; not finite where one has none."""
-        ends = [self.loaded.ends(part, name if name in part.quantities else None) for part in self.loaded.parts]
-        every = np.concatenate(ends)
+        parts = enumerate(self.loaded.parts)
+        every = np.concatenate([self.loaded.ends(n, name if name in part.quantities else None) for n, part in parts])
         every = every[~np.isnan(every).any(axis=1)]
         return float(every[:, 0].min(initial=np.inf)), float(every[:, 1].max(initial=-np.inf))
 

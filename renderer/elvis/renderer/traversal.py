@@ -31,7 +31,6 @@ class Traversal:
 
     def __init__(self, loaded: Loaded) -> None:
         self.loaded, self.device = loaded, loaded.device
-        self._bounds: dict[tuple[int, str | None], tuple[Floats, Floats]] = {}
         self._corners: dict[int, Floats] = {}
 
     def degree(self, number: int, quantity: str | None) -> int:
@@ -43,15 +42,6 @@ class Traversal:
         """Whether rays are lines, and the quantity a polynomial along them."""
         return self.loaded.parts[number].affine and self.degree(number, quantity) > 0
 
-    def bounds(self, number: int, quantity: str | None) -> tuple[Floats, Floats]:
-        """Certified least and greatest value of each element of a part, (n,) each; infinite where none are known."""
-        part = self.loaded.parts[number]
-        bounds = part.bounds if quantity is None else part.quantities[quantity].bounds
-        if (number, quantity) not in self._bounds:
-            ends = np.full(len(part), np.inf)
-            self._bounds[number, quantity] = (-ends, ends) if bounds is None else bounds()
-        return self._bounds[number, quantity]
-
     def rounding(self, number: int, quantity: str | None, value: float) -> Floats:
         """(n,) how far computed values in each element of a part may be from the true ones; by default in parts of the
         greatest value, or of ``value`` where no bounds are known."""
@@ -59,7 +49,7 @@ class Traversal:
         own = part if quantity is None else part.quantities[quantity]
         if own.rounding is not None:
             return own.rounding()
-        greatest = np.abs(np.stack(self.bounds(number, quantity))).max(axis=0)
+        greatest = np.abs(np.stack(self.loaded.bounds(number, quantity))).max(axis=0)
         return np.asarray(ROUNDING * np.where(np.isfinite(greatest), greatest, abs(value)))
 
     def steepest(self, number: int, quantity: str | None, value: float) -> Floats:
@@ -68,7 +58,7 @@ class Traversal:
         Coefficients of derivatives are differences, times the degree n and half for each of three directions.  Where
         bounds aren't known, values are no greater than what n products for each direction make of their rounding.
         """
-        low, high = self.bounds(number, quantity)
+        low, high = self.loaded.bounds(number, quantity)
         degree = self.degree(number, quantity)
         rounding = self.rounding(number, quantity, value)
         range_of = np.where(np.isfinite(high - low), high - low, 2.0**53 * rounding / degree)
@@ -76,7 +66,7 @@ class Traversal:
 
     def flat(self, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) elements of a part whose field can't be told from the value anywhere, by its bounds."""
-        low, high = self.bounds(number, quantity)
+        low, high = self.loaded.bounds(number, quantity)
         return np.maximum(np.abs(high - value), np.abs(value - low)) <= 4.0 * self.rounding(number, quantity, value)
 
     def corners(self, number: int) -> Floats:

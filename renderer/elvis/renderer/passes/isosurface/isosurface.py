@@ -84,7 +84,7 @@ class IsosurfaceDrawer:
         """(n,) pixels that may see elements with the value, of which nothing is proved as they are no polynomials."""
         if self.traversal.degree(number, quantity) > 0:
             return np.zeros(view.count, bool)
-        low, high = self.traversal.bounds(number, quantity)
+        low, high = self.loaded.bounds(number, quantity)
         boxes = self.loaded.parts[number].boxes.astype(np.float64)
         corners = np.stack([boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
         sections = seen(view, corners, (low <= value) & (high >= value))
@@ -113,7 +113,7 @@ class IsosurfaceDrawer:
         """The straight tetrahedra of a part that may have the value."""
         flat = self.traversal.flat(number, quantity, value)
         self.counts["flat"] += int(flat.sum())
-        undefined = np.isnan(self.traversal.bounds(number, quantity)[0])
+        undefined = np.isnan(self.loaded.bounds(number, quantity)[0])
         self.counts["undefined"] += int(undefined.sum())
         wanted = self._holding(number, quantity, value) & ~undefined
         sections = seen(view, self.traversal.corners(number), wanted)
@@ -131,7 +131,7 @@ class IsosurfaceDrawer:
 
     def _holding(self, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) elements of a part that may have the value, but not all over."""
-        low, high = self.traversal.bounds(number, quantity)
+        low, high = self.loaded.bounds(number, quantity)
         exactly = (low == value) & (high == value) & (self.traversal.rounding(number, quantity, value) == 0.0)
         return np.asarray(~((low > value) | (high < value) | exactly))
 

@@ -101,7 +101,7 @@ class ContourProof:
         self.taken = np.zeros(view.count, bool)
         hit = layer.owner != NOBODY
         self.status = np.where(hit, np.uint8(Status.CERTAIN), np.uint8(Status.MISS))
-        ends = loaded.every(quantity).astype(np.float64)
+        ends = loaded.every(quantity)[0].astype(np.float64)
         self._holds = ~(np.searchsorted(levels, ends[:, 0]) >= np.searchsorted(levels, ends[:, 1], "right"))
         self._holds |= np.isnan(ends).any(axis=1)
         self._held = np.append(self._holds, False)[np.minimum(layer.owner, len(ends))].reshape(view.height, view.width)

@@ -83,7 +83,7 @@ class Lines:
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
         buffers = self._buffers(view, layer, width)
-        buffers |= {"levels": self._device.buffer(levels), "bounds": self._loaded.bounds(quantity)}
+        buffers |= {"levels": self._device.buffer(levels), "bounds": self._loaded.every(quantity)[1]}
         buffers["depth"] = (
             self._device.buffer(np.zeros(1)) if layer.flat is not None else layer.on(self._device, "depth")
         )
@@ -119,7 +119,7 @@ class Lines:
         """Pieces of thin sections that may show in a pixel's square but own none of the nine pixels around it."""
         if layer.sections is None or not len(levels):
             return np.zeros(0, PIECE)
-        sections, ends = layer.sections, self._loaded.every(quantity)
+        sections, (ends, _) = layer.sections, self._loaded.every(quantity)
         low, high = ends[sections["element"]].T
         sections = sections[np.searchsorted(levels, low) < np.searchsorted(levels, high, "right")]
         owner = layer.owner.reshape(view.height, view.width)

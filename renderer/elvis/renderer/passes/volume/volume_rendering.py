@@ -219,12 +219,12 @@ class _March:
 
     def _counts(self, quantity: str | None, number: int) -> Bools:
         """(n,) elements of a part of which a quantity's media show or hide something."""
-        low, high = self.traversal.bounds(number, quantity)
+        low, high = self.loaded.bounds(number, quantity)
         found = np.zeros(len(low), bool)
         for medium in self.media:
             if medium.quantity == quantity:
                 found |= medium.counts(low, high)
-            found &= ~medium.hides(*self.traversal.bounds(number, medium.quantity))
+            found &= ~medium.hides(*self.loaded.bounds(number, medium.quantity))
         return found & ~self.visibility.hides(self.loaded.parts[number].boxes)
 
     def _shared(self) -> dict[str, Any]:
