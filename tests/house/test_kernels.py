@@ -30,3 +30,13 @@ def test_constants_have_one_place_and_one_value(renderer, shader, module, patter
 def test_no_element_has_one_encoding(renderer):
     names = [path.name for path, text in renderer.items() if re.search("0xf{8}", text, re.IGNORECASE)]
     assert sorted(names) == ["pixels.py", "pixels.slang"]
+
+
+def test_there_is_one_camera(renderer):
+    """Records that need a camera hold it: no other has an eye, or the way from world points to pixels, of its own."""
+    shaders = {path.name: text for path, text in renderer.items() if path.suffix == ".slang"}
+    assert [name for name, text in shaders.items() if "struct Camera" in text] == ["camera.slang"]
+    fields = re.compile(r"^ *(?:public )?double[34] (?:\w+, )*(?:eye|to_column|to_weight)\b", re.MULTILINE)
+    assert [name for name, text in shaders.items() if fields.search(text)] == ["camera.slang"]
+    filled = [path.name for path, text in renderer.items() if re.search(r"\[\"(?:eye|to_column)\"\]", text)]
+    assert filled == ["camera.py"]

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.renderer.camera import record_of
 from elvis.renderer.compositing import Coats
 from elvis.renderer.device import Buffer, Device
 from elvis.renderer.layer import Layer
-from elvis.renderer.passes.lines.lines import Marks, sight
+from elvis.renderer.passes.lines.lines import Marks
 from elvis.scene import Light, Vector, unit
 from elvis.scene.palette import NOT_A_NUMBER, Palette
 from elvis.scene.view import View
@@ -86,7 +87,7 @@ class Brush:
             "normals": normals,
             "look": device.buffer(record),
             "table": device.buffer(table),
-            "view": device.buffer(sight(kernel, view, count=view.count, flat=flat)),
+            "view": device.buffer(record_of(kernel, "view", view, count=view.count, flat=flat)),
             "lamps": device.buffer(_lamps(look.lights, kernel.dtype("lamps"))),
             **self._lines(look, kernel.dtype("inks")),
         }

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, frozen_floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
+from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.tiles import TILE, tiles_of
@@ -83,13 +84,9 @@ class Traversal:
 
     def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> Buffer:
         """The Rays record of the stages (ray.slang)."""
-        record = np.zeros(1, kernel.dtype("rays"))
-        record["eye"], record["forward"] = view.camera.eye, view.camera.basis()[2]
-        record["corner"], record["column"], record["row"] = view.corner, view.column, view.row
-        record["level"], record["apart"] = level, APART * self.loaded.reach
-        record["misplaced"] = misplaced(view, self.loaded.reach)
-        record["width"], record["height"], record["perspective"] = view.width, view.height, view.perspective
-        record["first"], record["count"] = self.loaded.first[number], count
+        place = {"first": self.loaded.first[number], "count": count}
+        errors = {"apart": APART * self.loaded.reach, "misplaced": misplaced(view, self.loaded.reach)}
+        record = record_of(kernel, "rays", view, level=level, **place, **errors)
         return self.device.buffer(record)
 
     def lines(self, degree: int) -> dict[str, Buffer]:

@@ -13,6 +13,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces import Faces
+from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -115,7 +116,7 @@ class FaceDrawer:
         near = np.full(len(self.loaded.parts[number]), np.inf)
         np.minimum.at(near, pieces["element"], pieces["near"])
         rank = np.argsort(np.argsort(near, kind="stable"))
-        return pieces[np.argsort(rank[pieces["element"]], kind="stable")], self._record(kernel.dtype("view"), view)
+        return pieces[np.argsort(rank[pieces["element"]], kind="stable")], self._record(kernel, view)
 
     def _parts(self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]) -> NDArray[Any]:
         """Records of all pieces of a part that are seen."""
@@ -152,9 +153,8 @@ class FaceDrawer:
             pieces = self._parts(view, select, number, kernel.dtype("pieces"))
             pieces = pieces[np.argsort(pieces["near"], kind="stable")]
             listed, tiles = _binned(pieces, view, rows or (0, view.height), fresh)
-            record = self._record(kernel.dtype("view"), view)
-            record["first"], record["count"] = self.loaded.first[number], len(tiles)
-            record["fresh"], record["layered"] = fresh, bool(layered)
+            place = {"first": self.loaded.first[number], "count": len(tiles)}
+            record = self._record(kernel, view, **place, fresh=fresh, layered=bool(layered))
             data = {"pieces": pieces, "listed": listed, "tiles": tiles, "view": record}
             counts = (tiles[:, 3] - tiles[:, 2]).astype(np.int64)
             yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, counts
@@ -201,16 +201,10 @@ class FaceDrawer:
         record["start"], record["first"], record["second"] = frames[:, 0] + own[:, 0], own[:, 1], own[:, 2]
         return record
 
-    def _record(self, dtype: np.dtype[Any], view: View) -> NDArray[Any]:
+    def _record(self, kernel: Kernel, view: View, **values: Any) -> NDArray[Any]:
         """The FaceView record (face.slang)."""
-        record, forward = np.zeros(1, dtype), view.camera.basis()[2]
-        record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
-        record["to_depth"] = np.append(forward, view.depth_of(np.zeros(3)))
-        record["viewer"] = np.append(view.camera.eye, 1.0) if view.perspective else np.append(-forward, 0.0)
-        record["width"], record["height"] = view.width, view.height
-        record["tie"] = self._tie(view)
-        record["misplaced"] = misplaced(view, self.loaded.reach)
-        return record
+        uncertain = {"tie": self._tie(view), "misplaced": misplaced(view, self.loaded.reach)}
+        return record_of(kernel, "view", view, **uncertain, **values)
 
 
 def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:

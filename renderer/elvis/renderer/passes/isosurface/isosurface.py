@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.renderer.camera import record_of
 from elvis.renderer.device import STAND_IN, Buffer, Kernel
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -237,17 +238,9 @@ class IsosurfaceDrawer:
 
     def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> Buffer:
         """The Ask record of the stages (iso.slang)."""
-        record = np.zeros(1, kernel.dtype("ask"))
-        eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]
-        record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
-        record["to_depth"] = np.append(forward, -forward @ eye)
-        record["eye"], record["forward"], record["level"] = eye, forward, value
-        record["misplaced"] = misplaced(view, self.loaded.reach)
-        record["across"], record["apart"] = 1 / np.linalg.norm(view.column), APART * self.loaded.reach
-        record["width"], record["height"], record["perspective"] = view.width, view.height, view.perspective
-        record["first"] = self.loaded.first[number]
-        for name, number_of in other.items():
-            record[name] = number_of
+        errors = {"apart": APART * self.loaded.reach, "misplaced": misplaced(view, self.loaded.reach)}
+        across, first = 1 / np.linalg.norm(view.column), self.loaded.first[number]
+        record = record_of(kernel, "ask", view, level=value, across=across, first=first, **errors, **other)
         return self.device.buffer(record)
 
 

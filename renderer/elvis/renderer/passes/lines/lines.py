@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.device import ROWS, Buffer, Device, Kernel
+from elvis.renderer.camera import record_of
+from elvis.renderer.device import ROWS, Buffer, Device
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -151,7 +152,7 @@ class Lines:
         every = buffers | {
             "field": layer.on(self._device, "field"),
             "side": buffers["owner"] if layer.side is None else layer.on(self._device, "side"),
-            "view": self._device.buffer(sight(kernel, view, count=strips, levels=levels, smooth=smooth)),
+            "view": self._device.buffer(record_of(kernel, "view", view, count=strips, levels=levels, smooth=smooth)),
         }
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
 
@@ -176,7 +177,8 @@ class Lines:
             kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
             place = {"first": self._loaded.first[number], "count": len(own), "facets": len(facets)}
             smooth = self._is_polynomial(number, quantity)
-            record = sight(kernel, view, **place, **size, gathered=gathered, flat=layer.flat is not None, smooth=smooth)
+            flat = layer.flat is not None
+            record = record_of(kernel, "view", view, **place, **size, gathered=gathered, flat=flat, smooth=smooth)
             references = self._device.buffer(layer.reference[own["base"]]) if gathered else layer.held["reference"]
             data = {"pieces": own, "facets": facets, "view": record}
             brought = {name: self._device.buffer(some) for name, some in data.items()}
@@ -206,17 +208,6 @@ def _waves(pieces: NDArray[Any]) -> NDArray[Any]:
     filled["pixel"] = NOBODY
     filled[np.arange(len(pieces)) + np.repeat(np.cumsum(rooms - counts) - (rooms - counts), counts)] = pieces
     return filled
-
-
-def sight(kernel: Kernel, view: View, **rest: float) -> NDArray[Any]:
-    """The Sight record of the stages (line.slang)."""
-    record = np.zeros(1, kernel.dtype("view"))
-    record["eye"], record["ahead"] = view.camera.eye, view.camera.basis()[2]
-    record["corner"], record["column"], record["row"] = view.corner, view.column, view.row
-    record["perspective"], record["width"], record["height"] = view.perspective, view.width, view.height
-    for name, value in rest.items():
-        record[name] = value
-    return record
 
 
 def covered(distance: Floats, width: float) -> Floats:

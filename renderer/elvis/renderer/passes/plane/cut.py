@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
+from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.gaps import Gaps, beside
 from elvis.renderer.layer import Layer
@@ -139,12 +140,9 @@ class Cutter:
 
     def _view(self, kernel: Kernel, view: PlaneView, number: int, count: int) -> Buffer:
         """The View record of the stages (cut.slang)."""
-        record = np.zeros(1, kernel.dtype("view"))
+        record = record_of(kernel, "view", view, references=self.references, first=self.first[number], count=count)
         record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
         record["point"], record["normal"] = view.plane.point, view.across
-        record["to_column"], record["to_row"], record["to_weight"] = view.to_pixel
-        record["width"], record["height"], record["references"] = view.width, view.height, self.references
-        record["first"], record["count"] = self.first[number], count
         record["slack"] = 1e-12 * (self.reach + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
