@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,8 +22,8 @@ from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Converter, Elements, PyramidSpace, SourceField
-from elvis.plugins.nodal import component_names
+from elvis.plugins.conversion import Boundary, Elements, PyramidSpace
+from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions, component_names
 from elvis.plugins.projection.vertices import clusters
 
 #: by dimension and number of vertices
@@ -38,7 +39,7 @@ _WORKER = "elvis.converters.mfem_library:Library"
 _TOGETHER = 1e-10
 
 
-class Mfem(Converter):
+class Mfem(NodalConverter):
     """A mesh, with the grid functions that live on it."""
 
     format = "MFEM meshes and grid functions (.mesh, .gf, .saved; pieces of parallel ones)"
@@ -56,40 +57,31 @@ class Mfem(Converter):
         texts = [source.text for piece in found for source in (piece.mesh, *piece.functions.values())]
         library = Apart(_WORKER, sum(map(len, texts)))
         with TemporaryDirectory() as folder:
-            self._parts = [_Part(number, piece, Path(folder), library) for number, piece in enumerate(found)]
-        self.is_conforming = all(part.is_conforming for part in self._parts)
-        self.precision = max(part.precision for part in self._parts)
-        vertices = _numbered([part.vertices for part in self._parts])
-        self.blocks, self._orders, first = [], [], 0
-        for part, numbers in zip(self._parts, vertices, strict=True):
-            for block, orders in part.blocks(numbers, first):
+            parts = [_Part(number, piece, Path(folder), library) for number, piece in enumerate(found)]
+        self.is_conforming = all(part.is_conforming for part in parts)
+        self.precision = max(part.precision for part in parts)
+        vertices = _numbered([part.vertices for part in parts])
+        self.blocks, values, first = [], [], 0
+        for part, numbers in zip(parts, vertices, strict=True):
+            for block, rows in part.blocks(numbers, first):
                 self.blocks.append(block)
-                self._orders.append(orders)
+                values.append([function.on(rows) for function in part.functions])
             first += len(part.attributes)
-        self._make_fields()
-        self.boundaries = _joined(self._parts, vertices)
+        self._add_fields(parts, values)
+        self.boundaries = _joined(parts, vertices)
 
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """The library's map, at points in its own coordinates."""
-        part, rows = block.key
-        return np.asarray(part.positions(rows[block.rows], points))
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """The library's functions, at points in its own coordinates."""
-        (part, rows), (function, component) = block.key, field.key
-        return np.asarray(part.sample(rows[block.rows], function, component, points))
-
-    def _make_fields(self) -> None:
-        fields, part = [], self._parts[0]
-        is_bent = any(each.geometry.highest > 1 for each in self._parts)
+    def _add_fields(self, parts: Sequence[_Part], values: Sequence[Sequence[NodalValues]]) -> None:
+        """Fields of the functions, whose values on each block are given."""
+        part = parts[0]
+        is_bent = any(each.geometry.highest > 1 for each in parts)
         is_bent |= any(len(b.shape.vertices) > b.shape.dimension + 1 for b in self.blocks)
-        for number, (name, own) in enumerate(zip(part.names, part.functions, strict=True)):
-            is_exact = own.is_nodal or (own.is_nurbs and not part.is_rational)
-            raised = 0 if is_exact else _RATIONAL if own.is_nurbs else _VECTOR * is_bent
-            orders = [int(order[number]) + raised for order in self._orders]
-            for i, component in enumerate(component_names(name, own.count)):
-                fields.append(SourceField(component, orders, own.is_continuous, is_exact, (number, i)))
-        self.fields = fields
+        for number, (name, function) in enumerate(zip(part.names, part.functions, strict=True)):
+            is_exact = function.is_nodal or (function.is_nurbs and not part.is_rational)
+            raised = 0 if is_exact else _RATIONAL if function.is_nurbs else _VECTOR * is_bent
+            own = [each[number] for each in values]
+            orders = [each.order + raised for each in own]
+            labels = component_names(name, function.count)
+            self.add_field(number, labels, own, function.is_continuous, is_exact, orders)
 
 
 class _Asked:
@@ -141,19 +133,19 @@ class _Part:
         self.is_conforming = found["is_conforming"]
         self._dimension, self._faces = found["dimension"], found["faces"]
         self._corners = _Table(found["corners"])
-        self.geometry = _Function(self._asked, 0, found["map"], self._corners.sizes)
+        self.geometry = _Function(self._asked, 0, found["map"])
         if found["has_nodes"] and "FiniteElementCollection:" in text:
             values_after_header(self.path, text, found["map"]["size"], is_last=False)
         self.names, self.functions = list(piece.functions), []
         for at, source in enumerate(piece.functions.values(), 1):
             own = self._asked.function(source.file(folder), len(source.text), source.named)
             values_after_header(source.named, source.text, own["size"], is_last=True)
-            self.functions.append(_Function(self._asked, at, own, self._corners.sizes))
+            self.functions.append(_Function(self._asked, at, own))
         self.precision = rounding(text)
         self._regions, self._borders = (named_attributes(text, f"{w}attribute_sets") for w in ("", "bdr_"))
 
     def blocks(self, numbers: Ints, first: int) -> Iterator[tuple[Elements, Ints]]:
-        """Elements by shape, region and the orders of all functions on them, with these orders.
+        """Elements by shape, region and the orders of all functions on them, with their rows.
 
         numbers  (n,) of the vertices, over all parts
         first    number of the first element
@@ -182,9 +174,9 @@ class _Part:
                 region=str(np.unique(regions)[kind[1]]),
                 pyramid=PyramidSpace.TENSOR,
                 is_polynomial=not self.is_rational,
-                key=(self, rows),
+                key=NodalBlock(self.geometry.on(rows)),
             )
-            yield block, kind[3:]
+            yield block, rows
 
     def borders(self, numbers: Ints) -> Iterator[tuple[str, tuple[int, ...]]]:
         """Name or number of the attribute, and vertices, of every face on the border; ``numbers`` of the vertices."""
@@ -192,20 +184,6 @@ class _Part:
         for attribute, own in zip(attributes, np.split(vertices, self._faces["offsets"][:-1])[1:], strict=True):
             name = self._borders.get(attribute, f"boundary{attribute}")
             yield name, tuple(numbers[own].tolist())
-
-    def positions(self, elements: Ints, points: Floats) -> Floats:
-        """(n, n_points, d) where points of elements lie."""
-        if self.geometry.is_nodal:
-            return self.geometry.values(elements, points)
-        return self._asked.values("positions", elements, points, width=len(points) * self.vertices.shape[1])
-
-    def sample(self, elements: Ints, function: int, component: int, points: Floats) -> Floats:
-        """(n, n_points) values of a component of a function."""
-        own = self.functions[function]
-        if own.is_nodal:
-            return own.values(elements, points, component)
-        width = len(points) * own.count
-        return self._asked.values("values", elements, points, function + 1, component, width=width)
 
 
 def _numbered(places: Sequence[Floats]) -> list[Ints]:
@@ -242,36 +220,69 @@ class _Table:
 
 
 class _Function:
-    """A function, ``which`` of those that the library has on a mesh, made of what that says of it.
+    """A function, ``which`` of those that the library has on a mesh, made of what that says of it."""
 
-    corners  (m,) of the elements, which tell their shapes
-    """
-
-    def __init__(self, asked: _Asked, which: int, plain: Mapping[str, Any], corners: Ints) -> None:
-        self._asked, self._which, self._corners = asked, which, corners
+    def __init__(self, asked: _Asked, which: int, plain: Mapping[str, Any]) -> None:
+        self._asked, self._which = asked, which
         self.is_nurbs, self.is_nodal, self.is_continuous = (plain[f"is_{w}"] for w in ("nurbs", "nodal", "continuous"))
         self.count, self.highest, self.orders = plain["count"], plain["highest"], plain["orders"]
-        self._tables: dict[Any, tuple[Floats, Floats]] = {}
         if self.is_nodal:
             self._table, self._data = _Table(plain["table"]), plain["data"]
 
-    def values(self, elements: Ints, points: Floats, component: int | None = None) -> Floats:
-        """(n, n_points) of a component of a nodal function on elements of one kind; for None (n, n_points, count)."""
-        if not len(elements):
-            return np.empty((0, len(points), self.count)[: 3 if component is None else 2])
-        dofs, basis = self._table.rows(elements), self._basis(int(elements[0]), points)
-        if component is None:
-            return np.asarray(np.einsum("enc,pn->epc", self._data[dofs], basis))
-        return np.asarray(self._data[:, component][dofs] @ basis.T)
+    def on(self, elements: Ints) -> NodalValues:
+        """Its values on elements of one shape and order."""
+        first = int(elements[0])
+        order = int(self.orders[first])
+        if not self.is_nodal:
+            return _Evaluated(
+                np.empty((0, self.count)), None, asked=self._asked, which=self._which, elements=elements, degree=order
+            )
+        nodes = self._table.rows(elements)
+        basis = _Basis(self._asked, self._which, first, nodes.shape[1], order)
+        return NodalValues(self._data, basis, nodes)
 
-    def _basis(self, element: int, points: Floats) -> Floats:
-        """(n_points, n) the functions of the space on elements of the kind of one."""
-        key = (int(self._corners[element]), int(self.orders[element]))
-        if key not in self._tables or self._tables[key][0] is not points:
-            width = len(points) * int(self._table.sizes[element])
-            one = np.array([element])
-            self._tables[key] = (points, self._asked.values("basis", one, points, self._which, width=width))
-        return self._tables[key][1]
+
+class _Basis(ShapeFunctions):
+    """The functions of a space on elements like one, as the library evaluates them."""
+
+    def __init__(self, asked: _Asked, which: int, element: int, count: int, order: int) -> None:
+        self._asked, self._which, self._element = asked, which, element
+        self._count, self.order = count, order
+
+    def tabulate(self, points: Floats) -> Floats:
+        """(n, count) values at points (n, d) in the library's coordinates."""
+        one = np.array([self._element])
+        return self._asked.values("basis", one, points, self._which, width=len(points) * self._count)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Evaluated(NodalValues):
+    """What the library finds element by element: places, or values of a function, which are no sums over nodes.
+
+    asked, which  the function
+    elements      (m,) their numbers in the library
+    degree        of the function
+    """
+
+    asked: _Asked
+    which: int
+    elements: Ints
+    degree: int
+
+    @property
+    def order(self) -> int:
+        """The degree that the library tells."""
+        return self.degree
+
+    def component(self, number: int, rows: slice | Ints, points: Floats) -> Floats:
+        """(r, n) values of a component of a function."""
+        width = len(points) * self.values.shape[1]
+        return self.asked.values("values", self.elements[rows], points, self.which, number, width=width)
+
+    def at(self, rows: slice | Ints, points: Floats) -> Floats:
+        """(r, n, c) places."""
+        width = len(points) * self.values.shape[1]
+        return self.asked.values("positions", self.elements[rows], points, width=width)
 
 
 def _has_unit_weights(text: str) -> bool:
