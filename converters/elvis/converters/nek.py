@@ -7,18 +7,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from elvis.converters.inputs import STEP, step_number
 from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, other_file, read_boundaries, read_header
 from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, leading
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Converter, Elements, Option, SourceField
-from elvis.plugins.nodal import NodalBasis, tensor_nodes
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements
+from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, component_names, tensor_nodes
 from elvis.plugins.recognition import found_instead
 
 #: our local side for each side of theirs, by dimension
@@ -28,14 +30,14 @@ _SIDES = {2: np.array([0, 1, 2, 3]), 3: np.array([1, 2, 3, 4, 0, 5])}
 _NAME = re.compile(r"(.*?)(\d+)(\.f)(\d{5})$")
 
 
-class Nek(Converter):
+class Nek(NodalConverter):
     """One step, with the file that holds its points and the boundaries of a .re2 file where they are given."""
 
     format = "Nek5000/NekRS field files (.f00001, .nek5000), boundaries from .re2"
     keeps = "curved quadrilaterals and hexahedra of any order, all fields, either precision, steps of many files, time"
     loses = "periodic links and curve descriptions of the .re2 file; pressure on a mesh of its own"
 
-    options = (Option("step", "Which step of a series, counted from 0; the last by default."),)
+    options = (STEP,)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -49,10 +51,9 @@ class Nek(Converter):
         return other_file(path)
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
-        if step is not None and not step.isdigit():
-            raise ElvisError(f"expected a number for --step, found {step!r}")
+        number = step_number(step, may_be_negative=False)
         fields = [path for path in paths if _kind(path) == "field"]
-        fields += [_member(path, step) for path in paths if _kind(path) == "index"]
+        fields += [_member(path, number) for path in paths if _kind(path) == "index"]
         for path in paths:
             if not _kind(path):
                 raise FormatError(
@@ -69,18 +70,6 @@ class Nek(Converter):
             if _kind(path) == "mesh":
                 self._read_boundaries(path)
 
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """Interpolation through the Gauss-Lobatto points."""
-        nodes = [self._points.take("position", axis, self._rows[block.rows]) for axis in range(self._points.dimension)]
-        table = self._geometry.at(points).T
-        return np.stack([own @ table for own in nodes], axis=2)
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Interpolation through the Gauss-Lobatto points."""
-        name, component = field.key
-        rows = np.arange(len(self._values.numbers))[block.rows]
-        return np.asarray(self._values.take(name, component, rows) @ self._basis.at(points).T)
-
     def _check_match(self) -> None:
         points, values = self._points, self._values
         if points.dimension != values.dimension or len(points.numbers) != len(values.numbers):
@@ -92,20 +81,19 @@ class Nek(Converter):
         self._rows: Ints = order[values.numbers - 1]
 
     def _read_blocks(self) -> None:
-        values, shape = self._values, Shape.HEXAHEDRON if self._values.dimension == 3 else Shape.QUADRILATERAL
-        self._basis, self._geometry = (_basis(shape, step.head.points[0]) for step in (values, self._points))
-        order, count = self._points.head.points[0] - 1, len(values.numbers)
-        self.blocks = [Elements(shape, count, order, ids=values.numbers - 1)]
-        head = values.head
+        values, head = self._values, self._values.head
+        none = np.empty((0, values.dimension))
+        geometry = _Records(none, _basis(self._points), step=self._points, name="position", rows=self._rows)
+        basis = _basis(values)
+        count = len(values.numbers)
+        self.blocks = [Elements(basis.shape, count, geometry.order, ids=values.numbers - 1, key=NodalBlock(geometry))]
         names = [(name, parts) for name, parts in head.channels if name != "position"]
         if head.pressure_apart and ("pressure", 1) in names:
             names.remove(("pressure", 1))
             self.notes = ["the pressure lies on a mesh of its own and was left out"]
-        self.fields = [
-            SourceField(name if parts == 1 else f"{name}_{'xyz'[i]}", head.points[0] - 1, True, key=(name, i))
-            for name, parts in names
-            for i in range(parts)
-        ]
+        for name, parts in names:
+            records = _Records(np.empty((0, parts)), basis, step=values, name=name, rows=np.arange(count))
+            self.add_field(name, component_names(name, parts), [records], is_continuous=True)
 
     def _read_boundaries(self, path: Path) -> None:
         count, found = read_boundaries(path)
@@ -144,6 +132,26 @@ class Step:
         return result
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Records(NodalValues):
+    """Values of a record of a step, read when they are asked for; ``rows`` (m,) of the elements in the step."""
+
+    step: Step
+    name: str
+    rows: Ints
+
+    def at_nodes(self, number: int, rows: slice | Ints) -> Floats:
+        """(r, k) values of a component at the nodes of elements ``rows``."""
+        return self.step.take(self.name, number, self.rows[rows])
+
+
+def _basis(step: Step) -> NodalBasis:
+    """The functions of the Gauss-Lobatto points of a step's elements."""
+    shape = Shape.HEXAHEDRON if step.dimension == 3 else Shape.QUADRILATERAL
+    count = step.head.points[0]
+    return NodalBasis(shape, count - 1, tensor_nodes(shape, tuple(lobatto(count)[0].tolist())))
+
+
 def _kind(path: Path) -> str:
     """``field``, ``mesh`` or ``index``, told by the first bytes; empty for any other file."""
     start = leading(path, 512)
@@ -154,12 +162,12 @@ def _kind(path: Path) -> str:
     return "index" if b"filetemplate:" in start else ""
 
 
-def _member(index: Path, step: str | None) -> Path:
-    """The first file of a step of a series, of the last where none is given."""
+def _member(index: Path, step: int) -> Path:
+    """The first file of a step of a series, -1 stands for the last."""
     words = dict(re.findall(r"(\w+):\s*(\S+)", content(index).decode("utf-8", "replace")))
     try:
         first, count = int(words["firsttimestep"]), int(words["numtimesteps"])
-        number = count - 1 if step is None else int(step)
+        number = count - 1 if step < 0 else step
         path = Path(index.parent, words["filetemplate"] % (0, first + number))
     except (KeyError, ValueError, TypeError):
         raise FormatError("expected filetemplate, firsttimestep and numtimesteps", file=index) from None
@@ -227,8 +235,3 @@ def _check_numbers(step: Step) -> None:
     if len(step.numbers) != count or not np.array_equal(np.sort(step.numbers), np.arange(1, count + 1)):
         found = f"{len(step.numbers)}, of which {len(np.unique(step.numbers))} differ"
         raise FormatError(f"expected the elements 1 to {count}, found {found}", file=step.file, place="element map")
-
-
-def _basis(shape: Shape, count: int) -> NodalBasis:
-    nodes = tensor_nodes(shape, tuple(lobatto(count)[0].tolist()))
-    return NodalBasis(shape, count - 1, nodes)

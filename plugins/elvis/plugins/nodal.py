@@ -162,7 +162,7 @@ class NodalValues:
 
     def component(self, number: int, rows: slice | Ints, points: Floats) -> Floats:
         """(r, n) values of a component at reference points (n, d) of elements ``rows``."""
-        own = self._of(self.values[..., number], rows)
+        own = self.at_nodes(number, rows)
         if self.functions is None:
             return np.repeat(own, len(points), axis=1)
         table = self.functions.at(points).T
@@ -170,6 +170,10 @@ class NodalValues:
             return np.asarray(own @ table)
         weights = self._of(self.weights, rows)
         return np.asarray((own * weights) @ table / (weights @ table))
+
+    def at_nodes(self, number: int, rows: slice | Ints) -> Floats:
+        """(r, k) values of a component at the nodes of elements ``rows``."""
+        return self._of(self.values[..., number], rows)
 
     def at(self, rows: slice | Ints, points: Floats) -> Floats:
         """(r, n, c) values at reference points (n, d) of elements ``rows``."""
