@@ -89,6 +89,7 @@ def test_hdf5_files_are_told_by_what_they_hold(tmp_path):
         ({"Mean": 1}, {"File_Type": np.bytes_("TimeAvg")}, "a FLEXI file of the kind TimeAvg, without DG_Solution"),
         ({"VTKHDF": 1}, {}, r"a VTKHDF file: save an unstructured grid \(\.vtu\)"),
         ({"b": 1, "a": 1}, {}, "an HDF5 file with a, b$"),
+        ({b"b\xff": 1, "a": 1}, {}, "an HDF5 file with a, b\ufffd$"),
         ({}, {}, "an HDF5 file with nothing"),
     ]
     for members, attributes, words in cases:

@@ -70,7 +70,8 @@ def _hdf5(path: Path) -> str:
 
     try:
         with h5py.File(path) as file:
-            names = sorted(file)
+            # a name that is no UTF-8 comes as bytes
+            names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)
     except (OSError, RuntimeError, ValueError):
         return "a damaged HDF5 file"
     if "VTKHDF" in names:
