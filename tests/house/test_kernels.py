@@ -40,3 +40,8 @@ def test_there_is_one_camera(renderer):
     assert [name for name, text in shaders.items() if fields.search(text)] == ["camera.slang"]
     filled = [path.name for path, text in renderer.items() if re.search(r"\[\"(?:eye|to_column)\"\]", text)]
     assert filled == ["camera.py"]
+
+
+def test_layouts_come_from_reflection(renderer):
+    typed = [path.name for path, text in renderer.items() if re.search(r"np\.dtype\(\s*\[", text)]
+    assert typed == []

@@ -9,8 +9,6 @@ from elvis.renderer import Status
 from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.tiles import TILE, tiles_of
 
-SECTION = np.dtype([("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
-TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
 CLAIM = np.dtype(
     [
         ("pixel", np.uint32),
@@ -24,28 +22,28 @@ CLAIM = np.dtype(
 points = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 40)), min_size=1, max_size=12)
 
 
-def section_of(element, pixels):
-    """Bounds of x, y, x + y and x - y of some pixels."""
-    x, y = np.array(pixels).T
-    bounds = np.stack([x, y, x + y, x - y])
-    return element, bounds.min(axis=1), bounds.max(axis=1)
+def bounds_of(groups):
+    """Bounds (n, 4) and (n, 4) of x, y, x + y and x - y of the pixels of each group."""
+    every = [np.array([(x, y, x + y, x - y) for x, y in pixels]) for pixels in groups]
+    least, most = np.zeros((2, len(every), 4), np.int64)
+    for number, bounds in enumerate(every):
+        least[number], most[number] = bounds.min(axis=0), bounds.max(axis=0)
+    return least, most
 
 
 @given(st.lists(points, max_size=5))
 def test_tiles_cover_every_pixel_of_a_section(groups):
-    sections = np.array([section_of(7 * number, pixels) for number, pixels in enumerate(groups)], SECTION)
-    tiles = tiles_of(sections, TILES)
-    assert np.array_equal(tiles["element"], sections["element"][tiles["section"]])
+    tiles = tiles_of(*bounds_of(groups))
     for number, pixels in enumerate(groups):
-        own = tiles[tiles["section"] == number]
+        own = tiles[tiles.section == number]
         for x, y in pixels:
-            held = (own["x"] <= x) & (x < own["x"] + TILE) & (own["y"] <= y) & (y < own["y"] + TILE)
+            held = (own.x <= x) & (x < own.x + TILE) & (own.y <= y) & (y < own.y + TILE)
             assert held.sum() == 1
 
 
 def test_slanted_sections_have_fewer_tiles():
     diagonal = [(i, i) for i in range(800)]
-    tiles = tiles_of(np.array([section_of(3, diagonal)], SECTION), TILES)
+    tiles = tiles_of(*bounds_of([diagonal]))
     assert 100 <= len(tiles) <= 300
 
 

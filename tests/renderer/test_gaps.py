@@ -194,6 +194,12 @@ class Disc:
         return Solution(inside.astype(int), np.where(inside, margin, 0.0), reference, points[:, 0])
 
 
+CLAIM = [
+    *(("pixel", np.uint32), ("element", np.uint32), ("verdict", np.int32)),
+    *(("field", np.float64), ("margin", np.float64), ("reference", np.float64, 3)),
+]
+
+
 def closed(size, count):
     """The pixels of a picture of coincident discs, and its view."""
     scene = Scene(
@@ -207,7 +213,7 @@ def closed(size, count):
     sections["least"] = (0, 0, 0, -size)
     sections["most"] = (size - 1, size - 1, 2 * size, size)
     pixels = Pixels(np.full(size * size, NOBODY, np.uint32), np.zeros(size * size, np.uint8))
-    Gaps([Disc(count)]).close(view, pixels, [sections])
+    Gaps([Disc(count)], lambda n: np.zeros(n, CLAIM)).close(view, pixels, [sections])
     return pixels, view
 
 

@@ -8,7 +8,7 @@ of its section is. They are looked at in bands of rows, which bounds the memory.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,17 +21,6 @@ from elvis.renderer.proof import proved
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.scene.view import PlaneView
 
-TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
-CLAIM = np.dtype(
-    [
-        ("pixel", np.uint32),
-        ("element", np.uint32),
-        ("verdict", np.int32),
-        ("field", np.float64),
-        ("margin", np.float64),
-        ("reference", np.float64, 3),
-    ]
-)
 _UNKNOWN = -1
 #: claims that are settled together, so that memory does not grow with the picture
 _MOST = 1 << 17
@@ -40,8 +29,9 @@ _MOST = 1 << 17
 class Gaps:
     """The parts of a volume, with what is known of their elements' bends."""
 
-    def __init__(self, parts: Sequence[Part]) -> None:
-        self._parts = parts
+    def __init__(self, parts: Sequence[Part], claims: Callable[[int], NDArray[Any]]) -> None:
+        """Of a volume's parts; ``claims`` makes so many empty claims."""
+        self._parts, self._empty = parts, claims
         self._first = np.cumsum([0, *map(len, parts)])
         self._bent = [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
 
@@ -70,8 +60,15 @@ class Gaps:
             own: Bools = np.zeros_like(mask)
             own[start:stop] = mask[start:stop]
             bands = [_between_rows(some, start, stop) for some in sections]
-            claims = [pairs(some, first, own) for some, first in zip(bands, self._first, strict=False)]
+            claims = [self._claims(some, first, own) for some, first in zip(bands, self._first, strict=False)]
             settle(pixels, [proved(self._parts, view, some) for some in claims if len(some)])
+
+    def _claims(self, sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
+        """Claims without an answer: of a part's sections, by running number, to the pixels of a mask."""
+        pixel, element = pairs(sections, mask)
+        claims = self._empty(len(pixel))
+        claims["pixel"], claims["element"] = pixel, first + element
+        return claims
 
     def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
         """The sections of a part's strongly bent elements."""
@@ -125,25 +122,21 @@ def _between_rows(sections: NDArray[Any], start: int, stop: int) -> NDArray[Any]
     return found
 
 
-def pairs(sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
-    """Claims without an answer, one for each pixel of the mask (h, w) within the bounds of each section of a part."""
-    tiles = tiles_of(sections, TILES)
-    tiles = tiles[_any_near(mask, tiles["x"], tiles["y"])]
+def pairs(sections: NDArray[Any], mask: Bools) -> tuple[Ints, NDArray[np.uint32]]:
+    """The pixels (n,) of a mask (h, w) within the bounds of each section, and the section's element (n,)."""
+    tiles = tiles_of(sections["least"], sections["most"])
+    tiles = tiles[_any_near(mask, tiles.x, tiles.y)]
 
     # all pixels of these tiles, then those that the bounds and the mask allow
     width = mask.shape[1]
     steps = np.arange(TILE)[:, None] * width + np.arange(TILE)
     flat = np.append(mask, np.zeros((TILE + 1) * width, bool))
-    held = np.flatnonzero(flat[(tiles["y"].astype(np.int64) * width + tiles["x"])[:, None] + steps.reshape(-1)])
+    held = np.flatnonzero(flat[(tiles.y.astype(np.int64) * width + tiles.x)[:, None] + steps.reshape(-1)])
     tile, place = tiles[held // TILE**2], held % TILE**2
-    x, y, section = tile["x"] + place % TILE, tile["y"] + place // TILE, sections[tile["section"]]
+    x, y, section = tile.x + place % TILE, tile.y + place // TILE, sections[tile.section]
     place = np.stack([x, y, x + y, x - y], axis=1)
     within = ((section["least"] <= place) & (place <= section["most"])).all(axis=1) & (x < width)
-
-    claims = np.zeros(int(within.sum()), CLAIM)
-    claims["pixel"] = y[within] * width + x[within]
-    claims["element"] = first + section["element"][within]
-    return claims
+    return y[within] * width + x[within], section["element"][within]
 
 
 def beside(mask: Bools) -> Bools:

@@ -15,12 +15,10 @@ from elvis.core.shapes import Shape
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.tiles import TILE, tiles_of
+from elvis.renderer.tiles import TILE, Sections, tiles_of
 from elvis.scene.conditioning import misplaced
 from elvis.scene.view import View
 
-SECTION = np.dtype([("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
-_TILE = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
 #: hits, and ends of segments, are one where they lie nearer than this part of the greatest coordinate
 APART = 1e-11
 #: part of values that is rounding where a plugin says nothing of it
@@ -95,22 +93,24 @@ class Traversal:
         return {name: self.device.buffer(data) for name, data in zip(names, _line(degree), strict=True)}
 
 
-def binned(sections: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
-    """Tiles of the picture as bins (iso.slang), and the sections seen in one after another, in their order."""
-    aligned = sections.copy()
-    aligned["least"][:, :2] = sections["least"][:, :2] // TILE * TILE
-    tiles = tiles_of(aligned, _TILE)
-    key = tiles["y"].astype(np.int64) << 20 | tiles["x"]
+def binned(
+    least: NDArray[np.int32], most: NDArray[np.int32], dtype: np.dtype[Any]
+) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    """Tiles of the picture as bins (iso.slang), and the sections, with bounds (n, 4), seen in one after another."""
+    aligned = least.copy()
+    aligned[:, :2] = least[:, :2] // TILE * TILE
+    tiles = tiles_of(aligned, most)
+    key = tiles.y.astype(np.int64) << 20 | tiles.x
     order = np.argsort(key, kind="stable")
     places, first = np.unique(key[order], return_index=True)
     bins = np.zeros(len(places), dtype)
     bins["x"], bins["y"] = places & 0xFFFFF, places >> 20
     bins["first"], bins["end"] = first, np.append(first[1:], len(order))
-    return bins, tiles["section"][order]
+    return bins, tiles.section[order].astype(np.uint32)
 
 
-def seen(view: View, corners: Floats, chosen: Bools) -> NDArray[Any]:
-    """Sections, as tiles_of takes them, of the chosen tetrahedra with corners (n, 4, 3), those of near ones first."""
+def seen(view: View, corners: Floats, chosen: Bools) -> Sections:
+    """Sections of the chosen tetrahedra with corners (n, 4, 3), those of near ones first."""
     elements = np.flatnonzero(chosen)
     points = corners[elements]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -121,18 +121,16 @@ def seen(view: View, corners: Floats, chosen: Bools) -> NDArray[Any]:
     diagonal = np.stack([x, y, x + y, x - y], axis=2)
     diagonal[behind] = np.nan
     size = np.array([view.width, view.height])
-    sections = np.zeros(len(elements), SECTION)
-    sections["element"] = elements
     wide = np.append(size, [4 * size.max()] * 2).astype(float)
     least = np.nan_to_num(diagonal.min(axis=1), nan=-np.inf) - 1e-3
     most = np.nan_to_num(diagonal.max(axis=1), nan=np.inf) + 1e-3
-    sections["least"] = np.ceil(np.clip(least, [0, 0, *-wide[2:]], wide))
-    sections["most"] = np.floor(np.clip(most, [-1, -1, *-wide[2:]], [*size - 1, *wide[2:]]))
+    first = np.ceil(np.clip(least, [0, 0, *-wide[2:]], wide)).astype(np.int32)
+    last = np.floor(np.clip(most, [-1, -1, *-wide[2:]], [*size - 1, *wide[2:]])).astype(np.int32)
 
     near = view.depth_of(points)
-    kept = (sections["least"] <= sections["most"]).all(axis=1) & (near.max(axis=1) > 0)
+    kept = (first <= last).all(axis=1) & (near.max(axis=1) > 0)
     order = np.argsort(near.min(axis=1)[kept], kind="stable")
-    return np.asarray(sections[kept][order])
+    return Sections(elements.astype(np.uint32), first, last)[kept][order]
 
 
 @lru_cache(maxsize=16)

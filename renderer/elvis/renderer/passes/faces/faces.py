@@ -28,7 +28,6 @@ from elvis.scene.view import View
 _TIE = 1e-11
 #: pixels near edges that are looked at together
 _AT_ONCE = 1 << 20
-_TILES = np.dtype([("element", np.uint32), ("section", np.uint32), ("x", np.int32), ("y", np.int32)])
 #: what is known of a pixel: kind of number, and how many
 _IMAGE = {
     "owner": (np.uint32, 1),
@@ -224,15 +223,15 @@ def _binned(
     rows   of pixels, the first one and the one after the last, that the tiles reach into
     every  whether tiles without pieces are there too
     """
-    aligned = pieces.copy()
-    aligned["least"][:, :2] &= ~(TILE - 1)
-    pairs, across = tiles_of(aligned, _TILES), -(-view.width // TILE)
-    tile = pairs["y"].astype(np.int64) // TILE * across + pairs["x"] // TILE
+    least, across = pieces["least"].copy(), -(-view.width // TILE)
+    least[:, :2] &= ~(TILE - 1)
+    pairs = tiles_of(least, pieces["most"])
+    tile = pairs.y.astype(np.int64) // TILE * across + pairs.x // TILE
     counts = np.bincount(tile, minlength=across * -(-view.height // TILE))
     ends, y = np.cumsum(counts), np.arange(len(counts)) // across * TILE
     tiles = np.column_stack([np.arange(len(counts)) % across * TILE, y, ends - counts, ends]).astype(np.uint32)
     kept = ((counts > 0) | every) & (y + TILE > rows[0]) & (y < rows[1])
-    return pairs["section"][np.argsort(tile, kind="stable")], tiles[kept]
+    return pairs.section[np.argsort(tile, kind="stable")].astype(np.uint32), tiles[kept]
 
 
 def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:

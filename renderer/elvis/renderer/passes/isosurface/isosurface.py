@@ -16,7 +16,7 @@ from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
+from elvis.renderer.traversal import APART, Traversal, binned, seen
 from elvis.scene.conditioning import misplaced
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -90,7 +90,7 @@ class IsosurfaceDrawer:
         corners = np.stack([boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
         sections = seen(view, corners, (low <= value) & (high >= value))
         edges = np.zeros((view.height + 1, view.width + 1), np.int64)
-        (x0, y0), (x1, y1) = sections["least"][:, :2].T, sections["most"][:, :2].T + 1
+        (x0, y0), (x1, y1) = sections.least[:, :2].T, sections.most[:, :2].T + 1
         for x, y, sign in ((x0, y0, 1), (x1, y0, -1), (x0, y1, -1), (x1, y1, 1)):
             np.add.at(edges, (y, x), sign)
         return np.asarray(edges.cumsum(axis=0).cumsum(axis=1)[:-1, :-1].reshape(-1) > 0)
@@ -120,14 +120,14 @@ class IsosurfaceDrawer:
         sections = seen(view, self.traversal.corners(number), wanted)
         self.counts["pieces"] += len(sections)
         if len(sections):
-            bins, order = binned(sections, draw.dtype("bins"))
+            bins, order = binned(sections.least, sections.most, draw.dtype("bins"))
             buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
             buffers["rays"] = self.traversal.rays(draw, view, number, len(bins), value)
             errors = np.where(flat, np.inf, self.traversal.rounding(number, quantity, value))
             buffers["errors"] = self.device.buffer(errors)
             buffers["steepest"] = self.device.buffer(self.traversal.steepest(number, quantity, value))
             buffers["bins"] = self.device.buffer(bins)
-            buffers["order"] = self.device.buffer(sections["element"][order])
+            buffers["order"] = self.device.buffer(sections.element[order])
             draw(len(bins), buffers, groups=True, work=bins["end"] - bins["first"])
 
     def _holding(self, number: int, quantity: str | None, value: float) -> Bools:
@@ -222,10 +222,9 @@ class IsosurfaceDrawer:
         self, draw: Kernel, buffers: dict[str, Buffer], pieces: NDArray[Any], ask: Callable[..., Buffer]
     ) -> Bools:
         """Draws pieces; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
-        sections = np.zeros(len(pieces), SECTION)
-        sections["least"], sections["most"] = -(1 << 20), 1 << 20
-        sections["least"][:, :2], sections["most"][:, :2] = pieces["bounds"][:, :2], pieces["bounds"][:, 2:]
-        bins, order = binned(sections, draw.dtype("bins"))
+        least, most = (np.full((len(pieces), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
+        least[:, :2], most[:, :2] = pieces["bounds"][:, :2], pieces["bounds"][:, 2:]
+        bins, order = binned(least, most, draw.dtype("bins"))
         lists = {
             "ask": ask(count=len(bins)),
             "bins": self.device.buffer(bins),

@@ -129,9 +129,9 @@ class ContourProof:
         sections["least"], sections["most"] = sections["least"] - 1, sections["most"] + 1
         sections["least"][:, :2] = np.maximum(sections["least"][:, :2], 0)
         sections["most"][:, :2] = np.minimum(sections["most"][:, :2], [view.width - 1, view.height - 1])
-        found = pairs(sections, 0, mask)
-        found = found[self._layer.owner[found["pixel"]] != found["element"]]
-        pixel, element = found["pixel"].astype(np.int64), found["element"].astype(np.int64)
+        pixel, element = pairs(sections, mask)
+        others = self._layer.owner[pixel] != element
+        pixel, element = pixel[others], element[others].astype(np.int64)
         return _Items(pixel, element, np.full((len(pixel), 3), np.nan))
 
     def _settle(self, items: _Items) -> Bools:

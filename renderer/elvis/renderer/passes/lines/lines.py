@@ -7,7 +7,7 @@ element's own border; mesh lines are where the facets of an element's reference 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,8 +29,6 @@ MOST, WIDEST = 1024, 100.0
 #: a mark is a distance in these parts of a pixel; that of a contour has its number in place of the lowest bits
 UNITS = 1 << 26
 NOTHING = NOBODY
-#: an element to be searched around a pixel, as in line.slang
-PIECE = np.dtype([("pixel", np.uint32), ("base", np.uint32), ("whole", np.uint32), ("element", np.uint32)])
 #: lanes of a wave where lanes share what they read (native_data.slang)
 WAVE = 8
 #: lines from the centre of a reference shape that look for its facets
@@ -68,6 +66,35 @@ class Marks:
         return np.where(self._read == NOTHING, -1, (self._read & (MOST - 1)).astype(np.int64))
 
 
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Elements to be searched around pixels, (n,) each, as the records of line.slang."""
+
+    pixel: NDArray[Any]
+    base: NDArray[Any]
+    element: NDArray[Any]
+    whole: NDArray[Any]
+
+    @staticmethod
+    def around(pixel: NDArray[Any], element: NDArray[Any], whole: int = 0) -> Pieces:
+        """Pieces whose elements are hit at the pixels themselves."""
+        return Pieces(pixel, pixel, element, np.full(len(pixel), whole))
+
+    def and_those(self, found: NDArray[Any]) -> Pieces:
+        """The pieces of a kernel's records, then these."""
+        return Pieces(*(np.append(found[item.name], getattr(self, item.name)) for item in fields(Pieces)))
+
+    def __getitem__(self, chosen: Any) -> Pieces:
+        return Pieces(self.pixel[chosen], self.base[chosen], self.element[chosen], self.whole[chosen])
+
+    def records(self, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """As a kernel has them."""
+        records = np.zeros(len(self.pixel), dtype)
+        for item in fields(Pieces):
+            records[item.name] = getattr(self, item.name)
+        return records
+
+
 class Lines:
     """A loaded volume, ready for lines on layers of it."""
 
@@ -90,7 +117,7 @@ class Lines:
         )
         slivers = self._slivers(view, layer, levels, quantity)
         smooth = all(self._is_polynomial(number, quantity) for number in range(len(self._loaded.parts)))
-        pieces = np.concatenate([self._found(view, layer, buffers, len(levels), smooth), slivers])
+        pieces = slivers.and_those(self._found(view, layer, buffers, len(levels), smooth))
         size = {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": layer.offset}
         self._run("line_draw", view, layer, pieces, buffers, quantity, **size)
         return Marks(self._device, buffers["marks"], width, layer.owner, NOTHING - MOST + 1)
@@ -101,9 +128,7 @@ class Lines:
         side = layer.owner if layer.side is None else layer.side
         near = np.flatnonzero(_near_others(side.reshape(view.height, view.width), int(np.ceil(reach))))
         near = near[layer.owner[near] != NOBODY]
-        pieces = np.zeros(len(near), PIECE)
-        pieces["pixel"] = pieces["base"] = near
-        pieces["element"] = layer.owner[near]
+        pieces = Pieces.around(near, layer.owner[near])
         self._run("line_border", view, layer, pieces, buffers, reach=reach)
         return Marks(self._device, buffers["marks"], width, layer.owner)
 
@@ -116,10 +141,10 @@ class Lines:
             "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
 
-    def _slivers(self, view: View, layer: Layer, levels: Floats, quantity: str | None) -> NDArray[Any]:
+    def _slivers(self, view: View, layer: Layer, levels: Floats, quantity: str | None) -> Pieces:
         """Pieces of thin sections that may show in a pixel's square but own none of the nine pixels around it."""
         if layer.sections is None or not len(levels):
-            return np.zeros(0, PIECE)
+            return Pieces.around(np.zeros(0, np.int64), np.zeros(0, np.uint32))
         sections, (ends, _) = layer.sections, self._loaded.every(quantity)
         low, high = ends[sections["element"]].T
         sections = sections[np.searchsorted(levels, low) < np.searchsorted(levels, high, "right")]
@@ -129,16 +154,12 @@ class Lines:
         sections["most"] += 1
         sections["least"][:, :2] = np.maximum(sections["least"][:, :2], 0)
         sections["most"][:, :2] = np.minimum(sections["most"][:, :2], [view.width - 1, view.height - 1])
-        claims = pairs(sections, 0, _near_others(owner, 1))
-        pixel, element = claims["pixel"].astype(np.int64), np.ascontiguousarray(claims["element"])
+        pixel, element = pairs(sections, _near_others(owner, 1))
         around = np.pad(owner, 1, constant_values=NOBODY).reshape(-1)
         corner, free = pixel + 2 * (pixel // view.width), np.ones(len(pixel), bool)
         for k in range(9):
             free &= around[corner + (k // 3 * (view.width + 2) + k % 3)] != element
-        pieces = np.zeros(int(free.sum()), PIECE)
-        pieces["pixel"] = pieces["base"] = pixel[free]
-        pieces["whole"], pieces["element"] = 2, element[free]
-        return pieces
+        return Pieces.around(pixel[free], element[free], whole=2)
 
     def _is_polynomial(self, number: int, quantity: str | None) -> bool:
         """Whether a part's map and quantity are polynomials, which have neither poles nor jumps in an element."""
@@ -161,28 +182,29 @@ class Lines:
         stage: str,
         view: View,
         layer: Layer,
-        pieces: NDArray[Any],
+        pieces: Pieces,
         buffers: dict[str, Buffer],
         quantity: str | None = None,
         **size: float,
     ) -> None:
         """A stage over the pieces of each part, sorted by element."""
         pieces = _waves(pieces)
-        ends = np.searchsorted(pieces["element"], self._loaded.first)
+        ends = np.searchsorted(pieces.element, self._loaded.first)
         gathered = "reference" not in layer.held
         for number, part in enumerate(self._loaded.parts):
             own = pieces[ends[number] : ends[number + 1]]
-            if not len(own):
+            count = len(own.pixel)
+            if not count:
                 continue
             kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
-            place = {"first": self._loaded.first[number], "count": len(own), "facets": len(facets)}
+            place = {"first": self._loaded.first[number], "count": count, "facets": len(facets)}
             smooth = self._is_polynomial(number, quantity)
             flat = layer.flat is not None
             record = record_of(kernel, "view", view, **place, **size, gathered=gathered, flat=flat, smooth=smooth)
-            references = self._device.buffer(layer.reference[own["base"]]) if gathered else layer.held["reference"]
-            data = {"pieces": own, "facets": facets, "view": record}
+            references = self._device.buffer(layer.reference[own.base]) if gathered else layer.held["reference"]
+            data = {"pieces": own.records(kernel.dtype("pieces")), "facets": facets, "view": record}
             brought = {name: self._device.buffer(some) for name, some in data.items()}
-            kernel(len(own), {**self._loaded.bound(number, quantity), **buffers, **brought, "references": references})
+            kernel(count, {**self._loaded.bound(number, quantity), **buffers, **brought, "references": references})
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""
@@ -197,17 +219,21 @@ class Lines:
         return self._facets[number]
 
 
-def _waves(pieces: NDArray[Any]) -> NDArray[Any]:
+def _waves(pieces: Pieces) -> Pieces:
     """Pieces by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
-    pieces = pieces[np.argsort(pieces["element"], kind="stable")]
-    element = pieces["element"]
+    order = np.argsort(pieces.element, kind="stable")
+    element = pieces.element[order]
     first = np.flatnonzero(np.diff(element.astype(np.int64), prepend=-1))
     counts = np.diff(np.append(first, len(element)))
     rooms = -(-counts // WAVE) * WAVE
-    filled = np.repeat(pieces[first], rooms)
-    filled["pixel"] = NOBODY
-    filled[np.arange(len(pieces)) + np.repeat(np.cumsum(rooms - counts) - (rooms - counts), counts)] = pieces
-    return filled
+
+    # rooms that hold no piece have the first one of their element, without a pixel
+    place = np.arange(len(element)) + np.repeat(np.cumsum(rooms - counts) - (rooms - counts), counts)
+    filled = np.repeat(order[first], rooms)
+    filled[place] = order
+    pixel = np.full(len(filled), NOBODY)
+    pixel[place] = pieces.pixel[order]
+    return replace(pieces[filled], pixel=pixel)
 
 
 def covered(distance: Floats, width: float) -> Floats:

@@ -45,7 +45,7 @@ class Cutter:
     def __init__(self, loaded: Loaded) -> None:
         self.device, self.parts, self.buffers = loaded.device, loaded.parts, loaded.buffers
         self.first, self.reach = loaded.first, loaded.reach
-        self.gaps, self.far = Gaps(self.parts), loaded.is_far
+        self.gaps, self.far = Gaps(self.parts, self._claims), loaded.is_far
         self.clock = Clock()
         self.tiles = 0
         self.references = True
@@ -104,7 +104,7 @@ class Cutter:
 
         # the pixels of every tile; drawing twice is harmless, should the list of claims have been too short
         with self.clock.stage("draw"):
-            tiles = tiles_of(sections, draw.dtype("tiles"))
+            tiles = _tiles(sections, draw.dtype("tiles"))
             self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))
@@ -135,6 +135,10 @@ class Cutter:
         claims["element"] += np.uint32(self.first[number])
         return claims
 
+    def _claims(self, count: int) -> NDArray[Any]:
+        """Empty Claim records (cut.slang)."""
+        return np.zeros(count, self.device.kernel("cut_grant").dtype("claims"))
+
     def _kernel(self, stage: str, part: Part) -> Kernel:
         return self.device.kernel(stage, part)
 
@@ -156,6 +160,15 @@ class Cutter:
         for name in ("pixel", "element", "field", "reference"):
             claims[name] = every[name][last]
         kernel(len(claims), {"claims": self.device.buffer(claims), **image})
+
+
+def _tiles(sections: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The Tile records (cut.slang) that cover sections."""
+    tiles = tiles_of(sections["least"], sections["most"])
+    record = np.zeros(len(tiles), dtype)
+    record["element"], record["section"] = sections["element"][tiles.section], tiles.section
+    record["x"], record["y"] = tiles.x, tiles.y
+    return record
 
 
 def _doubt_cracks(pixels: Pixels, view: PlaneView) -> None:

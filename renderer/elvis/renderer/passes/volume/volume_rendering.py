@@ -18,7 +18,7 @@ from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.visibility import Visibility
 from elvis.renderer.tiles import TILE
-from elvis.renderer.traversal import APART, SECTION, Traversal, binned, seen
+from elvis.renderer.traversal import APART, Traversal, binned, seen
 from elvis.scene import Clip, Transfer
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -255,9 +255,9 @@ class _March:
         """A part of straight tetrahedra."""
         kernel = self._kernel("volume_list", number, listed)
         sections = seen(self.view, self.traversal.corners(number), self.chosen[listed][number])
-        tiles, order = binned(sections, kernel.dtype("tiles"))
+        tiles, order = binned(sections.least, sections.most, kernel.dtype("tiles"))
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
-        return _Seen(number, listed, kernel, tiles, counts, {"order": sections["element"][order]})
+        return _Seen(number, listed, kernel, tiles, counts, {"order": sections.element[order]})
 
     def _curved(self, listed: int, number: int) -> _Seen:
         """A part of curved elements, by pieces of their faces."""
@@ -266,10 +266,7 @@ class _March:
         kernel = self._kernel("volume_trace", number, listed)
         pieces, view = self.renderer.faces().seen(self.view, self.bent, number, kernel)
         pieces = pieces[self.chosen[listed][number][pieces["element"]]]
-        sections = np.zeros(len(pieces), SECTION)
-        for name in SECTION.names or ():
-            sections[name] = pieces[name]
-        tiles, order = binned(sections, kernel.dtype("tiles"))
+        tiles, order = binned(pieces["least"], pieces["most"], kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
         wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[listed]), APART
         # as many segments as there are elements in a tile
