@@ -144,9 +144,7 @@ def _add(gmsh: Any, entity: int, piece: Piece, mesh: Mesh, first: int) -> int:
     """Add the elements of a piece; the number of the next node."""
     shape, cell = piece.patch.shape, piece.cell
     corners = nearest_nodes(cell.nodes, cell.shape.vertices)
-    entities = mesh.of(shape)
-    order = np.argsort(entities.ids, kind="stable")
-    rows = order[np.searchsorted(entities.ids, piece.patch.element_ids, sorter=order)]
+    rows = mesh.of(shape).rows_of(piece.patch.element_ids)
     own = local_vertices(mesh, shape)[rows]
     if piece.is_collapsed:
         own = own[:, [0, 1, 2, 3, 4, 4, 4, 4]]

@@ -186,7 +186,6 @@ class _Reading:
         return {
             "name": name,
             "shape": shape.name,
-            "order": int(order),
             "nodes": nodes,
             "corners": own,
             "degree": functions.order,

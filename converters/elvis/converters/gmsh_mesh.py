@@ -33,7 +33,6 @@ class Kind:
 
     name: str
     shape: Shape
-    order: int
     nodes: Floats
     corners: Ints
     functions: Functions
@@ -48,7 +47,7 @@ class Kind:
         """One that another process has told: all of its own by name, the functions by what makes them."""
         shape, nodes, corners = Shape[plain["shape"]], plain["nodes"], plain["corners"]
         functions = Functions(shape, plain["degree"], nodes[corners], plain["coefficients"])
-        return cls(plain["name"], shape, plain["order"], nodes, corners, functions)
+        return cls(plain["name"], shape, nodes, corners, functions)
 
 
 @dataclass(eq=False)

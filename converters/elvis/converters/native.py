@@ -185,8 +185,7 @@ def _region(composite: Composite, is_told_apart: bool) -> str:
 def _block(mesh: Mesh, number: int, region: str, part: _Part) -> Elements:
     patch, entities = part.patch, mesh.of(part.patch.shape)
     ids = patch.element_ids[part.rows]
-    order = np.argsort(entities.ids, kind="stable")
-    rows = order[np.searchsorted(entities.ids, ids, sorter=order)]
+    rows = entities.rows_of(ids)
     fields = [expansion for expansion in patch.fields if expansion is not None]
     return Elements(
         patch.shape,

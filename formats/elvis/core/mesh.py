@@ -28,6 +28,11 @@ class Entities:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def rows_of(self, ids: Ints) -> Ints:
+        """(n,) rows of entities with these ids (n,), each of which is there."""
+        order = np.argsort(self.ids, kind="stable")
+        return np.asarray(order[np.searchsorted(self.ids, ids, sorter=order)])
+
     @staticmethod
     def none(members: int) -> Entities:
         """No entities, of ``members`` members each."""

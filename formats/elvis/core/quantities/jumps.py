@@ -65,8 +65,7 @@ def _sides(dataset: Dataset, patch: Patch, start: int, along: int) -> Iterator[t
     assert expansion is not None
     assert coefficients is not None
     entities = mesh.of(shape)
-    by_id = np.argsort(entities.ids, kind="stable")
-    rows = by_id[np.searchsorted(entities.ids, patch.element_ids, sorter=by_id)]
+    rows = entities.rows_of(patch.element_ids)
     vertices, members = local_vertices(mesh, shape)[rows], entities.members[rows]
     for number, local in enumerate(_local_sides(shape)):
         turns = _turns(vertices[:, local])

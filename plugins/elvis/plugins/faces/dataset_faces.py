@@ -66,8 +66,7 @@ def _sides(mesh: Mesh, shape: Shape, ids: Ints, extruded: bool) -> Iterator[tupl
     Triangles of the mesh count first, then quadrilaterals; in quasi-3D data edges, then lids.
     """
     entities = mesh.of(shape)
-    order = np.argsort(entities.ids)
-    rows = order[np.searchsorted(entities.ids, ids, sorter=order)]
+    rows = entities.rows_of(ids)
     numbers = rows[:, None] + first_face_row(mesh, shape) if shape.dimension == 2 else entities.members[rows]
     if extruded:
         ends, up = shape.vertices[[*shape.edges]], np.broadcast_to([0.0, 0.0, 1.0], (len(shape.edges), 3))

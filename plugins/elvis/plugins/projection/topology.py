@@ -90,10 +90,9 @@ def given(source: Converter, mesh: Mesh) -> Topology:
     """The source's blocks in a mesh that is taken over as it is; ElvisError where there are no elements."""
     blocks = []
     for number, block in enumerate(_checked(source)):
-        entities, rows = mesh.of(block.shape), np.arange(len(block))
+        rows = np.arange(len(block))
         assert block.ids is not None
-        order = np.argsort(entities.ids, kind="stable")
-        own = order[np.searchsorted(entities.ids, block.ids, sorter=order)]
+        own = mesh.of(block.shape).rows_of(block.ids)
         vertices = local_vertices(mesh, block.shape)[own]
         blocks.append(NativeBlock(number, block, block.shape, vertices, 0 * rows, False, rows, own, block.ids))
     return Topology(mesh, tuple(blocks), np.empty(0, np.int64), np.empty(0, np.int64))
