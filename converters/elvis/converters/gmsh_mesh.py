@@ -113,7 +113,7 @@ class Functions(ShapeFunctions):
         """One function for each vertex of a type of elements, in the library's order."""
         nodes = native_points(kind.shape, kind.frame, kind.nodes[: len(kind.corners)])
         table = space_values(kind.shape, 1, nodes, PyramidSpace.RATIONAL)
-        return cls(kind.shape, 1, kind.frame, np.linalg.inv(table))
+        return cls(kind.shape, 1, kind.frame, np.asarray(np.linalg.inv(table), np.float64))
 
 
 _BOXES = {1: Shape.SEGMENT, 2: Shape.QUADRILATERAL, 3: Shape.HEXAHEDRON}

@@ -54,9 +54,9 @@ def lattice(shape: Shape, order: int) -> Ints:
     """(n, d) coordinates, times the order, of the evenly spaced nodes of a unit element; the first is the fastest."""
     grid = np.indices((order + 1,) * shape.dimension).reshape(shape.dimension, -1)[::-1].T
     if shape is Shape.PYRAMID:
-        return grid[grid[:, :2].max(axis=1) + grid[:, 2] <= order]
+        return np.asarray(grid[grid[:, :2].max(axis=1) + grid[:, 2] <= order])
     axes = SIMPLEX_AXES.get(shape, 0)
-    return grid[grid[:, :axes].sum(axis=1) <= order]
+    return np.asarray(grid[grid[:, :axes].sum(axis=1) <= order])
 
 
 def unit_basis(shape: Shape, order: int, nodes: Floats | Ints) -> NodalBasis:

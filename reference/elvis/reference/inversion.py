@@ -61,7 +61,7 @@ class Inverter:
 
     def precision(self, rows: Ints) -> Floats:
         """(n,) world distance within which a point is that of a root."""
-        return np.maximum(_RESIDUAL * self.sizes[rows], _ROUNDINGS * _EPSILON * self.magnitudes[rows])
+        return np.asarray(np.maximum(_RESIDUAL * self.sizes[rows], _ROUNDINGS * _EPSILON * self.magnitudes[rows]))
 
     def placed(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d)."""

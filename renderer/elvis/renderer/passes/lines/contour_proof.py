@@ -249,7 +249,7 @@ class _Squares:
         self._centre = np.where(np.isnan(items.start), straight, items.start)
         for _ in range(4):
             found = proof.sampled(number, items.element, self._centre)
-            self._inverse = np.linalg.inv(found.jacobian)
+            self._inverse = np.asarray(np.linalg.inv(found.jacobian), np.float64)
             step = np.einsum("nij,nj->ni", self._inverse, middle - found.position)
             self._centre = self._centre + step
         found = proof.sampled(number, items.element, self._centre)
