@@ -240,7 +240,7 @@ MESH_CHANGES = [
         '<VERTEX XSCALE="1/0">',
         r"expected an expression with a value, found '1/0' \(float division by zero\)",
     ),
-    ("<VERTEX>", '<VERTEX YMOVE="__import__">', "expected a known name in the expression '__import__'"),
+    ("<VERTEX>", '<VERTEX YMOVE="__import__">', "expected a known name, found '__import__'"),
     ("<VERTEX>", '<VERTEX COMPRESSED="B64Z-LittleEndian">', "expected base64, found the character '<'"),
     ("<EDGE>", '<EDGE COMPRESSED="XZ">', "expected the encoding B64Z-LittleEndian, found 'XZ'"),
     ("</EDGE>", "</EDGE", "expected </GEOMETRY>|expected the end of a tag|expected </EDGE>"),

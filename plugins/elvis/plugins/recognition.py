@@ -72,7 +72,7 @@ def _hdf5(path: Path) -> str:
         with h5py.File(path) as file:
             # a name that is no UTF-8 comes as bytes
             names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)
-    except (OSError, RuntimeError, ValueError):
+    except (OSError, RuntimeError, ValueError, KeyError):
         return "a damaged HDF5 file"
     if "VTKHDF" in names:
         return "a VTKHDF file: save an unstructured grid (.vtu) in ParaView"

@@ -17,10 +17,12 @@ def unit(vector: "Vector | Floats", what: str) -> "Floats":
     import numpy as np
 
     array = np.asarray(vector, dtype=np.float64)
-    length = float(np.linalg.norm(array))
-    if not np.isfinite(length) or length == 0.0:
+    # squares of very large and very small numbers are beyond the range
+    largest = float(np.abs(array).max())
+    if not np.isfinite(largest) or largest == 0.0:
         raise SceneError(f"{what} must be a direction, found {', '.join(f'{x:g}' for x in array)}")
-    return np.asarray(array / length)
+    scaled = array if 1e-100 < largest < 1e100 else array / largest
+    return np.asarray(scaled / np.linalg.norm(scaled))
 
 
 @dataclass(frozen=True, repr=False)
