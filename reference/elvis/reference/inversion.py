@@ -52,6 +52,8 @@ class Inverter:
     def __init__(self, patch: Patch) -> None:
         self.patch, self.shape = patch, patch.shape
         self._degrees = map_degrees(patch)[: self.shape.dimension]
+        is_simplex = self.shape in (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON)
+        self._is_affine = is_simplex and set(self._degrees) == {1}
         rows = np.arange(len(patch))
         whole = _boxes(np.zeros((len(rows), 2 * self.shape.dimension), np.int64))
         self._bounds = _Bounds(self, rows, whole)
@@ -84,10 +86,12 @@ class Inverter:
         for number in range(starts.shape[1]):
             due = status[active] == Status.UNCERTAIN
             here = active[due]
-            found, inside, unique = self._newton(rows[here], starts[due, number], points[here])
+            found, root, inside = self._newton(rows[here], starts[due, number], points[here])
             reference[here[inside]] = found[inside]
             status[here[inside]] = Status.INSIDE
-            status[here[unique & ~inside]] = Status.OUTSIDE
+            # an affine map has one root alone
+            if self._is_affine:
+                status[here[root & ~inside]] = Status.OUTSIDE
         return reference, status
 
     def searched(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
@@ -105,7 +109,7 @@ class Inverter:
             pair, place, own = pair[left], place[left], own.reshape(-1)[left]
             if number % _TRIED == _TRIED - 1:
                 start = uncollapse(self.shape, boxes.mean(axis=1))[own]
-                found, inside, _ = self._newton(rows[pair], start, points[pair])
+                found, _, inside = self._newton(rows[pair], start, points[pair])
                 reference[pair[inside]] = found[inside]
                 status[pair[inside]] = Status.INSIDE
                 is_open = status[pair] != Status.INSIDE
@@ -133,7 +137,7 @@ class Inverter:
         return places[best]
 
     def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, Bools, Bools]:
-        """Where damped steps lead (n, d), whether that is a root inside, and whether it is the only one of the map."""
+        """Where damped steps lead (n, d), whether that is a root (n,), and whether it is one inside (n,)."""
         found, nearest = start.copy(), np.full(len(rows), np.inf)
         best, active = start.copy(), np.arange(len(rows))
         for _ in range(_STEPS):
@@ -159,8 +163,7 @@ class Inverter:
                 break
         root = nearest <= self.precision(rows)
         margin = margins(self.shape, best) + self._blur(rows, best)
-        is_affine = self.shape in (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON) and set(self._degrees) == {1}
-        return best, root & (margin >= -TOLERANCE), root & np.full(len(rows), is_affine)
+        return best, root, root & (margin >= -TOLERANCE)
 
     def _blur(self, rows: Ints, places: Floats) -> Floats:
         """(n,) how much rounding of coordinates may move margins at reference points (n, d), no more than a quarter.
