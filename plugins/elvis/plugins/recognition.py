@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from elvis.core.errors import FormatError
 from elvis.plugins.conversion import Converter
 
 _HEAD = 4096
@@ -68,11 +69,13 @@ def _hdf5(path: Path) -> str:
     """An HDF5 file by what is in it."""
     import h5py  # type: ignore[import-untyped]
 
+    from elvis.formats.nektar.hdf5 import guarded
+
     try:
-        with h5py.File(path) as file:
+        with guarded(), h5py.File(path) as file:
             # a name that is no UTF-8 comes as bytes
             names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)
-    except (OSError, RuntimeError, ValueError, KeyError):
+    except FormatError:
         return "a damaged HDF5 file"
     if "VTKHDF" in names:
         return "a VTKHDF file: save an unstructured grid (.vtu) in ParaView"
