@@ -216,13 +216,13 @@ class Stages:
         # bounds of a distance take longer than its picture, so only an empty one asks for them
         is_distance = self.distances.knows(of)
         if not is_distance:
-            self._in_range(asked, value)
+            self._in_range(asked, of, value)
         own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
 
         def draw(view: View, beyond: Floats | None) -> Layer:
             layer = self._at_level(view, of, value, beyond)
             if is_distance and beyond is None and not np.any(layer.owner != NOBODY):
-                self._in_range(asked, value)
+                self._in_range(asked, of, value)
             return self.resampled(layer, of, own)
 
         return Sheet(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
@@ -241,14 +241,23 @@ class Stages:
         status = np.where(before, np.uint8(Status.AMBIGUOUS), layer.status)
         return replace(layer, status=status)
 
-    def _in_range(self, name: str, value: float) -> None:
+    def _in_range(self, asked: str, own: str | None, value: float) -> None:
         """SceneError where a quantity, by its certified bounds, has the value nowhere."""
         try:
-            low, high = self.bounds(name)
+            low, high = self.bounds(asked)
         except SceneError:
             return
-        if not low <= value <= high:
-            raise SceneError(f"values of an isosurface: {name!r} lies between {low:g} and {high:g}, found {value:g}")
+        if low <= value <= high:
+            return
+        # the bounds hold to rounding: what is as near as that to them is drawn, and proved pixel by pixel
+        if not low - self._rounding(own, low) <= value <= high + self._rounding(own, high):
+            raise SceneError(f"values of an isosurface: {asked!r} lies between {low:g} and {high:g}, found {value:g}")
+
+    def _rounding(self, own: str | None, value: float) -> float:
+        """How far the certified bounds of a quantity may be from the true ones, near a value."""
+        traversal = self.volumes.traversal
+        every = [traversal.rounding(n, own, value).max(initial=0.0) for n in range(len(self.loaded.parts))]
+        return float(max(every, default=0.0))
 
     def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> Layer:
         """What a surface meets of the volume."""
