@@ -162,10 +162,10 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(case, plugin):
 
 def test_several_claims_ask_for_a_choice(case, plugin):
     (candidate,) = in_file(plugin)
-    twins = [Candidate("one", candidate.converter), Candidate("two", candidate.converter)]
+    both = [Candidate("one", candidate.converter), Candidate("two", candidate.converter)]
     with pytest.raises(ElvisError, match="one and two open them all; choose one with --from"):
-        chosen(twins, [case])
-    assert chosen(twins, [case], "two").name == "two"
+        chosen(both, [case])
+    assert chosen(both, [case], "two").name == "two"
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,9 @@ def test_xml_and_hdf5_of_one_dataset_are_the_same(pair, case_files):
     assert np.abs(one.mesh.vertices - other.mesh.vertices).max() < 1e-8
     for a, b in zip(one.fields, other.fields, strict=True):
         assert a.name == b.name
-        for block, twin in zip(a.blocks, b.blocks, strict=True):
-            assert np.array_equal(block.element_ids, twin.element_ids)
-            assert np.array_equal(block.coefficients, twin.coefficients)
+        for block, other in zip(a.blocks, b.blocks, strict=True):
+            assert np.array_equal(block.element_ids, other.element_ids)
+            assert np.array_equal(block.coefficients, other.coefficients)
 
 
 def test_names_of_composites_and_several_tokens(square):

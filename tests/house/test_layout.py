@@ -21,7 +21,7 @@ TWICE = {
     "plugins": set(),
     "converters": set(),
     "renderer": {"commands", "errors"},
-    "reference": {"drawing", "twins", "volumes"},
+    "reference": {"drawing", "volumes"},
 }
 
 #: written so that this file does not match itself

@@ -177,7 +177,7 @@ def with_a_missing_field(source):
     source.fields = [SourceField("u", [None], key=plain)]
 
 
-def with_twin_fields(source):
+def with_fields_of_one_name(source):
     source.fields = [*source.fields, *source.fields]
 
 
@@ -204,7 +204,7 @@ def with_flat_answers(source):
         (of_two_dimensions, "expected elements of one dimension, found 2 and 3"),
         (with_too_few_vertices, r"block 0: expected vertices \(1, 8\), found \(1, 7\)"),
         (with_a_missing_field, "field u: expected values on all 1 elements, found none on 1"),
-        (with_twin_fields, "expected fields of distinct names, found several 'u'"),
+        (with_fields_of_one_name, "expected fields of distinct names, found several 'u'"),
         (with_a_reserved_name, "expected no field 'map_x'"),
         (with_an_absurd_order, "field u: expected an order from 0 to 30, found 400"),
         (with_coordinates_that_are_not_numbers, "hexahedron 0: expected finite coordinates"),

@@ -16,10 +16,16 @@ from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.attributes import from_ideal, target_of
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
+from elvis.plugins.host_evaluation import (
+    POINTWISE,
+    HostEvaluation,
+    evaluate_expression,
+    host_evaluations_by_field,
+    number_of,
+)
 from elvis.plugins.joining import joined
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.opening import Opened, guarded
-from elvis.plugins.twins import POINTWISE, Twin, expressed, number_of, twins_by_field
 from elvis.plugins.volume import Part, Quantity, Shown, Solution, Volume
 
 
@@ -90,9 +96,9 @@ class Fields:
         return next(iter(self.parts.values()))
 
     @property
-    def twins(self) -> Mapping[str, Twin] | None:
+    def hosts(self) -> Mapping[str, HostEvaluation] | None:
         """The elements in NumPy, by field; None where they aren't described there."""
-        return twins_by_field(self.parts)
+        return host_evaluations_by_field(self.parts)
 
 
 def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
@@ -109,7 +115,7 @@ def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
         buffers={**part.buffers, **own.buffers},
         degree=0,
         solve=_solved(fields, expressions[0]),
-        bends=part.bends if fields.twins else None,
+        bends=part.bends if fields.hosts else None,
         evaluate=None,
         bounds=None,
         rounding=None,
@@ -120,8 +126,10 @@ def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
 
 def _solved(fields: Fields, expression: Expression) -> Callable[[Ints, Floats], Solution] | None:
     """The last resort of the part, with the values of an expression."""
-    solve, twins, part = fields.part.solve, fields.twins, fields.part
-    if solve is None or twins is None:
+    part = fields.part
+    solve = part.solve
+    hosts = fields.hosts
+    if solve is None or hosts is None:
         return None
 
     def solved(elements: Ints, points: Floats) -> Solution:
@@ -129,7 +137,7 @@ def _solved(fields: Fields, expression: Expression) -> Callable[[Ints, Floats], 
         inside = np.flatnonzero(found.verdict == 1)
         own = found.reference[inside, : fields.dimension]
         native = 2 * own - 1 if part.unit else own
-        found.field[inside] = expressed(expression, twins, elements[inside], native)
+        found.field[inside] = evaluate_expression(expression, hosts, elements[inside], native)
         return found
 
     return solved

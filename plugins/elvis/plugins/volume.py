@@ -73,8 +73,8 @@ class Part:
     bends        optional: whether elements (n,) bend so strongly that straight-line steps of Newton's method may end at
                  a root outside although there is one inside; then `solve` also decides the pixels beside them
     source       Slang text that stands before the type is used: imports, or declarations made for this part alone
-    evaluate     optional twin of the type in NumPy, to compare it with: elements (n,) of this part and reference points
-                 (n, 3) to world positions (n, 3) and values (n,)
+    evaluate     optional host evaluation of the type in NumPy: elements (n,) of this part and reference points (n, 3)
+                 to world positions (n, 3) and values (n,)
     quantities   other fields of the same elements, by name
     degree       greatest degree of map and field in any one reference coordinate, where they are polynomials on
                  [-1, 1]^3; 0 where they aren't: isosurfaces are then found without proof
@@ -83,7 +83,8 @@ class Part:
     bounds       optional, as Quantity.bounds, of the part's own field
     affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
                  coordinates; their hull points are these corners
-    shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy (`twins`)
+    shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy
+                 (`host_evaluation`)
     is_distance  as Quantity.is_distance, of the part's own field; likewise ``level`` and ``rounding``
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """

@@ -14,8 +14,8 @@ from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import margins
 from elvis.core.patch import Patch
+from elvis.reference.host_patch import HostPatch
 from elvis.reference.inversion import Inverter
-from elvis.reference.twins import TwinPatch
 
 #: pairs of a point and an element that are looked at together
 _BATCH = {True: 1 << 13, False: 1 << 16}
@@ -40,9 +40,9 @@ class Locator:
         self._elements: list[_Elements] = []
         self._trees: list[BoxTree] = []
         for patch in self.patches:
-            if isinstance(patch, TwinPatch):
+            if isinstance(patch, HostPatch):
                 self._elements.append(patch)
-                self._trees.append(BoxTree.build(patch.twin.part.boxes))
+                self._trees.append(BoxTree.build(patch.host.part.boxes))
             else:
                 own = Inverter(patch)
                 self._elements.append(own)
@@ -99,7 +99,7 @@ class Locator:
         point, patch, row = pairs
         for number, elements in enumerate(self._elements):
             here = chosen[patch[chosen] == number]
-            batch = _BATCH[isinstance(elements, TwinPatch)]
+            batch = _BATCH[isinstance(elements, HostPatch)]
             for first in range(0, len(here), batch):
                 part = here[first : first + batch]
                 places, status[part] = getattr(elements, how)(row[part], world[point[part]])

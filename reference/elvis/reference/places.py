@@ -14,9 +14,9 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
+from elvis.reference.host_patch import HostPatch
 from elvis.reference.locating import Locator
 from elvis.reference.pacing import pulse
-from elvis.reference.twins import TwinPatch
 
 #: points that are looked up together
 _AT_ONCE = 1 << 12
@@ -49,10 +49,13 @@ def _located(locator: Locator, points: Floats, every: bool = False) -> Location:
 
 
 def polish(patches: Sequence[Patch], found: Location, points: Floats) -> None:
-    """Take one more step of Newton's method at the points (n, 3) that were found, to the last digit; twins have."""
+    """Take one more step of Newton's method at the points (n, 3) that were found, to the last digit.
+
+    The search in elements of runtime plugins ends there already.
+    """
     for number, patch in enumerate(patches):
         here = np.flatnonzero(found.patch == number)
-        if isinstance(patch, TwinPatch):
+        if isinstance(patch, HostPatch):
             continue
         world, slopes = positions_and_jacobians(patch, found.row[here], found.reference[here])
         step = np.einsum("nci,nc->ni", duals(slopes), points[here] - world)

@@ -19,8 +19,8 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.shapes import Shape
 from elvis.reference.baseline.templates import Template, drawn_out, template
+from elvis.reference.host_patch import HostPatch
 from elvis.reference.pacing import pulse
-from elvis.reference.twins import TwinPatch
 
 #: heights of zeta = -1 and zeta = 1, as `margins.facets` has them: normal and offset
 _LIDS = np.array([[0.0, 0.0, 0.5, 0.5], [0.0, 0.0, -0.5, 0.5]])
@@ -107,7 +107,7 @@ def spread(patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(e, k, 3) world coordinates of the same reference points (k, 2 or 3) in some elements."""
     pulse()
     own = points[:, : patch.shape.dimension]
-    if isinstance(patch, TwinPatch):
+    if isinstance(patch, HostPatch):
         return patch.spread(rows, own)
     world = evaluate(patch.geometry, patch.geometry_coefficients[rows], own).transpose(0, 2, 1).copy()
     for number, (axis, length) in enumerate(patch.periods):
@@ -121,7 +121,7 @@ def placed(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
     The third coordinate of a sheet leads away at right angles; derivatives are right where it is zero.
     """
     pulse()
-    if isinstance(patch, TwinPatch):
+    if isinstance(patch, HostPatch):
         return patch.placed(rows, points)
     if patch.shape.dimension == 3:
         return evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, rows, points)

@@ -10,7 +10,7 @@ from elvis.plugins.faces.dataset_faces import native_faces
 from elvis.plugins.faces.derived import derived_faces
 from elvis.plugins.faces.faces import Faces
 from elvis.plugins.faces.lines import line_faces
-from elvis.plugins.twins import twins_of
+from elvis.plugins.host_evaluation import host_evaluations
 from elvis.plugins.volume import Volume
 
 
@@ -29,10 +29,10 @@ def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
         return native_faces(dataset, [part.element_ids for part in volume.parts], length)
     give = getattr(volume, "faces", None)
     if give is None:
-        twins = twins_of(volume)
-        if twins is None:
+        hosts = host_evaluations(volume)
+        if hosts is None:
             wanted = "or the shape and `evaluate` of its parts"
             raise ElvisError(f"the plugin gives no element faces, {wanted}, so that none can be drawn")
-        return derived_faces(twins)
+        return derived_faces(hosts)
     faces: Faces = give()
     return faces

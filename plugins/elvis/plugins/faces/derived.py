@@ -18,40 +18,42 @@ from elvis.core.shapes import Shape
 from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.nets import FaceSpace, face_space, polynomial, sampled
+from elvis.plugins.host_evaluation import HostEvaluation
 from elvis.plugins.projection.vertices import clusters, merging_tolerance
-from elvis.plugins.twins import Twin
 
 #: degrees that are tried for the maps of faces, and how far from them they may be, in parts of the faces' size
 _DEGREES, _OFF = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12), 1e-10
 
 
-def derived_faces(twins: Sequence[Twin]) -> Faces:
+def derived_faces(hosts: Sequence[HostEvaluation]) -> Faces:
     """The faces of all elements; those whose corners lie at the same places are one.  2D elements are faces themselves.
 
     ElvisError for a map that no polynomial of degree 12 comes near to.
     """
-    corners = [_corners(twin) for twin in twins]
+    corners = [_corners(host) for host in hosts]
     sizes = [own.shape[0] * own.shape[1] for own in corners]
     numbers = np.split(_vertices(corners), np.cumsum(sizes)[:-1])
     keys: list[Ints] = []
     blocks: list[tuple[int, Shape, list[int]]] = []
-    for part, (twin, places) in enumerate(zip(twins, corners, strict=True)):
+    for part, (host, places) in enumerate(zip(hosts, corners, strict=True)):
         vertices = numbers[part].reshape(places.shape[:2])
-        for kind, local in _kinds(twin.shape):
-            key = np.sort(vertices[:, [twin.shape.faces[k] for k in local]].reshape(len(twin) * len(local), -1), axis=1)
+        for kind, local in _kinds(host.shape):
+            around = [host.shape.faces[k] for k in local]
+            key = np.sort(vertices[:, around].reshape(len(host) * len(local), -1), axis=1)
             keys.append(np.pad(key, ((0, 0), (0, 4 - key.shape[1])), constant_values=-1))
             blocks.append((part, kind, local))
     entity = np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].reshape(-1)
     owned = np.split(entity, np.cumsum([len(key) for key in keys])[:-1])
-    found = [_block(twins[which[0]], *which, own) for which, own in zip(blocks, owned, strict=True)]
-    return Faces(found, [twin.part.element_ids for twin in twins])
+    faces = [_block(hosts[which[0]], *which, own) for which, own in zip(blocks, owned, strict=True)]
+    return Faces(faces, [host.part.element_ids for host in hosts])
 
 
-def _corners(twin: Twin) -> Floats:
+def _corners(host: HostEvaluation) -> Floats:
     """(n, v, 3) places of the elements' corners."""
-    count = len(twin.shape.vertices)
-    rows, points = np.repeat(np.arange(len(twin)), count), np.tile(twin.shape.vertices, (len(twin), 1))
-    return twin.evaluated(rows, points)[0].reshape(len(twin), count, 3)
+    count = len(host.shape.vertices)
+    rows = np.repeat(np.arange(len(host)), count)
+    points = np.tile(host.shape.vertices, (len(host), 1))
+    return host.evaluate(rows, points)[0].reshape(len(host), count, 3)
 
 
 def _vertices(corners: Sequence[Floats]) -> Ints:
@@ -68,14 +70,14 @@ def _kinds(shape: Shape) -> Iterator[tuple[Shape, list[int]]]:
             yield kind, local
 
 
-def _block(twin: Twin, part: int, kind: Shape, faces: list[int], entity: Ints) -> FaceBlock:
+def _block(host: HostEvaluation, part: int, kind: Shape, faces: list[int], entity: Ints) -> FaceBlock:
     """The faces of one kind of a part's elements; their maps are those of the least degree that is near enough."""
-    rows, local = (some.reshape(-1) for some in np.indices((len(twin), len(faces))))
-    places = frames(twin.shape)[faces]
+    rows, local = (some.reshape(-1) for some in np.indices((len(host), len(faces))))
+    places = frames(host.shape)[faces]
 
     def positions(elements: Ints, points: Floats) -> Floats:
-        every = np.tile(points[:, : twin.shape.dimension], (len(elements), 1))
-        return twin.evaluated(np.repeat(elements, len(points)), every)[0].reshape(len(elements), len(points), 3)
+        every = np.tile(points[:, : host.shape.dimension], (len(elements), 1))
+        return host.evaluate(np.repeat(elements, len(points)), every)[0].reshape(len(elements), len(points), 3)
 
     for degree in _DEGREES:
         space = face_space(kind, degree)
@@ -85,9 +87,9 @@ def _block(twin: Twin, part: int, kind: Shape, faces: list[int], entity: Ints) -
             break
     else:
         wanted = f"faces near to polynomials of degree {degree}, or a plugin that gives its faces itself"
-        raise ElvisError(f"{twin.part.type}: expected {wanted}, found some off by {off:.2g} of their size")
-    moved = 0.5 * places + np.array([0.5, 0.0, 0.0])[:, None] if twin.part.unit else places
-    solid = "face" if twin.shape.dimension == 2 else twin.shape.label.lower()
+        raise ElvisError(f"{host.part.type}: expected {wanted}, found some off by {off:.2g} of their size")
+    moved = 0.5 * places + np.array([0.5, 0.0, 0.0])[:, None] if host.part.unit else places
+    solid = "face" if host.shape.dimension == 2 else host.shape.label.lower()
     return FaceBlock(part, solid, space, rows, local, entity, moved, nets)
 
 

@@ -26,7 +26,7 @@ from elvis.plugins.volume import Part, Shown, boxes_between
 _NEEDED = ("low", "high", "bases")
 _PREFIX = "field_"
 BASES = ("fourier", "legendre")
-#: numbers in an intermediate array of the NumPy twin
+#: numbers in an intermediate array of the NumPy evaluation
 _BATCH = 1 << 22
 
 

@@ -16,7 +16,7 @@ from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins import volume_checks
 from elvis.plugins.examining import Examiner
 from elvis.plugins.faces import FaceBlock, Faces, faces_of
-from elvis.plugins.twins import twins_of
+from elvis.plugins.host_evaluation import host_evaluations
 from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
 
@@ -53,8 +53,8 @@ def check_volume(
         reference = (samples.center + offsets)[inside]
         _check_round_trip(examiner, part, volume.dimension, elements[inside], reference, samples.position[inside])
         if part.evaluate is not None:
-            _check_twin(part, elements[inside], reference, samples.position[inside], samples.value[inside])
-    if getattr(volume, "faces", None) is not None or twins_of(volume) is not None:
+            _check_host_evaluation(part, elements[inside], reference, samples.position[inside], samples.value[inside])
+    if getattr(volume, "faces", None) is not None or host_evaluations(volume) is not None:
         _check_faces(volume, faces_of(None, volume), examiner)
     _check_picture(volume, examiner, picture)
 
@@ -95,11 +95,11 @@ def _check_round_trip(
     assert error <= 1e-8, f"{part.type}: expected the inverse map to lead back, found it off by {error:.3g}"
 
 
-def _check_twin(part: Part, elements: Ints, reference: Floats, positions: Floats, values: Floats) -> None:
+def _check_host_evaluation(part: Part, elements: Ints, reference: Floats, positions: Floats, values: Floats) -> None:
     """Positions and values are those that NumPy computes."""
     assert part.evaluate is not None
-    twins = part.evaluate(elements, reference)
-    for what, found, wanted in (("positions", positions, twins[0]), ("values", values, twins[1])):
+    host_positions, host_values = part.evaluate(elements, reference)
+    for what, found, wanted in (("positions", positions, host_positions), ("values", values, host_values)):
         assert found.shape == np.shape(wanted), f"{part.type}: expected {found.shape} {what}, found {np.shape(wanted)}"
         error = np.nanmax(np.abs(found - wanted), initial=0.0)
         assert error <= _ROUNDING * np.abs(wanted).max(initial=1e-300), (
@@ -167,4 +167,4 @@ def _check_picture(volume: Volume, examiner: Examiner, path: str | Path | None) 
         if part.evaluate is not None and here.any() and frame.reference is not None:
             order = np.argsort(part.element_ids)
             rows = order[np.searchsorted(part.element_ids, frame.element[here], sorter=order)]
-            _check_twin(part, rows, frame.reference[here], frame.position[here], frame.field[here])
+            _check_host_evaluation(part, rows, frame.reference[here], frame.position[here], frame.field[here])

@@ -12,8 +12,8 @@ from elvis.reference.chebyshev import degrees_of, map_degrees
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.contour_search import Search
 from elvis.reference.scenes.equations import Equation
+from elvis.reference.scenes.host_quantities import HostQuantities
 from elvis.reference.scenes.rasters import pixels_between
-from elvis.reference.scenes.twins import TwinQuantities
 from elvis.scene import Plane
 from elvis.scene.view import View
 
@@ -47,7 +47,7 @@ def _search(
     quantities: Quantities, name: str, value: float, plane: Plane, view: View, patch: Patch, reach: float
 ) -> Search | None:
     """The search for one value in a patch; None where fields or map aren't polynomials."""
-    if isinstance(quantities, TwinQuantities):
+    if isinstance(quantities, HostQuantities):
         return None
     equation = Equation.of(quantities.root(name), value)
     constant = not equation.leaves and (equation.root.op != "number" or equation.root.value == 0.0)

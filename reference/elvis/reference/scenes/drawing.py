@@ -26,9 +26,9 @@ from elvis.reference.scenes.contour_lines import plane_contours
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
+from elvis.reference.scenes.host_quantities import HostQuantities
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
-from elvis.reference.scenes.twins import TwinQuantities
 from elvis.reference.scenes.volumes import between_kinks, gathered, visible
 from elvis.reference.selection import chosen_faces
 from elvis.scene import (
@@ -62,7 +62,7 @@ def render(data: Dataset | Opened, scene: Scene) -> Frame:
     ElvisError or SceneError where nothing is seen or something can't be drawn.
     """
     start, names = perf_counter(), names_of(scene)
-    quantities = TwinQuantities(data, names) if isinstance(data, Opened) else Quantities(data, names)
+    quantities = HostQuantities(data, names) if isinstance(data, Opened) else Quantities(data, names)
     boxes = quantities.boxes
     tracer = Scenery(data, quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
 
@@ -156,7 +156,7 @@ class Scenery:
 
     def _chosen(self, number: int, patch: Patch, select: Sequence[str]) -> Bools:
         """(e, local faces) of the faces of a patch that a selection names."""
-        if isinstance(self.quantities, TwinQuantities):
+        if isinstance(self.quantities, HostQuantities):
             return self.quantities.chosen_faces(number, select)
         assert isinstance(self.data, Dataset)
         return chosen_faces(self.data.mesh, patch, select)

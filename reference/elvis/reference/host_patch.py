@@ -1,4 +1,4 @@
-"""Elements that a runtime plugin describes in NumPy (`elvis.plugins.twins`), met like those of datasets."""
+"""Elements that a runtime plugin describes in NumPy (`elvis.plugins.host_evaluation`), met like those of datasets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from elvis.core.mapping.margins import TOLERANCE, drawn_in, margins
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.core.polynomials.interpolation import modified
-from elvis.plugins.twins import Twin
+from elvis.plugins.host_evaluation import HostEvaluation
 from elvis.reference.baseline.templates import template
 
 #: cuts of elements in the search for points, and how many radii of a small cell a point may be away from its middle
@@ -28,25 +28,25 @@ _RESIDUAL, _MOST = 4e-15, 0.25
 _MODES = 9
 
 
-class TwinPatch(Patch):
+class HostPatch(Patch):
     """The elements of a part; expansions and coefficients only say that these are not polynomials of a low degree."""
 
-    def __init__(self, twin: Twin) -> None:
-        shape = twin.shape
+    def __init__(self, host: HostEvaluation) -> None:
+        shape = host.shape
         expansion = modified(shape, (_MODES,) * shape.dimension)
-        none = np.zeros((len(twin), 3, 0))
-        super().__init__(shape, twin.part.element_ids, expansion, none, (expansion,), (none[:, 0],))
-        object.__setattr__(self, "twin", twin)
+        none = np.zeros((len(host), 3, 0))
+        super().__init__(shape, host.part.element_ids, expansion, none, (expansion,), (none[:, 0],))
+        object.__setattr__(self, "host", host)
 
-    twin: Twin
+    host: HostEvaluation
 
     def placed(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d) of elements (n,)."""
-        return self.twin.evaluated(rows, points)[0], self.twin.slopes(rows, points)[0]
+        return self.host.evaluate(rows, points)[0], self.host.slopes(rows, points)[0]
 
     def spread(self, rows: Ints, points: Floats) -> Floats:
         """(e, k, 3) world coordinates of the same reference points (k, d) in some elements."""
-        places = self.twin.evaluated(np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))[0]
+        places = self.host.evaluate(np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))[0]
         return places.reshape(len(rows), len(points), 3)
 
     @cached_property
@@ -91,10 +91,10 @@ class TwinPatch(Patch):
     def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Where damped steps lead (n, d), a little beyond the shape at most, and whether that is a root (n,)."""
         found, root, active = start.copy(), np.zeros(len(rows), bool), np.arange(len(rows))
-        precision = _RESIDUAL * float(np.abs(self.twin.part.boxes).max(initial=0.0))
+        precision = _RESIDUAL * float(np.abs(self.host.part.boxes).max(initial=0.0))
         for _ in range(_STEPS):
             own, place = rows[active], found[active]
-            gap = points[active] - self.twin.evaluated(own, place)[0]
+            gap = points[active] - self.host.evaluate(own, place)[0]
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
                 step = np.einsum("nci,nc->ni", duals(self._rough(own, place)), gap)
             length = np.abs(step).max(axis=1)
@@ -115,7 +115,7 @@ class TwinPatch(Patch):
 
         As a margin changes by at most half the sum of the changes of the reference coordinates.
         """
-        magnitudes = np.abs(self.twin.part.boxes[rows]).max(axis=1, initial=0.0).astype(np.float64)
+        magnitudes = np.abs(self.host.part.boxes[rows]).max(axis=1, initial=0.0).astype(np.float64)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             lengths = np.linalg.norm(duals(self._rough(rows, points)), axis=1).sum(axis=1)
             blur = 0.5 * _RESIDUAL * magnitudes * lengths
@@ -126,5 +126,5 @@ class TwinPatch(Patch):
         dimension = self.shape.dimension
         ways = np.concatenate([_NEAR * np.eye(dimension), -_NEAR * np.eye(dimension)])
         near = (points[:, None] + ways).reshape(-1, dimension)
-        places = self.twin.evaluated(np.repeat(rows, len(ways)), near)[0].reshape(len(rows), 2, dimension, 3)
+        places = self.host.evaluate(np.repeat(rows, len(ways)), near)[0].reshape(len(rows), 2, dimension, 3)
         return np.asarray(((places[:, 0] - places[:, 1]) / (2 * _NEAR)).transpose(0, 2, 1))

@@ -14,14 +14,14 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import scattered
 from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
+from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, slopes_of
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of, volume_of
-from elvis.plugins.twins import Twin, expressed, slopes_of, twins_of
 from elvis.plugins.volume import Part, Shown
+from elvis.reference.host_patch import HostPatch
 from elvis.reference.locating import Locator
 from elvis.reference.picture import render as judge
-from elvis.reference.twins import TwinPatch
 from elvis.renderer import (
     CutSurface,
     Faces,
@@ -67,7 +67,7 @@ def test_derivatives_are_those_of_smooth_functions():
 def test_faces_of_every_shape_are_made(shape, unit):
     """Each face's net is the map there; corners at one place make faces that two elements share one."""
     part = bent(shape, unit)
-    (twin,) = twins_of(Shown([part], Path()))
+    (host,) = host_evaluations(Shown([part], Path()))
     faces = faces_of(None, Shown([part], Path()))
     assert sum(map(len, faces.blocks)) == len(shape.faces)
     assert all((own == -1).all() for own in faces.neighbours)
@@ -76,7 +76,7 @@ def test_faces_of_every_shape_are_made(shape, unit):
         for row in range(len(block)):
             frame = block.frames[block.local[row]]
             own = frame[0] + points @ frame[1:]
-            places = twin.part.evaluate(np.zeros(len(points), int), own)[0]
+            places = host.part.evaluate(np.zeros(len(points), int), own)[0]
             homogeneous = np.linalg.pinv(block.space.fit) @ block.nets(np.array([row]))[0]
             assert np.abs(homogeneous[:, :3] - places).max() < 1e-9
 
@@ -108,14 +108,14 @@ def test_faces_that_no_polynomial_comes_near_are_refused():
 
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_the_reference_finds_points_of_every_shape(shape):
-    twin = Twin(bent(shape), shape)
+    host = HostEvaluation(bent(shape), shape)
     inner = drawn_in(shape, scattered(shape, 60), -0.02)
-    places = twin.evaluated(np.zeros(60, int), inner)[0]
+    places = host.evaluate(np.zeros(60, int), inner)[0]
     far = places + np.array([0.0, 5.0, 0.0])
-    found = Locator([TwinPatch(twin)]).locate(np.concatenate([places, far]))
+    found = Locator([HostPatch(host)]).locate(np.concatenate([places, far]))
     assert np.array_equal(found.status, np.repeat([1, 0], 60))
     assert np.abs(found.reference[:60] - inner).max() < 1e-12
-    every = Locator([TwinPatch(twin), TwinPatch(twin)]).locate(places, all=True)
+    every = Locator([HostPatch(host), HostPatch(host)]).locate(places, all=True)
     assert np.array_equal(every.point, np.repeat(np.arange(60), 2))
 
 
@@ -131,7 +131,7 @@ def test_points_within_rounding_of_a_border_are_inside_however_far_the_element_i
     border = np.column_stack([np.ones(50), scattered(Shape.QUADRILATERAL, 50)])
     places = evaluate(None, border)[0]
     beside, off = (places + np.array([count * 2.0**-32, 0.0, 0.0]) for count in (1, 200))
-    locator = Locator([TwinPatch(Twin(part, Shape.HEXAHEDRON))])
+    locator = Locator([HostPatch(HostEvaluation(part, Shape.HEXAHEDRON))])
     assert (locator.locate(np.concatenate([places, beside])).status == Inversion.INSIDE).all()
     assert (locator.locate(off).status == Inversion.OUTSIDE).all()
 
@@ -196,12 +196,12 @@ def test_what_is_known_of_elements_is_the_same_in_every_way(renderer, pipe):
     drawing, texts = renderer("vulkan"), ["element", "jacobian", "scaled_jacobian", "quality", "shape"]
     volume = volume_of(pipe, ["u", *texts])
     drawing.show(volume, pipe)
-    (twin,) = twins_of(volume)
+    (host,) = host_evaluations(volume)
     points = np.random.default_rng(3).uniform(-1, 1, (50, 3))
-    rows = np.arange(50) % len(twin)
+    rows = np.arange(50) % len(host)
     for text in texts:
         found = drawing.examine(0, rows, points / 2, text).value
-        wanted = expressed(Expression.parse(text, names_of(pipe)), {"u": twin}, rows, points)
+        wanted = evaluate_expression(Expression.parse(text, names_of(pipe)), {"u": host}, rows, points)
         assert np.abs(found - wanted).max() <= 1e-9 * np.abs(wanted).max(), text
 
 

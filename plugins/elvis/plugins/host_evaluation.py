@@ -1,4 +1,6 @@
-"""Elements of a runtime plugin in NumPy: where a part says its shape and gives `Part.evaluate`, all else follows.
+"""Host evaluation: the elements of a runtime plugin in NumPy.
+
+Where a part says its shape and gives `Part.evaluate`, all else follows.
 
 Points are those of the shape in `elvis.core.shapes`, whatever coordinates the plugin takes.
 """
@@ -31,8 +33,8 @@ _THROUGH = np.linalg.inv(np.vander(np.arange(-3.0, 4.0), increasing=True))
 
 
 @dataclass(frozen=True, eq=False)
-class Twin:
-    """The elements of a part."""
+class HostEvaluation:
+    """The elements of a part, evaluated in NumPy."""
 
     part: Part
     shape: Shape
@@ -40,7 +42,7 @@ class Twin:
     def __len__(self) -> int:
         return len(self.part)
 
-    def evaluated(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+    def evaluate(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World positions (n, 3) and values (n,) in elements ``rows`` (n,) at points (n, d)."""
         assert self.part.evaluate is not None
         own = np.zeros((len(points), 3))
@@ -50,7 +52,12 @@ class Twin:
 
     def slopes(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Derivatives of positions (n, 3, d) and values (n, d); see `slopes_of`."""
-        every = slopes_of(lambda rows, points: np.column_stack(self.evaluated(rows, points)), rows, points)
+
+        def evaluate(rows: Ints, points: Floats) -> Floats:
+            positions, values = self.evaluate(rows, points)
+            return np.column_stack([positions, values])
+
+        every = slopes_of(evaluate, rows, points)
         return every[:, :3], every[:, 3]
 
 
@@ -71,16 +78,24 @@ def slopes_of(function: Callable[[Ints, Floats], Floats], rows: Ints, points: Fl
     return np.stack(found, axis=-1)
 
 
-def twins_of(volume: Volume) -> list[Twin] | None:
+def host_evaluations(volume: Volume) -> list[HostEvaluation] | None:
     """The elements of each part; None where there is none, or one doesn't say its shape or has no `evaluate`."""
-    found = [Twin(part, part.shape) for part in volume.parts if part.shape is not None and part.evaluate is not None]
-    return found if found and len(found) == len(volume.parts) else None
+    hosts = []
+    for part in volume.parts:
+        if part.shape is None or part.evaluate is None:
+            return None
+        hosts.append(HostEvaluation(part, part.shape))
+    return hosts or None
 
 
-def twins_by_field(parts: Mapping[str, Part]) -> Mapping[str, Twin] | None:
+def host_evaluations_by_field(parts: Mapping[str, Part]) -> Mapping[str, HostEvaluation] | None:
     """The same for the parts of several fields."""
-    found = {name: Twin(part, part.shape) for name, part in parts.items() if part.shape is not None and part.evaluate}
-    return found if len(found) == len(parts) else None
+    hosts = {}
+    for name, part in parts.items():
+        if part.shape is None or part.evaluate is None:
+            return None
+        hosts[name] = HostEvaluation(part, part.shape)
+    return hosts
 
 
 def number_of(shape: Shape | None) -> float:
@@ -88,42 +103,48 @@ def number_of(shape: Shape | None) -> float:
     return float([*Shape].index(shape)) if shape else np.nan
 
 
-def expressed(expression: Expression, twins: Mapping[str, Twin], rows: Ints, points: Floats) -> Floats:
+def evaluate_expression(
+    expression: Expression, hosts: Mapping[str, HostEvaluation], rows: Ints, points: Floats
+) -> Floats:
     """(n,) an expression of fields in elements ``rows`` (n,) at points (n, d).
 
-    twins  the same elements with each field, one at least
+    hosts  the same elements with each field, one at least
     ElvisError for what isn't known of such elements.
     """
-    first = next(iter(twins.values()))
+    first = next(iter(hosts))
 
     @cache
-    def found(name: str) -> tuple[Floats, Floats]:
-        return twins[name].evaluated(rows, points)
+    def evaluate(name: str) -> tuple[Floats, Floats]:
+        return hosts[name].evaluate(rows, points)
 
     @cache
     def slopes(name: str) -> tuple[Floats, Floats]:
-        return twins[name].slopes(rows, points)
+        return hosts[name].slopes(rows, points)
 
     @cache
     def jacobians() -> Floats:
-        return slopes(next(iter(twins)))[0]
+        return slopes(first)[0]
+
+    def positions() -> Floats:
+        return evaluate(first)[0]
 
     def leaf(node: Node) -> Floats | float:
         if node.op == "number":
             return node.value
         if node.op == "coordinate":
-            return np.asarray(found(next(iter(twins)))[0][:, node.axes[0]])
+            return np.asarray(positions()[:, node.axes[0]])
         target = target_of(node.name)
         if target is not None:
-            return nearest(_surface(target), found(next(iter(twins)))[0]).distance
+            return nearest(_surface(target), positions()).distance
         if node.op == "attribute":
-            return _attribute(node.name, first, rows, jacobians)
+            return _attribute(node.name, hosts[first], rows, jacobians)
         if len(node.axes) > 1:
             raise ElvisError(f"there is no second derivative of {node.name}, which a plugin describes in NumPy")
         if not node.axes:
-            return found(node.name)[1]
-        moved, risen = slopes(node.name)
-        return np.asarray(np.einsum("nci,ni->nc", duals(moved), risen)[:, node.axes[0]])
+            return evaluate(node.name)[1]
+        jacobian, derivative = slopes(node.name)
+        gradient = np.einsum("nci,ni->nc", duals(jacobian), derivative)
+        return np.asarray(gradient[:, node.axes[0]])
 
     with np.errstate(all="ignore"):
         values = folded(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
@@ -136,20 +157,23 @@ def _surface(target: str) -> Surface:
     return surface_of(None, target)
 
 
-def _attribute(name: str, twin: Twin, rows: Ints, jacobians: Callable[[], Floats]) -> Floats | float:
+def _attribute(name: str, host: HostEvaluation, rows: Ints, jacobians: Callable[[], Floats]) -> Floats | float:
     """What is known of elements by themselves (`elvis.core.quantities.attributes`)."""
     if name == "element":
-        return twin.part.element_ids[rows].astype(np.float64)
+        return host.part.element_ids[rows].astype(np.float64)
     if name == "shape":
-        return number_of(twin.shape)
+        return number_of(host.shape)
     if name not in (*POINTWISE, "quality"):
         raise ElvisError(f"there is no {name} of elements that a runtime plugin describes in NumPy")
-    own = jacobians()[:, : twin.shape.dimension] * (2.0 if twin.part.unit else 1.0)
+    own = jacobians()[:, : host.shape.dimension] * (2.0 if host.part.unit else 1.0)
     determinant = np.linalg.det(own)
     if name == "jacobian":
         return np.asarray(determinant)
     if name == "scaled_jacobian":
         return np.asarray(determinant / np.linalg.norm(own, axis=1).prod(axis=1))
-    inverse, d = from_ideal(twin.shape), twin.shape.dimension
+
+    # mean ratio: 1 for the ideal element of the shape, 0 where it is inverted
+    inverse = from_ideal(host.shape)
+    d = host.shape.dimension
     size = ((own @ inverse) ** 2).sum(axis=(1, 2))
     return np.asarray(d * np.maximum(determinant * np.linalg.det(inverse), 0.0) ** (2 / d) / size)

@@ -14,16 +14,16 @@ from elvis.core.mapping.boxes import Boxes
 from elvis.core.patch import Patch
 from elvis.core.quantities import Expression
 from elvis.plugins.faces import Faces, faces_of
+from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, slopes_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of
-from elvis.plugins.twins import Twin, expressed, slopes_of, twins_of
+from elvis.reference.host_patch import HostPatch
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.selection import on_faces
-from elvis.reference.twins import TwinPatch
 from elvis.scene.frame import Frame
 
 
-class TwinQuantities(Quantities):
+class HostQuantities(Quantities):
     """Quantities of fields that a plugin has opened; as `elvis.reference.quantities.Quantities`.
 
     boxes  of the elements of each patch
@@ -36,28 +36,28 @@ class TwinQuantities(Quantities):
         fields = dict.fromkeys(name for each in self._expressions.values() for name in each.fields)
         self.volumes = {name: opened.volume(name) for name in fields or opened.fields[:1]}
         self.volume = next(iter(self.volumes.values()))
-        every = [twins_of(volume) for volume in self.volumes.values()]
-        twins = None if None in every else every[0]
-        if twins is None:
+        every = [host_evaluations(volume) for volume in self.volumes.values()]
+        hosts = None if None in every else every[0]
+        if hosts is None:
             wanted = "parts with a shape and `evaluate`"
             raise ElvisError(f"the plugin {opened.name} can't be drawn in NumPy: expected {wanted}, found others")
-        self.twins = [TwinPatch(twin) for twin in twins]
-        self.patches = list[Patch](self.twins)
+        self.hosts = [HostPatch(host) for host in hosts]
+        self.patches = list[Patch](self.hosts)
 
         # what can't be evaluated is refused at once
-        for name in self.names if len(self.twins[0]) else ():
-            self.values(name, self.patches[0], np.zeros(1, np.int64), np.zeros((1, self.twins[0].shape.dimension)))
+        for name in self.names if len(self.hosts[0]) else ():
+            self.values(name, self.patches[0], np.zeros(1, np.int64), np.zeros((1, self.hosts[0].shape.dimension)))
 
     @property
     def boxes(self) -> list[Boxes]:
         """(n, 6) boxes of the elements of each patch."""
-        return [np.asarray(patch.twin.part.boxes) for patch in self.twins]
+        return [np.asarray(patch.host.part.boxes) for patch in self.hosts]
 
     def values(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
         """(n,) values in elements ``rows`` (n,) at reference points (n, d)."""
         number = self.patches.index(patch)
-        twins = {field: Twin(volume.parts[number], patch.shape) for field, volume in self.volumes.items()}
-        return expressed(self._expressions[name], twins, rows, points)
+        hosts = {field: HostEvaluation(volume.parts[number], patch.shape) for field, volume in self.volumes.items()}
+        return evaluate_expression(self._expressions[name], hosts, rows, points)
 
     def values_and_slopes(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Values (n,) and their derivatives (n, d) in the reference coordinates."""
@@ -69,8 +69,8 @@ class TwinQuantities(Quantities):
 
     def outward(self, frame: Frame) -> Frame:
         """The frame with reference coordinates from 0 to 1 where the plugin has these."""
-        for patch in self.twins:
-            here = np.isin(frame.element, patch.element_ids) & patch.twin.part.unit
+        for patch in self.hosts:
+            here = np.isin(frame.element, patch.element_ids) & patch.host.part.unit
             if frame.reference is not None:
                 frame.reference[here] = (1 + frame.reference[here]) / 2
         return frame
@@ -100,13 +100,13 @@ class TwinQuantities(Quantities):
 
     def chosen_faces(self, number: int, select: Sequence[str]) -> Bools:
         """(e, local faces) of the faces of a patch that a selection names."""
-        patch = self.twins[number]
+        patch = self.hosts[number]
         chosen = np.zeros((len(patch), len(patch.shape.faces)), bool)
         for block, rows in zip(self._faces.blocks, self._faces.select(select), strict=True):
             if block.part == number and len(rows):
                 # (-1/3, -1/3) lies within triangles and quadrilaterals
                 middles = block.frames[:, 0] - block.frames[:, 1:].sum(axis=1) / 3
-                own = 2 * middles - 1 if patch.twin.part.unit else middles
+                own = 2 * middles - 1 if patch.host.part.unit else middles
                 local = on_faces(patch, own).argmax(axis=1)
                 chosen[block.element[rows], local[block.local[rows]]] = True
         return chosen
