@@ -148,6 +148,20 @@ def test_collapsed_vertices_are_found(shape):
     np.testing.assert_allclose(found.reference, top, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("distance", [1e-8, 1e-7, 1e-6])
+@pytest.mark.parametrize("space", [2, 3])
+def test_points_on_the_line_that_folds_onto_a_vertex_are_outside(space, distance):
+    """All of xi_2 = 1 is one point in collapsed coordinates; the map as a polynomial in xi goes on there."""
+    patch, rows = bent(Shape.TRIANGLE, 3, 0.2, space), np.zeros(3, int)
+    centre = patch.shape.vertices.mean(axis=0)
+    for place in np.array([[-1 + distance, 1.0], [-1 - distance, 1.0]]):
+        # the image of the place, by the parabola through three points of the element on the line to the centre
+        first, second, third = positions(patch, rows, place + np.array([[0.5], [0.75], [1.0]]) * (centre - place))
+        image = 6 * first - 8 * second + 3 * third
+        np.testing.assert_allclose(positions(patch, rows[:1], place[None])[0], image, rtol=0, atol=1e-13)
+        assert invert(patch, rows[:1], image[None]).status == Status.OUTSIDE
+
+
 @pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.TRIANGLE, Shape.QUADRILATERAL])
 @pytest.mark.parametrize("space", [1, 2, 3])
 def test_curves_and_surfaces_hold_what_lies_on_them(shape, space):

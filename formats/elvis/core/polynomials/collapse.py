@@ -14,16 +14,22 @@ from elvis.core.shapes import Shape
 #: denominators of smaller magnitude, as at a collapsed vertex, where any eta is valid, are replaced by this; at the
 #: level of rounding, so that functions and their gradients do not jump on the way there (Nektar++ itself: 1e-12)
 GUARD = 1e-15
+#: points beside a collapsed vertex, outside the element, are moved this far off the line or plane that folds onto it:
+#: more than the guard, and a power of two, so that 1 - (1 - step) is exact
+_STEP = 2.0**-49
 
 
 def collapse(shape: Shape, points: Floats) -> Floats:
-    """(n, d) collapsed coordinates eta of the reference points xi (n, d)."""
+    """(n, d) collapsed coordinates eta of the reference points xi (n, d).
+
+    On triangles and prisms polynomials in xi hold outside the element, too, and Newton's method goes there: points on
+    the line or plane that folds onto the collapsed vertex or edge, which have no eta, are moved off it by 2^-49.
+    """
     xi = np.asarray(points, np.float64)
     eta = xi.copy()
-    if shape is Shape.TRIANGLE:
-        eta[:, 0] = _fold(xi[:, 0], 1 - xi[:, 1])
-    elif shape is Shape.PRISM:
-        eta[:, 0] = _fold(xi[:, 0], 1 - xi[:, 2])
+    if shape in (Shape.TRIANGLE, Shape.PRISM):
+        eta[:, -1] = _off_the_fold(xi[:, 0], xi[:, -1])
+        eta[:, 0] = _fold(xi[:, 0], 1 - eta[:, -1])
     elif shape is Shape.PYRAMID:
         eta[:, 0] = _fold(xi[:, 0], 1 - xi[:, 2])
         eta[:, 1] = _fold(xi[:, 1], 1 - xi[:, 2])
@@ -31,6 +37,12 @@ def collapse(shape: Shape, points: Floats) -> Floats:
         eta[:, 0] = _fold(xi[:, 0], -xi[:, 1] - xi[:, 2])
         eta[:, 1] = _fold(xi[:, 1], 1 - xi[:, 2])
     return eta
+
+
+def _off_the_fold(first: Floats, last: Floats) -> Floats:
+    """(n,) the last coordinate, less than 1 where it is 1 to rounding and the first is not that of the vertex."""
+    beside = (np.abs(1 - last) < _STEP) & (np.abs(1 + first) > GUARD)
+    return np.where(beside, 1 - _STEP, last)
 
 
 def _fold(numerator: Floats, denominator: Floats) -> Floats:
