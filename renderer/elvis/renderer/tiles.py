@@ -1,4 +1,7 @@
-"""Sections, where elements may be seen, and the tiles that cover them: small squares of pixels, the unit of work."""
+"""Sections, where elements may be seen, and the tiles that cover them: small squares of pixels, the unit of work.
+
+The Tile records of all passes (pixels.slang) are made here.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ class Sections:
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """Tiles of sections, (n,) each: number of the section, column and row of the first pixel."""
+    """Pairs of a section and a tile, (n,) each: number of the section, column and row of the tile's first pixel."""
 
     section: NDArray[np.int64]
     x: NDArray[Any]
@@ -63,3 +66,62 @@ def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
     kept = (x + y + 2 * reach >= least[owner, 2]) & (x + y <= most[owner, 2])
     kept &= (x - y + reach >= least[owner, 3]) & (x - y - reach <= most[owner, 3])
     return Tiles(owner[kept], x[kept].astype(np.int32), y[kept].astype(np.int32))
+
+
+def sectioned(least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Tile records, each of one section alone (see ``binned``); tiles begin where their section does."""
+    pairs = tiles_of(least, most)
+    return _records(pairs.x, pairs.y, pairs.section, pairs.section + 1, dtype)
+
+
+def binned(
+    least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any], size: tuple[int, int] | None = None
+) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    """Tile records of a picture, row by row, and (m,) the sections that are seen in one tile after another.
+
+    least, most  (n, 4)  bounds of x, y, x + y and x - y of the sections' pixels, inclusive
+    dtype        of Tile records, as a kernel lays them out
+    size         width and height of a picture all of whose tiles are wanted; None for those that see a section
+    """
+    aligned = least.copy()
+    aligned[:, :2] = least[:, :2] // TILE * TILE
+    pairs = tiles_of(aligned, most)
+
+    # sections by tile, in their own order within each
+    place = places_of(pairs.x, pairs.y)
+    order = np.argsort(place, kind="stable")
+    place = place[order]
+    places = np.unique(place) if size is None else _all_places(*size)
+    first, end = np.searchsorted(place, places, side="left"), np.searchsorted(place, places, side="right")
+    return _records(*corners_of(places), first, end, dtype), pairs.section[order].astype(np.uint32)
+
+
+def empty_tiles(places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Tile records at places (n,) whose list is not looked at."""
+    zeros = np.zeros(len(places))
+    return _records(*corners_of(places), zeros, zeros, dtype)
+
+
+def places_of(x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.int64]:
+    """(n,) numbers of the tiles with first pixels in columns x and rows y (n,), which ascend row by row."""
+    return np.asarray(y.astype(np.int64) << 20 | x)
+
+
+def corners_of(places: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Columns and rows (n,) of the first pixels of tiles with numbers (n,)."""
+    return places & 0xFFFFF, places >> 20
+
+
+def _all_places(width: int, height: int) -> NDArray[np.int64]:
+    """Numbers of all tiles of a picture."""
+    y, x = np.meshgrid(np.arange(0, height, TILE), np.arange(0, width, TILE), indexing="ij")
+    return places_of(x.ravel(), y.ravel())
+
+
+def _records(
+    x: NDArray[Any], y: NDArray[Any], first: NDArray[Any], end: NDArray[Any], dtype: np.dtype[Any]
+) -> NDArray[Any]:
+    """Tile records (n,)."""
+    tiles = np.zeros(len(x), dtype)
+    tiles["x"], tiles["y"], tiles["first"], tiles["end"] = x, y, first, end
+    return tiles

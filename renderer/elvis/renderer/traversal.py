@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
-from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, frozen_floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
@@ -15,7 +13,7 @@ from elvis.core.shapes import Shape
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.tiles import TILE, Sections, tiles_of
+from elvis.renderer.tiles import Sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.view import View
 
@@ -91,22 +89,6 @@ class Traversal:
         """Places on a line, and the way from values there to Bernstein coefficients: exact, and with an error."""
         names = ("nodes", "net", "places", "fit", "net_size")
         return {name: self.device.buffer(data) for name, data in zip(names, _line(degree), strict=True)}
-
-
-def binned(
-    least: NDArray[np.int32], most: NDArray[np.int32], dtype: np.dtype[Any]
-) -> tuple[NDArray[Any], NDArray[np.uint32]]:
-    """Tiles of the picture as bins (iso.slang), and the sections, with bounds (n, 4), seen in one after another."""
-    aligned = least.copy()
-    aligned[:, :2] = least[:, :2] // TILE * TILE
-    tiles = tiles_of(aligned, most)
-    key = tiles.y.astype(np.int64) << 20 | tiles.x
-    order = np.argsort(key, kind="stable")
-    places, first = np.unique(key[order], return_index=True)
-    bins = np.zeros(len(places), dtype)
-    bins["x"], bins["y"] = places & 0xFFFFF, places >> 20
-    bins["first"], bins["end"] = first, np.append(first[1:], len(order))
-    return bins, tiles.section[order].astype(np.uint32)
 
 
 def seen(view: View, corners: Floats, chosen: Bools) -> Sections:

@@ -19,7 +19,7 @@ from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.pieces import Edges, Pieces, pieces_of
 from elvis.renderer.passes.faces.sides import Sides
-from elvis.renderer.tiles import TILE, tiles_of
+from elvis.renderer.tiles import TILE, binned
 from elvis.scene.conditioning import misplaced
 from elvis.scene.frame import Status
 from elvis.scene.view import View
@@ -151,11 +151,14 @@ class FaceDrawer:
             kernel = device.kernel(stage, part, quantity)
             pieces = self._parts(view, select, number, kernel.dtype("pieces"))
             pieces = pieces[np.argsort(pieces["near"], kind="stable")]
-            listed, tiles = _binned(pieces, view, rows or (0, view.height), fresh)
+            size = (view.width, view.height) if fresh else None
+            tiles, listed = binned(pieces["least"], pieces["most"], kernel.dtype("tiles"), size)
+            if rows is not None:
+                tiles = tiles[(tiles["y"] + TILE > rows[0]) & (tiles["y"] < rows[1])]
             place = {"first": self.loaded.first[number], "count": len(tiles)}
             record = self._record(kernel, view, **place, fresh=fresh, layered=bool(layered))
             data = {"pieces": pieces, "listed": listed, "tiles": tiles, "view": record}
-            counts = (tiles[:, 3] - tiles[:, 2]).astype(np.int64)
+            counts = (tiles["end"] - tiles["first"]).astype(np.int64)
             yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, counts
             fresh = False
 
@@ -213,25 +216,6 @@ def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
 
 def _run(kernel: Kernel, work: Ints, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:
     kernel(len(work), {**buffers, **lists}, groups=True, work=work)
-
-
-def _binned(
-    pieces: NDArray[Any], view: View, rows: tuple[int, int], every: bool
-) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Numbers of the pieces in each tile of the picture, tile by tile; and the tiles: column, row, range of these.
-
-    rows   of pixels, the first one and the one after the last, that the tiles reach into
-    every  whether tiles without pieces are there too
-    """
-    least, across = pieces["least"].copy(), -(-view.width // TILE)
-    least[:, :2] &= ~(TILE - 1)
-    pairs = tiles_of(least, pieces["most"])
-    tile = pairs.y.astype(np.int64) // TILE * across + pairs.x // TILE
-    counts = np.bincount(tile, minlength=across * -(-view.height // TILE))
-    ends, y = np.cumsum(counts), np.arange(len(counts)) // across * TILE
-    tiles = np.column_stack([np.arange(len(counts)) % across * TILE, y, ends - counts, ends]).astype(np.uint32)
-    kept = ((counts > 0) | every) & (y + TILE > rows[0]) & (y < rows[1])
-    return pairs.section[np.argsort(tile, kind="stable")].astype(np.uint32), tiles[kept]
 
 
 def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:

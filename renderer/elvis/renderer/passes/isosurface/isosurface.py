@@ -16,7 +16,8 @@ from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.traversal import APART, Traversal, binned, seen
+from elvis.renderer.tiles import binned
+from elvis.renderer.traversal import APART, Traversal, seen
 from elvis.scene.conditioning import misplaced
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -120,15 +121,15 @@ class IsosurfaceDrawer:
         sections = seen(view, self.traversal.corners(number), wanted)
         self.counts["pieces"] += len(sections)
         if len(sections):
-            bins, order = binned(sections.least, sections.most, draw.dtype("bins"))
+            tiles, order = binned(sections.least, sections.most, draw.dtype("tiles"))
             buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
-            buffers["rays"] = self.traversal.rays(draw, view, number, len(bins), value)
+            buffers["rays"] = self.traversal.rays(draw, view, number, len(tiles), value)
             errors = np.where(flat, np.inf, self.traversal.rounding(number, quantity, value))
             buffers["errors"] = self.device.buffer(errors)
             buffers["steepest"] = self.device.buffer(self.traversal.steepest(number, quantity, value))
-            buffers["bins"] = self.device.buffer(bins)
+            buffers["tiles"] = self.device.buffer(tiles)
             buffers["order"] = self.device.buffer(sections.element[order])
-            draw(len(bins), buffers, groups=True, work=bins["end"] - bins["first"])
+            draw(len(tiles), buffers, groups=True, work=tiles["end"] - tiles["first"])
 
     def _holding(self, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) elements of a part that may have the value, but not all over."""
@@ -224,15 +225,15 @@ class IsosurfaceDrawer:
         """Draws pieces; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
         least, most = (np.full((len(pieces), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
         least[:, :2], most[:, :2] = pieces["bounds"][:, :2], pieces["bounds"][:, 2:]
-        bins, order = binned(least, most, draw.dtype("bins"))
+        tiles, order = binned(least, most, draw.dtype("tiles"))
         lists = {
-            "ask": ask(count=len(bins)),
-            "bins": self.device.buffer(bins),
+            "ask": ask(count=len(tiles)),
+            "tiles": self.device.buffer(tiles),
             "order": self.device.buffer(order),
             "pieces": self.device.buffer(pieces),
             "weary": self.device.buffer(np.zeros(len(pieces), np.uint32)),
         }
-        draw(len(bins), {**buffers, **lists}, groups=True, work=bins["end"] - bins["first"])
+        draw(len(tiles), {**buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
         return np.asarray(self.device.read(lists["weary"], np.uint32)[: len(pieces)] > 0)
 
     def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> Buffer:

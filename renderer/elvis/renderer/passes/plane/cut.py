@@ -19,7 +19,7 @@ from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.proof import proved
-from elvis.renderer.tiles import tiles_of
+from elvis.renderer.tiles import sectioned
 from elvis.scene.conditioning import doubted, slanted
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView
@@ -104,7 +104,7 @@ class Cutter:
 
         # the pixels of every tile; drawing twice is harmless, should the list of claims have been too short
         with self.clock.stage("draw"):
-            tiles = _tiles(sections, draw.dtype("tiles"))
+            tiles = sectioned(sections["least"], sections["most"], draw.dtype("tiles"))
             self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))
@@ -160,15 +160,6 @@ class Cutter:
         for name in ("pixel", "element", "field", "reference"):
             claims[name] = every[name][last]
         kernel(len(claims), {"claims": self.device.buffer(claims), **image})
-
-
-def _tiles(sections: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The Tile records (cut.slang) that cover sections."""
-    tiles = tiles_of(sections["least"], sections["most"])
-    record = np.zeros(len(tiles), dtype)
-    record["element"], record["section"] = sections["element"][tiles.section], tiles.section
-    record["x"], record["y"] = tiles.x, tiles.y
-    return record
 
 
 def _doubt_cracks(pixels: Pixels, view: PlaneView) -> None:

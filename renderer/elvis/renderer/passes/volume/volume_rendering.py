@@ -17,8 +17,8 @@ from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.visibility import Visibility
-from elvis.renderer.tiles import TILE
-from elvis.renderer.traversal import APART, Traversal, binned, seen
+from elvis.renderer.tiles import TILE, binned, corners_of, empty_tiles, places_of
+from elvis.renderer.traversal import APART, Traversal, seen
 from elvis.scene import Clip, Transfer
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -110,7 +110,7 @@ class _Seen:
     """What is seen of a part: tiles, and what the stage that lists their segments needs beside them.
 
     listed  number of the quantity
-    rows    (tiles,) of 64 entries, one a pixel, that each needs: at most, or likely where elements are curved
+    rows    (tiles,) of entries, one for each pixel, that each needs: at most, or likely where elements are curved
     """
 
     number: int
@@ -120,20 +120,44 @@ class _Seen:
     rows: Ints
     data: dict[str, NDArray[Any]]
 
-    def within(self, tiles: NDArray[Any]) -> _Seen:
-        """What is seen in the given tiles alone."""
-        places, own = _place(tiles), _place(self.tiles)
-        at = np.minimum(np.searchsorted(places, own), len(places) - 1)
-        held = places[at] == own
-        some, at = self.part(held), at[held]
-        some.tiles["number"] = tiles["number"][at] + self.listed * len(tiles)
-        some.tiles["base"] = tiles["base"][at] + self.listed * int(tiles["room"].sum())
-        some.tiles["room"] = tiles["room"][at]
-        return some
+    @cached_property
+    def places(self) -> Ints:
+        """(tiles,) numbers of their places."""
+        return places_of(self.tiles["x"], self.tiles["y"])
 
-    def part(self, chosen: Bools) -> _Seen:
-        """Some of the tiles (n,)."""
-        return _Seen(self.number, self.listed, self.kernel, self.tiles[chosen], self.rows[chosen], self.data)
+
+@dataclass(eq=False)
+class _Band:
+    """Tiles that are drawn together, and their lists, for the first of the quantities.
+
+    places  (n,) numbers of the tiles' places
+    lists   (n,) TileLists records (segment.slang)
+    """
+
+    places: Ints
+    lists: NDArray[Any]
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @property
+    def rows(self) -> int:
+        """Rows of all lists of one quantity together."""
+        return int(self.lists["room"].sum())
+
+    def give(self, rooms: Ints) -> None:
+        """Let the tiles' lists have room for so many entries (n,) each."""
+        self.lists["room"] = rooms
+        self.lists["base"] = np.cumsum(rooms) - rooms
+
+    def of(self, some: _Seen) -> tuple[Bools, NDArray[Any]]:
+        """(m,) which of the tiles with something of a part are in the band, and the lists of these."""
+        at = np.minimum(np.searchsorted(self.places, some.places), len(self) - 1)
+        held = self.places[at] == some.places
+        lists = self.lists[at[held]]
+        lists["number"] += np.uint32(some.listed * len(self))
+        lists["base"] += np.uint32(some.listed * self.rows)
+        return held, lists
 
 
 class VolumeRenderer:
@@ -164,8 +188,8 @@ class VolumeRenderer:
         for medium in media:
             self._check(medium.transfer)
         march = _March(self, view, media, coats, error, clips)
-        for tiles in march.bands():
-            march.band(tiles)
+        for band in march.bands():
+            march.band(band)
         return march.gathered()
 
     def _check(self, transfer: Transfer) -> None:
@@ -277,40 +301,42 @@ class _March:
             number, listed, kernel, tiles, counts, {"order": order, "pieces": pieces, "view": view, "wanted": wanted}
         )
 
-    def bands(self) -> Iterator[NDArray[Any]]:
+    def bands(self) -> Iterator[_Band]:
         """Groups of tiles whose lists have room together."""
-        places = np.unique(np.concatenate([_place(some.tiles) for some in self.parts]))
+        places = np.unique(np.concatenate([some.places for some in self.parts]))
         if not len(places):
             return
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in self.parts:
-            rows[some.listed, np.searchsorted(places, _place(some.tiles))] += some.rows
+            rows[some.listed, np.searchsorted(places, some.places)] += some.rows
         most = rows.max(axis=0)
         size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
         fixed = self.march.dtype("stops").itemsize * self.visibility.most
-        band = np.cumsum(LANES * (most * size + fixed)) // MOST_BYTES
-        for own in np.split(np.arange(len(places)), np.flatnonzero(np.diff(band)) + 1):
-            tiles = np.zeros(len(own), self.march.dtype("tiles"))
-            tiles["x"], tiles["y"], tiles["number"] = places[own] & 0xFFFFF, places[own] >> 20, np.arange(len(own))
-            tiles["base"], tiles["room"] = np.cumsum(most[own]) - most[own], most[own]
-            yield tiles
+        number = np.cumsum(LANES * (most * size + fixed)) // MOST_BYTES
+        for own in np.split(np.arange(len(places)), np.flatnonzero(np.diff(number)) + 1):
+            band = _Band(places[own], np.zeros(len(own), self.march.dtype("lists")))
+            band.lists["number"] = np.arange(len(own))
+            band.give(most[own])
+            yield band
 
-    def band(self, tiles: NDArray[Any]) -> None:
+    def band(self, band: _Band) -> None:
         """List the segments of the rays of some tiles, then march along them."""
-        lists = self._listed(tiles)
+        lists = self._listed(band)
         # tiles reach beyond the picture's edge
-        x, y = (tiles[name].astype(np.int64)[:, None] for name in ("x", "y"))
+        x, y = (corner[:, None] for corner in corners_of(band.places))
         x, y = x + np.arange(LANES) % TILE, y + np.arange(LANES) // TILE
         held = (x < self.view.width) & (y < self.view.height)
         pixel = np.where(held, y * self.view.width + x, 0)
 
         ask = np.zeros(1, self.march.dtype("march_of"))
-        ask["error"], ask["rows"], ask["stops"] = self.error, tiles["room"].sum(), self.visibility.most
+        ask["error"], ask["rows"], ask["stops"] = self.error, band.rows, self.visibility.most
         stops, hidden = self._stops(pixel.ravel())
         lists |= {"stops": self.device.buffer(stops), "hidden": self.device.buffer(hidden)}
-        lists |= {"march_of": self.device.buffer(ask), "tiles": self.device.buffer(tiles), **self.shared}
-        lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(tiles))
-        self.march(len(tiles), lists, groups=True, work=tiles["room"])
+        lists |= {"march_of": self.device.buffer(ask), **self.shared}
+        lists["tiles"] = self.device.buffer(empty_tiles(band.places, self.march.dtype("tiles")))
+        lists["lists"] = self.device.buffer(band.lists)
+        lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(band))
+        self.march(len(band), lists, groups=True, work=band.lists["room"])
         if any(self.curved):
             lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
             self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
@@ -321,20 +347,19 @@ class _March:
         tally = device.read(self.fixed["tally"], np.uint32)[: 2 * count].reshape(-1, 2)
         return Gathered(tally, self.lost, lambda: device.read(self.fixed["lights"], dtype)[:count])
 
-    def _listed(self, tiles: NDArray[Any]) -> dict[str, Any]:
+    def _listed(self, band: _Band) -> dict[str, Any]:
         """The segments of all parts; once more where the lists of some tiles were too short, which become longer."""
         while True:
-            lists = self._empty(len(tiles), int(tiles["room"].sum()))
+            lists = self._empty(len(band), band.rows)
             for some in self.parts:
-                self._list(some.within(tiles), lists)
+                self._list(some, band, lists)
             if not any(self.curved):
                 return lists
-            counts = self.device.read(lists["counts"], np.uint32)[: len(self.quantities) * LANES * len(tiles)]
-            needed = counts.reshape(-1, len(tiles), LANES).max(axis=(0, 2))
-            if (needed <= tiles["room"]).all():
+            counts = self.device.read(lists["counts"], np.uint32)[: len(self.quantities) * LANES * len(band)]
+            needed = counts.reshape(-1, len(band), LANES).max(axis=(0, 2))
+            if (needed <= band.lists["room"]).all():
                 return lists
-            tiles["room"] = np.maximum(needed, tiles["room"])
-            tiles["base"] = np.cumsum(tiles["room"]) - tiles["room"]
+            band.give(np.maximum(needed, band.lists["room"]))
 
     def _stops(self, pixel: Ints) -> tuple[NDArray[Any], NDArray[np.int32]]:
         """Stop records (m, k) along the rays of pixels (m,), and how many clips hide what comes before."""
@@ -357,18 +382,15 @@ class _March:
         lists["ranks"], lists["depths"] = self.device.empty(np.uint32, room), self.device.empty(np.float64, room)
         return lists
 
-    def _list(self, some: _Seen, lists: dict[str, Any]) -> None:
-        """Add the segments of a part to lists."""
-        if len(some.tiles):
-            data = {name: self.device.buffer(array) for name, array in {**some.data, "tiles": some.tiles}.items()}
-            data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(some.tiles))
+    def _list(self, some: _Seen, band: _Band, lists: dict[str, Any]) -> None:
+        """Add the segments of a part in the tiles of a band to lists."""
+        held, own = band.of(some)
+        if held.any():
+            arrays = {**some.data, "tiles": some.tiles[held], "lists": own}
+            data = {name: self.device.buffer(array) for name, array in arrays.items()}
+            data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(own))
             bound = self.loaded.bound(some.number, self.quantities[some.listed])
-            some.kernel(len(some.tiles), {**bound, **lists, **data}, groups=True, work=some.rows)
-
-
-def _place(tiles: NDArray[Any]) -> Ints:
-    """(n,) a number for each tile's place, by rows."""
-    return np.asarray(tiles["y"].astype(np.int64) << 20 | tiles["x"])
+            some.kernel(len(own), {**bound, **lists, **data}, groups=True, work=some.rows[held])
 
 
 def _tolerance(transfer: Transfer, error: float, length: float) -> float:
