@@ -42,17 +42,26 @@ SOLID = (
     *("gen_pyr_curved", "gen_tet_p8_nekg2", "hex_c0", "prismhex_wss"),
 )
 
+KINDS = ("cut", "faces", "isosurface", "volume")
 
-def pictures() -> Iterator[tuple[str, list[str]]]:
-    """Names of pictures, and the arguments of ``elvis render`` that draw them."""
+
+def pictures(only: str = "") -> Iterator[tuple[str, list[str]]]:
+    """Names of pictures that hold a text, and the arguments of ``elvis render`` that draw them."""
+    yield from ((name, options) for name, options in flat_pictures() if only in name)
+    for name in SOLID:
+        # what is to be drawn of 3D data is told by ``elvis info``, which takes its time
+        if any(only in f"{name}-{kind}" for kind in KINDS):
+            yield from ((own, options) for own, options in solid_pictures(name) if only in own)
+
+
+def flat_pictures() -> Iterator[tuple[str, list[str]]]:
+    """Those of scenes, of the generated data and of 2D data."""
     for name in GALLERY:
         yield f"gallery-{name}", [f"examples/scenes/{name}.toml", "--size", SIZE, "--samples", "1"]
     for name, (data, options) in DEMO.items():
         yield f"demo-{name}", [f"out/data/{data}.xml", f"out/data/{data}.fld", *options, "--size", SIZE]
     for name in FLAT:
         yield f"{name}-lines", [*files_of(name), "--contours", "7", "--mesh-lines", "--size", SIZE]
-    for name in SOLID:
-        yield from solid_pictures(name)
 
 
 def solid_pictures(name: str) -> Iterator[tuple[str, list[str]]]:
@@ -69,10 +78,14 @@ def solid_pictures(name: str) -> Iterator[tuple[str, list[str]]]:
     place = ",".join(f"{number:.6g}" for number in middle)
     fog = f"{levels[0]:.6g}:0,{levels[2]:.6g}:{5 / np.ptp([box['lower'], box['upper']]):.6g},{levels[3]:.6g}:0"
 
-    yield f"{name}-cut", [*files, *size, "--plane", f"{place}:0.1,0.2,1"]
-    yield f"{name}-faces", [*files, *size, "--faces", "all", "--mesh-lines", "--contours", "5", *ISO]
-    yield f"{name}-isosurface", [*files, *size, f"--isosurface={levels[1]:.6g},{levels[2]:.6g}", *ISO]
-    yield f"{name}-volume", [*files, *size, f"--volume={fog}", *ISO]
+    drawn = {
+        "cut": ["--plane", f"{place}:0.1,0.2,1"],
+        "faces": ["--faces", "all", "--mesh-lines", "--contours", "5", *ISO],
+        "isosurface": [f"--isosurface={levels[1]:.6g},{levels[2]:.6g}", *ISO],
+        "volume": [f"--volume={fog}", *ISO],
+    }
+    for kind in KINDS:
+        yield f"{name}-{kind}", [*files, *size, *drawn[kind]]
 
 
 def files_of(name: str) -> list[str]:
@@ -91,7 +104,7 @@ def main() -> int:
     folder = arguments.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     make_data()
-    chosen = [(name, options) for name, options in pictures() if arguments.only in name]
+    chosen = list(pictures(arguments.only))
     for name, options in chosen:
         draw(folder / name, options)
     if arguments.against is None:
