@@ -41,8 +41,8 @@ def test_distances_and_their_gradients_are_those_of_numpy(renderer, file, shape)
     drawing.show(volume_of(dataset, [text]))
     reference, elements = np.zeros((80, 3)), np.resize(np.arange(len(part)), 80)
     reference[:, : shape.dimension] = 0.95 * scattered(shape, 80, seed=1) + 0.05 * shape.vertices.mean(axis=0)
-    centre = drawing.examine(0, elements[:1], reference[:1]).center
-    found = drawing.examine(0, elements, reference - centre, text)
+    centre = drawing.sample_elements(0, elements[:1], reference[:1]).center
+    found = drawing.sample_elements(0, elements, reference - centre, text)
     expression = Expression.of(dataset, text)
     truth = Evaluator(dataset, [expression]).at(expression, part.element_ids[elements], reference)
     assert np.abs(found.value - truth).max() < VALUE * np.abs(truth).max()

@@ -200,7 +200,7 @@ def test_what_is_known_of_elements_is_the_same_in_every_way(renderer, pipe):
     points = np.random.default_rng(3).uniform(-1, 1, (50, 3))
     rows = np.arange(50) % len(host)
     for text in texts:
-        found = drawing.examine(0, rows, points / 2, text).value
+        found = drawing.sample_elements(0, rows, points / 2, text).value
         wanted = evaluate_expression(Expression.parse(text, names_of(pipe)), {"u": host}, rows, points)
         assert np.abs(found - wanted).max() <= 1e-9 * np.abs(wanted).max(), text
 

@@ -59,9 +59,9 @@ def test_quantities_and_their_slopes_are_what_numpy_gives(renderer, dimension):
     for number, part in enumerate(volume.parts):
         shape, elements, reference = asked(part)
         shapes.add(shape)
-        centre = drawing.examine(number, elements[:1], reference[:1]).center
+        centre = drawing.sample_elements(number, elements[:1], reference[:1]).center
         for expression in expressions:
-            found = drawing.examine(number, elements, reference - centre, expression.text)
+            found = drawing.sample_elements(number, elements, reference - centre, expression.text)
             truth = evaluator.at(expression, part.element_ids[elements], reference)
             assert np.abs(found.value - truth).max() < VALUE * np.abs(truth).max(), (shape, expression.text)
             slopes = differences(evaluator, expression, part.element_ids[elements], reference)[:, :dimension]
@@ -106,7 +106,7 @@ def test_fields_that_an_element_lacks_are_nan_there(renderer):
     for number, part in enumerate(volume.parts):
         elements = np.arange(len(part))
         for text in ("v", "u+v"):
-            found = drawing.examine(number, elements, np.zeros((len(part), 3)), text).value
+            found = drawing.sample_elements(number, elements, np.zeros((len(part), 3)), text).value
             assert np.array_equal(np.isnan(found), ~np.isin(part.element_ids, held))
 
 
@@ -131,15 +131,15 @@ def test_second_derivatives_are_what_numpy_gives(renderer):
     volume = volume_of(dataset, [second.text, first.text])
     drawing.show(volume)
     (part,), (_, elements, reference) = volume.parts, asked(volume.parts[0])
-    ids, centre = part.element_ids[elements], drawing.examine(0, elements[:1], reference[:1]).center
-    found = drawing.examine(0, elements, reference - centre)
+    ids, centre = part.element_ids[elements], drawing.sample_elements(0, elements[:1], reference[:1]).center
+    found = drawing.sample_elements(0, elements, reference - centre)
     truth = Evaluator(dataset, [second]).at(second, ids, reference)
     assert np.abs(found.value - truth).max() < 1e-10 * np.abs(truth).max()
 
     along = [Expression(f"d{axis}", world_derivative(first.root, axis)) for axis in range(3)]
     gradient = np.stack([Evaluator(dataset, along).at(each, ids, reference) for each in along], axis=1)
     slope = np.einsum("nc,nci->ni", gradient, found.jacobian)
-    risen = drawing.examine(0, elements, reference - centre, first.text).slope
+    risen = drawing.sample_elements(0, elements, reference - centre, first.text).slope
     assert np.abs(risen - slope).max() < 1e-10 * np.abs(slope).max()
 
 
@@ -153,11 +153,11 @@ def test_quasi_3d_data_have_expressions_of_all_their_fields(renderer):
     for number, part in enumerate(volume.parts):
         rng = np.random.default_rng(3)
         reference, elements = rng.uniform(-0.9, 0.0, (40, 3)), np.resize(np.arange(len(part)), 40)
-        centre = drawing.examine(number, elements[:1], reference[:1]).center
+        centre = drawing.sample_elements(number, elements[:1], reference[:1]).center
         for text in texts:
             expression = Expression.of(dataset, text)
             truth = Evaluator(dataset, [expression]).at(expression, part.element_ids[elements], reference)
-            found = drawing.examine(number, elements, reference - centre, text)
+            found = drawing.sample_elements(number, elements, reference - centre, text)
             assert np.abs(found.value - truth).max() < VALUE * max(1, np.abs(truth).max()), text
 
 
@@ -183,8 +183,8 @@ def test_a_plugins_field_makes_expressions(renderer, opened):
     x, y, _ = ((points + 1) / 2).T
     wave, slope = np.cos(2 * np.pi * x), -2 * np.pi * np.sin(2 * np.pi * x)
     for text, truth in ((None, slope * y), ("d(u,x)*y", slope * y), ("u", wave), ("u^2", wave**2)):
-        assert np.abs(drawing.examine(0, np.zeros(50, np.int64), points, text).value - truth).max() < 1e-12
-    risen = drawing.examine(0, np.zeros(50, np.int64), points, "u^2").slope[:, 0]
+        assert np.abs(drawing.sample_elements(0, np.zeros(50, np.int64), points, text).value - truth).max() < 1e-12
+    risen = drawing.sample_elements(0, np.zeros(50, np.int64), points, "u^2").slope[:, 0]
     assert np.abs(risen - wave * slope).max() < 1e-12
 
 

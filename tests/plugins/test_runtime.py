@@ -231,7 +231,7 @@ def test_elementary_functions_are_exact_to_the_last_digits(renderer, box, device
     drawing.show(volume_of(opened, ["u", *texts.values()]))
     points = np.random.default_rng(5).uniform(-1, 1, (4000, 3))
     for name, bar in (ACCURACY | BINARY).items():
-        samples = drawing.examine(0, np.zeros(4000, np.int64), points, texts[name])
+        samples = drawing.sample_elements(0, np.zeros(4000, np.int64), points, texts[name])
         operands = samples.position.astype(np.longdouble).T[: FUNCTIONS[name].arity]
         with np.errstate(invalid="ignore"):
             truth = FUNCTIONS[name].numpy(*operands)

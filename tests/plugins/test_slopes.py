@@ -41,8 +41,8 @@ def compare(drawing, volume):
     shapes = set()
     for number, part in enumerate(volume.parts):
         for patch, rows, reference, elements, offsets in asked(part):
-            centre = drawing.examine(number, elements[:1], offsets[:1]).center
-            found = drawing.examine(number, elements, offsets - centre)
+            centre = drawing.sample_elements(number, elements[:1], offsets[:1]).center
+            found = drawing.sample_elements(number, elements, offsets - centre)
             value, slope = evaluate_at_with_gradients(patch.fields[0], patch.coefficients[0], rows, reference)
             apart = np.abs(reference[:, -1] - 1) > 1e-6 if patch.shape is Shape.PYRAMID else np.full(len(rows), True)
             assert np.abs(found.value - value).max() < SLOPE * np.ptp(value)

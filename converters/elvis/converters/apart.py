@@ -32,10 +32,10 @@ from elvis.core.errors import ElvisError, FormatError
 #: bytes of memory at most: so many, and so many for each byte of the files
 MEMORY, MEMORY_PER_BYTE = 4 << 30, 200
 
-#: seconds of the processor at most for one question: so many, and one for so many bytes of the files or the answer
+#: seconds of the processor at most for one question: so many, and one for so many bytes of the files or the reply
 SECONDS, BYTES_PER_SECOND = 4, 1 << 18
 
-#: how much longer than its processor time an answer may take, on a busy machine or a slow disk
+#: how much longer than its processor time a reply may take, on a busy machine or a slow disk
 _PATIENCE = 30
 
 #: seconds beyond that, in which the library is loaded
@@ -56,7 +56,7 @@ _TYPES = "biufcU"
 
 
 class LibraryError(Exception):
-    """The library didn't answer: the text is the traceback of the other process, where there is one."""
+    """The library gave no reply: the text is the traceback of the other process, where there is one."""
 
     def __init__(self, is_out_of_time: bool = False, trace: str = "") -> None:
         super().__init__(trace)
@@ -137,8 +137,8 @@ def launched(worker: str, memory: int) -> subprocess.Popen[bytes]:
 
 
 def serve(worker: str, memory: int) -> NoReturn:
-    """Answer what is asked of a worker until there are no more questions; the life of the other process."""
-    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    """Reply to the requests of a worker until there are no more; the life of the other process."""
+    requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)  # what the library reads and prints is none of the messages
     os.dup2(nothing, 1)
@@ -151,12 +151,12 @@ def serve(worker: str, memory: int) -> NoReturn:
             method, seconds, *given = receive(requests, memory)
             with suppress(AttributeError):  # not all systems have this clock, which ends the process
                 signal.setitimer(signal.ITIMER_PROF, seconds)
-            send(answers, _answer(made, method, given))
+            send(replies, _reply(made, method, given))
     os._exit(0)  # of damaged files libraries leave things behind that they complain of at the end
 
 
-def _answer(made: object, method: str, given: Sequence[Any]) -> list[Any]:
-    """The kind of an answer, and what belongs to it."""
+def _reply(made: object, method: str, given: Sequence[Any]) -> list[Any]:
+    """The kind of a reply, and what belongs to it."""
     try:
         return ["found", getattr(made, method)(*given)]
     except FormatError as error:

@@ -17,11 +17,11 @@ from elvis.core.patch import patches
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What was found at points: one answer for a point, or one for each element that holds it; sorted by point.
+    """What was found at points: one result for a point, or one for each element that holds it; sorted by point.
 
     names     of the fields
     points    (k, 3)  world coordinates as asked
-    location  (k,)    element, reference coordinates and status of each answer
+    location  (k,)    element, reference coordinates and status of each result
     values    (k, f)  one column a field; NaN outside the domain and where the field hasn't the element
     """
 
@@ -71,6 +71,6 @@ class Sampler:
 def sample(dataset: Dataset, names: Sequence[str], points: Floats, all: bool = False) -> Samples:
     """The named fields at the world points (n, 3); `Sampler` prepares this once for many calls.
 
-    all  an answer for every element that holds a point, both sides of a jump included, not just one for each point
+    all  a result for every element that holds a point, both sides of a jump included, not just one for each point
     """
     return Sampler(dataset, names).sample(points, all)

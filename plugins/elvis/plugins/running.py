@@ -135,7 +135,7 @@ class PluginGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, but a name that is unknown is answered with those that are near it."""
+        """As click does, but a name that is unknown is reported with those that are near it."""
         name = args[0]
         if not name.startswith("-") and name not in self.list_commands(ctx):
             raise click.UsageError(f"there is no command {name!r}{self._suggestion(name, ctx)}", ctx)

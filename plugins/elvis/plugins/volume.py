@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Answers for n pairs of an element and a point.
+    """Solutions for n pairs of an element and a point.
 
     verdict    (n,)    0 outside, 1 inside, 2 undecided
     margin     (n,)    distance to the border of the reference shape where inside, as IVolume.margin

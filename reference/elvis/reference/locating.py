@@ -22,7 +22,7 @@ _BATCH = {True: 1 << 13, False: 1 << 16}
 
 
 class _Elements(Protocol):
-    """Elements of a patch as the search sees them; points are (n, 3), rows (n,), answers as those of `Inverter`."""
+    """Elements of a patch as the search sees them; points are (n, 3), rows (n,), results as those of `Inverter`."""
 
     def solved(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]: ...
 
@@ -108,7 +108,7 @@ class Locator:
     def _location(
         self, zeta: Floats, pairs: tuple[Ints, Ints, Ints], reference: Floats, status: NDArray[np.uint8], every: bool
     ) -> Location:
-        """The answers sorted by point, those of a point by margin, then by id."""
+        """The results sorted by point, those of a point by margin, then by id."""
         point, patch, row = pairs
         margin, ids = np.full(len(point), np.nan), np.full(len(point), -1)
         for number, own in enumerate(self.patches):

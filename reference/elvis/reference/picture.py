@@ -145,7 +145,7 @@ def _margins(found: Location, dimension: int) -> Floats:
 
 
 def _frame(scene: Scene, view: PlaneView, pixels: Ints, found: Location, field: Floats) -> Frame:
-    """The answers for some pixels as a picture; all others are misses."""
+    """The results for some pixels as a picture; all others are misses."""
     count, shape = view.width * view.height, (view.height, view.width)
     values, element, status = np.full(count, np.nan), np.full(count, -1), np.zeros(count, np.uint8)
     reference = np.full((count, 3), np.nan)

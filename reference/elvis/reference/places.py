@@ -23,12 +23,12 @@ _AT_ONCE = 1 << 12
 
 
 def owners(locator: Locator, points: Floats) -> Location:
-    """One answer for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
+    """One result for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
     found = _located(locator, points)
     border = np.flatnonzero((found.status == Verdict.INSIDE) & (found.margin <= TOLERANCE))
     every = _located(locator, points[border], every=True)
 
-    # the first answer in order of points, then ids
+    # the first result in order of points, then ids
     order = np.lexsort((every.element_id, every.point))
     first = order[np.diff(every.point[order], prepend=-1) != 0]
     columns = {name: getattr(found, name).copy() for name in Location.__dataclass_fields__}

@@ -20,7 +20,7 @@ from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression
-from elvis.plugins.examining import checked
+from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Volume
@@ -29,7 +29,7 @@ from elvis.renderer.rendering import Renderer
 
 #: modes of rules that are tried in turn, the change of a norm below which it is settled, and the most points of a rule
 _MODES, _SETTLED, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1e-11, 1 << 22
-#: points that are examined together
+#: points that are sampled together
 _BATCH = 1 << 17
 #: points that ranges are sampled at, as a rule
 _MANY = 1 << 18
@@ -58,7 +58,7 @@ class Evaluation:
         volume = volume_of(self.opened, [each.text for each in expressions])
         with Renderer() as device:
             device.show(volume, self.opened)
-            checked(self.opened.name, volume, device)
+            check_volume(self.opened.name, volume, device)
             yield volume, device
 
     def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
@@ -151,16 +151,16 @@ def _inverted(number: int, elements: Ints, points: Floats, device: Renderer) -> 
 
     By Newton's method from the centre, whose steps are those of the kernels' maps.
     """
-    reference = _examined(number, elements, np.zeros_like(points), device, None).center
+    reference = _samples_in(number, elements, np.zeros_like(points), device, None).center
     step = np.ones_like(points)
     for _ in range(_STEPS):
-        found = _examined(number, elements, reference, device, None)
+        found = _samples_in(number, elements, reference, device, None)
         step = np.einsum("nci,nc->ni", duals(found.jacobian), points - found.position)
         step = np.where(np.isfinite(step), step, 0.0)
         reference = reference + step / np.maximum(2 * np.abs(step).max(axis=1, keepdims=True), 1.0)
         if np.abs(step).max(initial=0.0) < _SHORT:
             break
-    margin = _examined(number, elements, reference, device, None).margin
+    margin = _samples_in(number, elements, reference, device, None).margin
     return reference, (np.abs(step).max(axis=1) < _SHORT) & (margin >= -TOLERANCE)
 
 
@@ -170,7 +170,7 @@ def _values(text: str, part: Ints, local: Ints, reference: Floats, volume: Volum
     for number in range(len(volume.parts)):
         here = np.flatnonzero(part == number)
         if len(here):
-            values[here] = _examined(number, local[here], reference[here], device, _named(volume, text)).value
+            values[here] = _samples_in(number, local[here], reference[here], device, _named(volume, text)).value
     return values
 
 
@@ -179,12 +179,12 @@ def _named(volume: Volume, text: str) -> str | None:
     return text if text in volume.parts[0].quantities else None
 
 
-def _examined(number: int, elements: Ints, reference: Floats, device: Renderer, quantity: str | None) -> Samples:
+def _samples_in(number: int, elements: Ints, reference: Floats, device: Renderer, quantity: str | None) -> Samples:
     """Samples at reference points (n, 3) of elements (n,), the plugin's own coordinates."""
-    center = device.examine(number, elements[:1], np.zeros((1, 3))).center[0]
+    center = device.sample_elements(number, elements[:1], np.zeros((1, 3))).center[0]
     parts = [slice(first, first + _BATCH) for first in range(0, len(elements), _BATCH)]
-    found = [device.examine(number, elements[part], reference[part] - center, quantity) for part in parts]
-    columns = {name: np.concatenate([getattr(one, name) for one in found]) for name in vars(found[0])}
+    batches = [device.sample_elements(number, elements[part], reference[part] - center, quantity) for part in parts]
+    columns = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in vars(batches[0])}
     return Samples(**columns)
 
 
@@ -205,14 +205,14 @@ def _sums(
     part = volume.parts[number]
     elements = np.repeat(np.arange(len(part)), len(rule.weights))
     points = np.tile(rule.points, (len(part), 1))
-    place = _examined(number, elements, points, device, None)
+    place = _samples_in(number, elements, points, device, None)
     measure = np.tile(rule.weights, len(part)) * np.abs(np.linalg.det(place.jacobian))
     columns = []
     for name in names:
         if name in AXES and _named(volume, name) is None:
             columns.append(place.position[:, AXES.index(name)])
         else:
-            columns.append(_examined(number, elements, points, device, _named(volume, name)).value)
+            columns.append(_samples_in(number, elements, points, device, _named(volume, name)).value)
     table = np.stack(columns)
     return (table**2) @ measure, table.min(axis=1), table.max(axis=1)
 
@@ -222,12 +222,12 @@ def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer
     part = volume.parts[number]
     if part.shape is None:
         elements, offsets = probes(part, volume.dimension)
-        points = offsets + device.examine(number, elements[:1], offsets[:1]).center
+        points = offsets + device.sample_elements(number, elements[:1], offsets[:1]).center
     else:
         modes = min(16, max(4, int(np.cbrt(_MANY / len(part)))))
         lattice = _rule(part, modes).points
         elements, points = np.repeat(np.arange(len(part)), len(lattice)), np.tile(lattice, (len(part), 1))
-    found = [_examined(number, elements, points, device, _named(volume, text)) for text in texts]
+    found = [_samples_in(number, elements, points, device, _named(volume, text)) for text in texts]
     inside = found[0].margin >= -1e-9
     return [Samples(**{name: column[inside] for name, column in vars(one).items()}) for one in found]
 

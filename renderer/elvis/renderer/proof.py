@@ -13,7 +13,7 @@ from elvis.scene.view import PlaneView
 
 
 def proved(parts: Sequence[Part], view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:
-    """The claims, by running element numbers, with the answers of the parts that can give some."""
+    """The claims, by running element numbers, with the results of the parts that can give some."""
     claims, first = claims.copy(), np.cumsum([0, *map(len, parts)])
     pixel, element = claims["pixel"].astype(np.int64), claims["element"].astype(np.int64)
     points = view.points_of(pixel % view.width, pixel // view.width)

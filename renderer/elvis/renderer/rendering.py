@@ -16,7 +16,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import map_names
 from elvis.core.quantities import Expression
-from elvis.plugins.examining import checked
+from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import dimension_of, names_of, volume_of
@@ -25,8 +25,8 @@ from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas, check_memory, check_time
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
+from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.errors import DeviceError, DeviceLostError
-from elvis.renderer.examining import examine
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
@@ -88,7 +88,7 @@ def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None =
         return _noted(other(opened, scene), asked)
     with Renderer(device, progress) as renderer:
         renderer.show(volume, opened)
-        remarks = checked(opened.name, volume, renderer)
+        remarks = check_volume(opened.name, volume, renderer)
         return _noted(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
 
 
@@ -203,18 +203,18 @@ class Renderer:
     def stages(self) -> Stages:
         """The stages over the volume; ElvisError where there is none yet."""
         if self._stages is None:
-            raise ElvisError("load a dataset first: there is nothing to draw, to probe or to examine")
+            raise ElvisError("load a dataset first: there is nothing to draw, to probe or to sample")
         return self._stages
 
     def probe(self, points: Floats) -> Places:
         """Elements and field at world points (n, 3), found on the device."""
         return self.stages.finder.find(points)
 
-    def examine(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
-        """What elements (n,) of a part answer at offsets (n, 3) from their type's centre; for checks of plugins."""
-        return examine(self.stages.loaded, part, elements, offsets, quantity)
+    def sample_elements(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
+        """Samples in elements (n,) of a part at offsets (n, 3) from their type's centre; for checks of plugins."""
+        return sample_elements(self.stages.loaded, part, elements, offsets, quantity)
 
-    def glimpse(self, point: Vector, size: tuple[int, int] = (90, 60)) -> Frame:
+    def preview(self, point: Vector, size: tuple[int, int] = (90, 60)) -> Frame:
         """A small picture of what was shown: a cut through a point, of 2D data all; for checks of plugins."""
         normal = (0.2, 0.5, 1.0) if self.stages.loaded.dimension == 3 else (0.0, 0.0, 1.0)
         return self.render(Scene("", plane=Plane(point, normal), size=size))

@@ -89,7 +89,7 @@ class _Cells:
 
 
 class _Search:
-    """One batch of targets and the answers for them."""
+    """One batch of targets and the results for them."""
 
     def __init__(self, targets: Targets) -> None:
         self.targets, self.shape = targets, targets.patch.shape
@@ -143,7 +143,7 @@ class _Search:
         spans = np.ptp(cells.net[ready], axis=tuple(range(2, cells.net.ndim))).max(axis=1, initial=0)
         going[ready[feet.converged & (spans <= _ONE_POINT * self.targets.rounding[cells.pair[ready]])]] = False
 
-        # on curves and surfaces a foot near a tiny cell is the answer for it: cells cannot shrink below the distance
+        # on curves and surfaces a foot near a tiny cell is the result for it: cells cannot shrink below the distance
         if self.shape.dimension < 3:
             near = np.abs(feet.reference - starts).max(axis=1, initial=0) < 0.01
             going[ready[feet.converged & near & (width[ready] < 1e-3)]] = False

@@ -55,7 +55,7 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Roots:
-    """Answers for n pairs of a point and an element.
+    """Results for n pairs of a point and an element.
 
     reference  (n, d)  coordinates, NaN unless inside
     margin     (n,)    least height over the element's facets, 0 on its boundary (`margins`); NaN unless inside
@@ -73,16 +73,14 @@ class Roots:
         return Roots(reference, margin, np.full(count, Status.OUTSIDE, np.uint8))
 
     def part(self, chosen: Ints) -> Roots:
-        """Some of the answers, as a copy."""
+        """Some of the results, as a copy."""
         return Roots(self.reference[chosen], self.margin[chosen], self.status[chosen])
 
-    def put(self, chosen: Ints, answers: Roots) -> None:
-        """Write answers in the places ``chosen``."""
-        self.reference[chosen], self.margin[chosen], self.status[chosen] = (
-            answers.reference,
-            answers.margin,
-            answers.status,
-        )
+    def put(self, chosen: Ints, roots: Roots) -> None:
+        """Write results in the places ``chosen``."""
+        self.reference[chosen] = roots.reference
+        self.margin[chosen] = roots.margin
+        self.status[chosen] = roots.status
 
 
 def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distance: float = DISTANCE) -> Roots:
@@ -103,7 +101,7 @@ def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distanc
 
 
 def decide(patch: Patch, rows: Ints, points: Floats, roots: Roots, distance: float = DISTANCE) -> None:
-    """Search the elements of all pairs that are UNCERTAIN, and write the answers into ``roots``."""
+    """Search the elements of all pairs that are UNCERTAIN, and write the results into ``roots``."""
     which = np.flatnonzero(roots.status == Status.UNCERTAIN)
     elements = _Elements(patch, np.unique(rows[which]), distance)
     reference, found, undecided = search(elements.targets(rows[which], points[which]))
@@ -112,7 +110,7 @@ def decide(patch: Patch, rows: Ints, points: Floats, roots: Roots, distance: flo
 
 
 def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, roots: Roots) -> None:
-    """Leave out what can't be, try Newton's method on the rest; answers go to the rows ``chosen`` of ``roots``."""
+    """Leave out what can't be, try Newton's method on the rest; results go to the rows ``chosen`` of ``roots``."""
     guess = elements.guess(rows, points)
     possible = elements.may_hold(rows, points, guess)
     chosen, targets = chosen[possible], elements.targets(rows[possible], points[possible])

@@ -25,7 +25,7 @@ _WORTH, _PARTS = 400, 16
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """Where points are: one answer for a point, or one for each element that holds it; sorted by point.
+    """Where points are: one result for a point, or one for each element that holds it; sorted by point.
 
     point       (k,)    number of the point
     patch, row  (k,)    the patch and the row in it, -1 where no element holds the point
@@ -103,7 +103,7 @@ class Locator:
         return zeta
 
     def _batch(self, world: Floats, part: slice, every: bool) -> Location:
-        """Answers for the points of ``part``."""
+        """Results for the points of ``part``."""
         point, element = self.tree.candidates(world[part])
         point += part.start
         near = ~self._beside(world, point, element)
@@ -176,7 +176,7 @@ class Locator:
 
 
 def _joined(parts: Sequence[Location]) -> Location:
-    """All answers, sorted by point."""
+    """All results, sorted by point."""
     order = np.argsort(np.concatenate([part.point for part in parts]), kind="stable")
     names = [field.name for field in fields(Location)]
     return Location(**{name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names})

@@ -29,13 +29,13 @@ class Solver:
     def __call__(self, elements: Ints, points: Floats) -> Solution:
         """Verdict, reference coordinates and field of pairs of an element (n,) and a world point (n, 3)."""
         n = len(elements)
-        answer = Solution(np.full(n, UNDECIDED), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
+        solution = Solution(np.full(n, UNDECIDED), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
         bounds = np.cumsum([0, *map(len, self.patches)])
         owner = np.searchsorted(bounds, elements, side="right") - 1
         for number in np.unique(owner):
             chosen = np.flatnonzero(owner == number)
-            self._solve(self.patches[number], chosen, elements[chosen] - bounds[number], points[chosen], answer)
-        return answer
+            self._solve(self.patches[number], chosen, elements[chosen] - bounds[number], points[chosen], solution)
+        return solution
 
     def bends(self, elements: Ints) -> Bools:
         """(n,) whether elements bend so strongly that Newton's method may miss a root."""
@@ -47,14 +47,14 @@ class Solver:
             strong[chosen] = bends(self.patches[number], elements[chosen] - bounds[number])
         return strong
 
-    def _solve(self, patch: Patch, chosen: Ints, rows: Ints, points: Floats, answer: Solution) -> None:
-        """Write the answers of one patch to the rows ``chosen``."""
+    def _solve(self, patch: Patch, chosen: Ints, rows: Ints, points: Floats, solution: Solution) -> None:
+        """Write the solutions of one patch to the rows ``chosen``."""
         roots = invert(patch, rows, points)
-        answer.verdict[chosen[roots.status == Status.OUTSIDE]] = 0
+        solution.verdict[chosen[roots.status == Status.OUTSIDE]] = 0
         inside = np.flatnonzero(roots.status == Status.INSIDE)
         there, reference = chosen[inside], roots.reference[inside]
-        answer.verdict[there] = 1
-        answer.margin[there] = roots.margin[inside]
-        answer.reference[there, : patch.shape.dimension] = reference
+        solution.verdict[there] = 1
+        solution.margin[there] = roots.margin[inside]
+        solution.reference[there, : patch.shape.dimension] = reference
         if len(there):
-            answer.field[there] = self.value(patch, rows[inside], reference)
+            solution.field[there] = self.value(patch, rows[inside], reference)

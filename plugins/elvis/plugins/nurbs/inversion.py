@@ -40,19 +40,19 @@ class Solver:
     def __call__(self, elements: Ints, points: Floats) -> Solution:
         """Verdict, margin, reference point and field of pairs of an element (n,) and a world point (n, 3)."""
         n = len(elements)
-        answer = Solution(np.zeros(n, np.int64), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
+        solution = Solution(np.zeros(n, np.int64), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
         near = np.flatnonzero(self._may_hold(elements, points))
         if not len(near):
-            return answer
+            return solution
         nets = self.nets[elements[near]]
         gaps = nets[..., :3] - points[near, None, None, None] * nets[..., 3:]
         roots = invert(_through(_values(gaps), gaps.shape[1:4]), np.arange(len(near)), np.zeros((len(near), 3)))
         inside = roots.status == Status.INSIDE
         there, reference = near[inside], (1 + roots.reference[inside]) / 2
-        answer.verdict[near] = np.select([inside, roots.status == Status.OUTSIDE], [1, 0], UNDECIDED)
-        answer.margin[there], answer.reference[there] = roots.margin[inside], reference
-        answer.field[there] = self.value(elements[there], reference)
-        return answer
+        solution.verdict[near] = np.select([inside, roots.status == Status.OUTSIDE], [1, 0], UNDECIDED)
+        solution.margin[there], solution.reference[there] = roots.margin[inside], reference
+        solution.field[there] = self.value(elements[there], reference)
+        return solution
 
     def _may_hold(self, elements: Ints, points: Floats) -> Bools:
         """(n,) whether points lie between the control points, along the element's own directions."""

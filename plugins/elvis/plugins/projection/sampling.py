@@ -16,7 +16,7 @@ BATCH = 1 << 18
 
 
 class Sampler:
-    """Asks a converter for samples; ElvisError where an answer has the wrong shape."""
+    """Asks a converter for samples; ElvisError where a result has the wrong shape."""
 
     def __init__(self, source: Converter) -> None:
         self.source = source

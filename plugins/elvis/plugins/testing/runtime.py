@@ -14,7 +14,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins import volume_checks
-from elvis.plugins.examining import Examiner
+from elvis.plugins.evaluation_service import EvaluationService
 from elvis.plugins.faces import FaceBlock, Faces, faces_of
 from elvis.plugins.host_evaluation import host_evaluations
 from elvis.plugins.volume import Part, Volume
@@ -31,7 +31,7 @@ _MANY_FACES, _OFF, _BORDER = 256, 1e-9, 1e-9
 
 
 def check_volume(
-    volume: Volume, examiner: Examiner, name: str = "under test", picture: str | Path | None = None
+    volume: Volume, service: EvaluationService, name: str = "under test", picture: str | Path | None = None
 ) -> None:
     """AssertionError, in a sentence, where the volume breaks a promise.
 
@@ -42,32 +42,32 @@ def check_volume(
     picture  a file for that cut, to look at: .png or .npz
     """
     volume_checks.check_volume(name, volume)
-    examiner.show(volume)
+    service.show(volume)
     for number, part in enumerate(volume.parts):
         elements, offsets = probes(part, volume.dimension)
-        samples = examiner.examine(number, elements, offsets)
+        samples = service.sample_elements(number, elements, offsets)
         volume_checks.check_samples(name, part, elements, samples)
-        _check_derivatives(examiner, number, part, elements, offsets, samples)
+        _check_derivatives(service, number, part, elements, offsets, samples)
         inside = samples.margin > 1e-6
         assert inside.any(), f"{part.type}: expected points with a positive margin near the centre, found none"
         reference = (samples.center + offsets)[inside]
-        _check_round_trip(examiner, part, volume.dimension, elements[inside], reference, samples.position[inside])
+        _check_round_trip(service, part, volume.dimension, elements[inside], reference, samples.position[inside])
         if part.evaluate is not None:
             _check_host_evaluation(part, elements[inside], reference, samples.position[inside], samples.value[inside])
     if getattr(volume, "faces", None) is not None or host_evaluations(volume) is not None:
-        _check_faces(volume, faces_of(None, volume), examiner)
-    _check_picture(volume, examiner, picture)
+        _check_faces(volume, faces_of(None, volume), service)
+    _check_picture(volume, service, picture)
 
 
 def _check_derivatives(
-    examiner: Examiner, number: int, part: Part, elements: Ints, offsets: Floats, samples: Samples
+    service: EvaluationService, number: int, part: Part, elements: Ints, offsets: Floats, samples: Samples
 ) -> None:
     """The Jacobian and the slope are the central differences of positions and values, where that stays inside."""
     inside = samples.margin > 10 * _STEP
     size, steepest = (np.abs(some[inside]).max(initial=1e-300) for some in (samples.jacobian, samples.slope))
     for axis in range(3):
         step = _STEP * np.eye(3)[axis]
-        high, low = (examiner.examine(number, elements, offsets + sign * step) for sign in (1, -1))
+        high, low = (service.sample_elements(number, elements, offsets + sign * step) for sign in (1, -1))
         difference = (high.position - low.position) / (2 * _STEP)
         error = np.abs(difference - samples.jacobian[:, :, axis])[inside].max(initial=0.0)
         assert error <= _DIFFERENCE * size, (
@@ -83,11 +83,11 @@ def _check_derivatives(
 
 
 def _check_round_trip(
-    examiner: Examiner, part: Part, dimension: int, elements: Ints, reference: Floats, positions: Floats
+    service: EvaluationService, part: Part, dimension: int, elements: Ints, reference: Floats, positions: Floats
 ) -> None:
     """Points of elements are found, at their reference points where it is in their own element."""
     axes = np.arange(3) < dimension
-    found = examiner.probe(np.where(axes, positions, 0.0))
+    found = service.probe(np.where(axes, positions, 0.0))
     lost = np.flatnonzero(found.element < 0)
     assert not len(lost), f"{part.type}: expected to find a point of element {elements[lost[0]]}, found it nowhere"
     own = found.element == part.element_ids[elements]
@@ -107,7 +107,7 @@ def _check_host_evaluation(part: Part, elements: Ints, reference: Floats, positi
         )
 
 
-def _check_faces(volume: Volume, faces: Faces, examiner: Examiner) -> None:
+def _check_faces(volume: Volume, faces: Faces, service: EvaluationService) -> None:
     """AssertionError, in a sentence, where faces aren't on the border of their element, or not where its map has them.
 
     A face has two sides at most, and these have their corners at the same places.
@@ -121,7 +121,7 @@ def _check_faces(volume: Volume, faces: Faces, examiner: Examiner) -> None:
     for block in faces.blocks:
         rows = np.unique(np.linspace(0, len(block) - 1, min(len(block), _MANY_FACES)).round().astype(np.int64))
         points = block.space.points
-        positions = _check_face_block(volume, block, rows, points, examiner, size)
+        positions = _check_face_block(volume, block, rows, points, service, size)
         found.append((block.entity[rows], positions.mean(axis=1)))
 
     # the means of the points of a face's two sides are one place, whichever way round they run
@@ -134,14 +134,14 @@ def _check_faces(volume: Volume, faces: Faces, examiner: Examiner) -> None:
 
 
 def _check_face_block(
-    volume: Volume, block: FaceBlock, rows: Ints, points: Floats, examiner: Examiner, size: float
+    volume: Volume, block: FaceBlock, rows: Ints, points: Floats, service: EvaluationService, size: float
 ) -> Floats:
     """(n, k, 3) where points (k, 2) of some faces (n,) lie, by the map of their elements."""
     part, frames = volume.parts[block.part], block.frames[block.local[rows]]
     reference = frames[:, None, 0] + np.einsum("pi,nij->npj", points, frames[:, 1:])
     elements = np.repeat(block.element[rows], len(points))
-    center = examiner.examine(block.part, elements[:1], np.zeros((1, 3))).center[0]
-    samples = examiner.examine(block.part, elements, reference.reshape(-1, 3) - center)
+    center = service.sample_elements(block.part, elements[:1], np.zeros((1, 3))).center[0]
+    samples = service.sample_elements(block.part, elements, reference.reshape(-1, 3) - center)
     off = float(np.abs(samples.margin).max()) if volume.dimension == 3 else 0.0
     assert off <= _BORDER, f"{part.type}: expected faces on the border of the reference shape, found some {off:.3g} off"
     homogeneous = np.einsum("pk,nkd->npd", bernstein_values(block.space.space, points), block.nets(rows))
@@ -152,11 +152,11 @@ def _check_face_block(
     return positions
 
 
-def _check_picture(volume: Volume, examiner: Examiner, path: str | Path | None) -> None:
+def _check_picture(volume: Volume, service: EvaluationService, path: str | Path | None) -> None:
     """A cut through an element shows something, fails nowhere, and has the values that NumPy gives."""
-    center = examiner.examine(0, np.zeros(1, np.int64), np.zeros((1, 3))).position[0]
+    center = service.sample_elements(0, np.zeros(1, np.int64), np.zeros((1, 3))).position[0]
     x, y, z = center.tolist()
-    frame = examiner.glimpse((x, y, z if volume.dimension == 3 else 0.0))
+    frame = service.preview((x, y, z if volume.dimension == 3 else 0.0))
     if path is not None:
         frame.save(path)
     failed, seen = (frame.status == _FAILED), frame.element >= 0

@@ -100,7 +100,7 @@ class _Batch:
     screen  (5, count, n)  nets
     pixels  (2, 4, n)      as the bounds of Pieces, where it is in front of the eye
     line    (n,)           whether it is as thin as a line or a point
-    spread  (n,)           see _examined
+    spread  (n,)           see _linearity
     """
 
     face: Ints
@@ -158,7 +158,7 @@ def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> It
     while stack:
         level, batch = stack.pop()
         batch, front = _seen(batch, view, rounding)
-        tame, way, batch.spread = _examined(space, batch, front, view)
+        tame, way, batch.spread = _linearity(space, batch, front, view)
         done = front & (tame | batch.line | (level == _LEVELS))
         batch.line |= ~tame
         yield batch.some(np.flatnonzero(done))
@@ -258,7 +258,7 @@ def _ends(points: Floats, slack: Floats) -> tuple[Floats, Floats]:
     return np.stack([points[:, 0], points[:, number, every]]), width
 
 
-def _examined(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tuple[Bools, Ints, Floats]:
+def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tuple[Bools, Ints, Floats]:
     """(n,) whether X - i W and Y - j W change nearly linearly, which way the pieces look longest, and their spread:
 
     how far roots move in the piece where X - i W and Y - j W change by 1, to first order.

@@ -28,7 +28,7 @@ from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
 from elvis.plugins.native.bending import changes, derived, net_of_xi
 from elvis.plugins.volume_checks import Samples
-from elvis.renderer.examining import examine
+from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.gaps import pairs
 from elvis.renderer.layer import Layer
 from elvis.renderer.loaded import Loaded
@@ -172,8 +172,8 @@ class ContourProof:
             some = own[first : first + _CHUNK]
             center = self.center(number)
             asked = np.repeat(some, len(nodes)), np.tile(nodes - center, (len(some), 1))
-            samples = examine(self._loaded, number, *asked, quantity)
-            middle = examine(self._loaded, number, some, np.zeros((len(some), 3)), quantity)
+            samples = sample_elements(self._loaded, number, *asked, quantity)
+            middle = sample_elements(self._loaded, number, some, np.zeros((len(some), 3)), quantity)
             values = samples.value.reshape(len(some), -1) @ fit
             away = samples.position.reshape(len(some), -1, 3) - middle.position[:, None]
             found.append(_derivatives(space, np.einsum("nki,km->nim", away, fit), middle, values))
@@ -202,14 +202,16 @@ class ContourProof:
     def center(self, number: int) -> Floats:
         """(3,) the centre of a part's type, from which places are counted."""
         if number not in self._centers:
-            one = examine(self._loaded, number, np.zeros(1, np.int64), np.zeros((1, 3)), self._quantity)
+            one = sample_elements(self._loaded, number, np.zeros(1, np.int64), np.zeros((1, 3)), self._quantity)
             self._centers[number] = one.center[0]
         return self._centers[number]
 
     def sampled(self, number: int, elements: Ints, places: Floats) -> Samples:
         """What elements (n,) of a part, by running number, have at reference points (n, 3)."""
         center = self.center(number)
-        return examine(self._loaded, number, elements - self._loaded.first[number], places - center, self._quantity)
+        return sample_elements(
+            self._loaded, number, elements - self._loaded.first[number], places - center, self._quantity
+        )
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's shape that are not parallel to the plane z = 0 of 2D data."""

@@ -1,4 +1,4 @@
-"""What this area asks of a device: where points are in a volume, and what its elements answer."""
+"""What this area needs of a device: samples in elements, the elements that hold points, a preview."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples, check_samples, notes, probes
 
 
-class Found(Protocol):
+class Location(Protocol):
     """Where n points are.
 
     owner      (n,)    running number of the element through all parts
@@ -32,7 +32,7 @@ class Found(Protocol):
     def status(self) -> NDArray[np.uint8]: ...  # noqa: D102
 
 
-class Picture(Protocol):
+class Preview(Protocol):
     """A small picture, (h, w) pixels.
 
     element    (h, w)     global id, -1 where nothing is seen
@@ -57,31 +57,31 @@ class Picture(Protocol):
         """Write it to a file."""
 
 
-class Examiner(Protocol):
-    """A device: an elvis.renderer.Renderer."""
+class EvaluationService(Protocol):
+    """Evaluates elements on a device: an elvis.renderer.Renderer."""
 
     def show(self, volume: Volume) -> None:
         """Bring the volume to the device."""
 
-    def examine(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
+    def sample_elements(self, part: int, elements: Ints, offsets: Floats, quantity: str | None = None) -> Samples:
         """Samples in elements of a part, at offsets from the centre of their type, of a quantity or its own field."""
         ...
 
-    def probe(self, points: Floats) -> Found:
+    def probe(self, points: Floats) -> Location:
         """Where world points (n, 3) are."""
         ...
 
-    def glimpse(self, point: tuple[float, float, float]) -> Picture:
+    def preview(self, point: tuple[float, float, float]) -> Preview:
         """A cut through a point, of 2D elements all of them."""
         ...
 
 
-def checked(name: str, volume: Volume, device: Examiner) -> list[str]:
-    """Remarks on a volume that a device shows; PluginError with the plugin's name where its maps are broken."""
+def check_volume(name: str, volume: Volume, service: EvaluationService) -> list[str]:
+    """Remarks on a volume that the service shows; PluginError with the plugin's name where its maps are broken."""
     remarks = []
     for number, part in enumerate(volume.parts):
         elements, offsets = probes(part, volume.dimension)
-        samples = device.examine(number, elements, offsets)
+        samples = service.sample_elements(number, elements, offsets)
         check_samples(name, part, elements, samples)
         remarks += notes(name, part, elements, samples)
     return remarks
