@@ -100,7 +100,7 @@ def cut(side: int) -> Scene:
 
 
 def standard(quick: bool) -> Case:
-    """The case of the bar: quadratic tetrahedra with a cubic field."""
+    """The case of the limit: quadratic tetrahedra with a cubic field."""
     size = {"cells": 3} if quick else {"cells": 10, "width": 9}
     return Case("standard", Shape.TETRAHEDRON, degree=2, order=3, field=mild, **size)
 

@@ -30,7 +30,7 @@ LABELS = {"gmsh": "MSH 4.1, binary", "vtk": "VTK Lagrange"}
 STEPS = ("read", "project", "convert", "write")
 
 #: peak memory over the arrays of the result
-BAR = 5.0
+LIMIT = 5.0
 
 
 def measure(cells: tuple[int, ...]) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def table(numbers: dict[str, Any]) -> Table:
     shown.notes = [
         "Project: fitting the field alone, once more; convert: topology, curves, the fit, one trace on what elements "
         "share, and the check of errors. Peak: above what the process held before reading. "
-        f"Bars: project at most as long as read; peak at most {BAR:.0f} times the arrays of the result."
+        f"Limits: project at most as long as read; peak at most {LIMIT:.0f} times the arrays of the result."
     ]
     return shown
 

@@ -1,7 +1,7 @@
 """Certain pixels against closed forms, by the million: python benchmarks/exactness.py [--pixels 1e7] [--only FAMILY].
 
 Families of cases (tests/exactness) are drawn in turns until each has its share of pixels; only those near data count.
-The bar: no certain pixel is wrong, none has failed, and of ordinary scenes fewer than 0.1 % are ambiguous.
+The limit: no certain pixel is wrong, none has failed, and of ordinary scenes fewer than 0.1 % are ambiguous.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from time import perf_counter
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "exactness"))
 
 from audit.families import FAMILIES
-from audit.judging import Count
 from audit.running import Gallery, case_of
+from audit.validating import Count
 from machine import description, sentences
 
 #: greatest part of the pixels of ordinary scenes that may be ambiguous
-BAR = 1e-3
+LIMIT = 1e-3
 #: pictures of the reference have this part of the columns and rows
 SMALLER = 4
 
 
 def main():
-    """Run what the command line asks for; the exit status is 0 where the bar is kept."""
+    """Run what the command line asks for; the exit status is 0 where the limit is kept."""
     options = parsed()
     names = options.only or list(FAMILIES)
     counts = {name: Count() for name in names}
@@ -36,7 +36,7 @@ def main():
         gallery.close()
     print(report(counts, options))
     total = summed(counts)
-    return int(total.wrong > 0 or total.failed > 0 or total.ordinary_ambiguous > BAR * total.ordinary)
+    return int(total.wrong > 0 or total.failed > 0 or total.ordinary_ambiguous > LIMIT * total.ordinary)
 
 
 def parsed():

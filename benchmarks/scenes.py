@@ -22,7 +22,7 @@ from elvis.renderer import Camera, CutSurface, Faces, Isosurface, Plane, Rendere
 from elvis.scene.frame import Frame
 
 #: seconds a picture of the delta wing may take on two cores, once compiled
-BARS = {"cut": 0.25, "faces": 0.25, "isosurface": 1.0, "volume": 4.0}
+LIMITS = {"cut": 0.25, "faces": 0.25, "isosurface": 1.0, "volume": 4.0}
 WORDS = {
     "cut": "cut plane, 10 contours",
     "faces": "surfaces, 10 contours",
@@ -177,13 +177,13 @@ def _rows(title: str, found: dict[str, Any], peak: float) -> list[list[str]]:
 
 
 def _costs(kind: str, views: dict[str, Any]) -> str:
-    """What the stages of the first view cost, and whether the bar is met."""
+    """What the stages of the first view cost, and whether the limit is met."""
     name, found = next(iter(views.items()))
     ours = found["exact"]
     stages = ", ".join(f"{stage} {seconds(value)}" for stage, value in ours["stages"].items() if stage != "load")
-    bar = f"; bar {BARS[kind]} s on the delta wing" if kind in BARS else ""
+    limit = f"; limit {LIMITS[kind]} s on the delta wing" if kind in LIMITS else ""
     seen, first = f"{ours['seen']:,} pixels seen", f"first picture {seconds(ours['first'])} s"
-    return f"{WORDS[kind]}, {name}: {seen}, {first}, seconds of one picture: {stages}{bar}."
+    return f"{WORDS[kind]}, {name}: {seen}, {first}, seconds of one picture: {stages}{limit}."
 
 
 def growth_table(numbers: dict[str, Any]) -> list[Table]:

@@ -16,7 +16,7 @@ from tables import Table, seconds
 from elvis.formats import Shape, write
 
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
-BARS = {"elvis --help": 0.3, "elvis render": 3.0}
+LIMITS = {"elvis --help": 0.3, "elvis render": 3.0}
 
 
 def measure(device: str, rounds: int) -> dict[str, Any]:
@@ -48,9 +48,9 @@ def children() -> float:
 
 def table(numbers: dict[str, Any]) -> Table:
     """A row a command."""
-    shown = Table("Start-up, whole processes", ["command", "best s", "median s", "CPU s", "bar s", "best / bar"])
+    shown = Table("Start-up, whole processes", ["command", "best s", "median s", "CPU s", "limit s", "best / limit"])
     for name, timing in numbers["commands"].items():
         figures = [seconds(timing[key]) for key in ("best", "median", "processor")]
-        shown.rows.append([name, *figures, str(BARS[name]), f"{timing['best'] / BARS[name]:.2f}"])
+        shown.rows.append([name, *figures, str(LIMITS[name]), f"{timing['best'] / LIMITS[name]:.2f}"])
     shown.notes = [f"The picture: {numbers['case']}, from files to PNG, kernels at hand."]
     return shown

@@ -95,11 +95,11 @@ def truth():
 
 @pytest.fixture
 def near():
-    """``near(found, wanted, bar)``: whether values agree to ``bar`` of the range of the wanted ones."""
+    """``near(found, wanted, tolerance)``: whether values agree to ``tolerance`` of the range of the wanted ones."""
 
-    def compare(found, wanted, bar=1e-10):
+    def compare(found, wanted, tolerance=1e-10):
         spread = np.ptp(wanted) or np.abs(wanted).max()
-        assert np.abs(found - wanted).max() <= bar * spread
+        assert np.abs(found - wanted).max() <= tolerance * spread
         return True
 
     return compare

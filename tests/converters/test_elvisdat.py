@@ -96,9 +96,9 @@ def test_values_are_those_of_the_description(tmp_path, order):
         block, own = where[number]
         at = (block, np.full(len(cube), own), folded(kind, cube))
         wanted = value(kind, degrees, coefficients, cube)
-        bar = 1e-10 * max(np.ptp(wanted), 1)
-        assert np.abs(values_at(conversion, "u", *at) - wanted).max() < bar
-        assert np.abs(values_found(conversion.dataset, "u", positions_at(conversion, *at)) - wanted).max() < bar
+        tolerance = 1e-10 * max(np.ptp(wanted), 1)
+        assert np.abs(values_at(conversion, "u", *at) - wanted).max() < tolerance
+        assert np.abs(values_found(conversion.dataset, "u", positions_at(conversion, *at)) - wanted).max() < tolerance
 
 
 def test_vertices_are_where_the_file_says(tmp_path):

@@ -146,7 +146,7 @@ def solution_sections(kinds, order, degree):
     return sections
 
 
-def agree(conversion, kinds, order, degree, bar=1e-11, has_solution=True):
+def agree(conversion, kinds, order, degree, tolerance=1e-11, has_solution=True):
     rng = np.random.default_rng(8)
     for number, kind in enumerate(kinds):
         shape = SHAPES[kind]
@@ -154,13 +154,13 @@ def agree(conversion, kinds, order, degree, bar=1e-11, has_solution=True):
         points = weights @ UNIT[shape].own
         at = (number, np.zeros(20, int), ours(shape, points))
         places = bend(points, order) + np.eye(points.shape[1])[0] * 2 * number
-        assert np.abs(positions_at(conversion, *at)[:, : points.shape[1]] - places).max() < bar
+        assert np.abs(positions_at(conversion, *at)[:, : points.shape[1]] - places).max() < tolerance
         f = wave(points, degree)
         for name, wanted in (("scalar", f), ("vector_x", f + 1), ("vector_y", 2 * f)) if has_solution else ():
-            assert np.abs(values_at(conversion, name, *at) - wanted).max() < bar
+            assert np.abs(values_at(conversion, name, *at) - wanted).max() < tolerance
             padded = np.zeros((20, 3))
             padded[:, : points.shape[1]] = places
-            assert np.abs(values_found(conversion.dataset, name, padded) - wanted).max() < max(bar, 1e-10)
+            assert np.abs(values_found(conversion.dataset, name, padded) - wanted).max() < max(tolerance, 1e-10)
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])

@@ -95,7 +95,7 @@ def save(folder, mesh, **functions):
     return [folder / "case.mesh", *(folder / f"case.{name}.gf" for name in functions)]
 
 
-def agree(files, made, name, points=5, bar=1e-10):
+def agree(files, made, name, points=5, tolerance=1e-10):
     """Values of the library at random points of every element, by element; returns the conversion."""
     conversion, source = check(Mfem, files), Mfem(files)
     mesh, rng = made.FESpace().GetMesh(), np.random.default_rng(5)
@@ -109,7 +109,7 @@ def agree(files, made, name, points=5, bar=1e-10):
     elements = np.repeat(np.arange(mesh.GetNE()), points)
     at = lambda *place: values_at(conversion, name, *place)  # noqa: E731
     found = by_element(conversion, source, at, elements, np.tile(ref, (mesh.GetNE(), 1)))
-    assert np.abs(found - wanted).max() <= bar * np.ptp(wanted)
+    assert np.abs(found - wanted).max() <= tolerance * np.ptp(wanted)
     return conversion
 
 

@@ -78,7 +78,7 @@ MESHES = {
 }
 
 
-def agree(conversion, mesh, name, field, component=0, bar=1e-10):
+def agree(conversion, mesh, name, field, component=0, tolerance=1e-10):
     """The library's values at points of every element, searched for by place."""
     at = 0.1 if mesh.dim == 2 else 0.15
     rule = ngsolve.IntegrationRule([(at, 0.2, 0.3)[: mesh.dim]], [1.0])
@@ -89,7 +89,7 @@ def agree(conversion, mesh, name, field, component=0, bar=1e-10):
         places.append(np.pad(ngsolve.CoefficientFunction(axes)(mapped)[0], (0, 3 - mesh.dim)))
         wanted.append(np.asarray(field(mapped)).reshape(-1)[component])
     found = values_found(conversion.dataset, name, np.array(places))
-    assert np.abs(found - wanted).max() < bar * max(np.ptp(wanted), 1e-3)
+    assert np.abs(found - wanted).max() < tolerance * max(np.ptp(wanted), 1e-3)
 
 
 def random(space, seed=4):
@@ -139,7 +139,7 @@ def test_pyramids_are_met_as_nearly_as_the_library_defines_them(tmp_path, space,
     field = random(getattr(ngsolve, space)(mesh, order=order))
     export(tmp_path / "two.elems.npz", mesh, {"u": field})
     conversion = check(NGSolve, [tmp_path / "two.elems.npz"])
-    agree(conversion, mesh, "u", field, bar=1e-7)
+    agree(conversion, mesh, "u", field, tolerance=1e-7)
     assert any("1e-7" in note for note in conversion.report.notes)
 
 

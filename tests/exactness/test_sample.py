@@ -1,11 +1,11 @@
-"""A sample of the audit of `benchmarks/exactness.py`: nothing certain is wrong; and the judge sees what is."""
+"""A sample of the audit of `benchmarks/exactness.py`: nothing certain is wrong; and the audit sees what is."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from audit.judging import Count
 from audit.running import Gallery, case_of
+from audit.validating import Count
 
 from elvis.renderer import Scene, Status
 from elvis.scene.frame import Drawing
@@ -108,7 +108,7 @@ def spoilt(frame, **changes):
 
 
 @pytest.mark.parametrize(("family", "number"), [("cuts", 5), ("faces", 7)])
-def test_the_judge_sees_what_is_wrong(drawn, family, number):
+def test_the_audit_sees_what_is_wrong(drawn, family, number):
     case, frame = drawn(family, number)
     assert case.count(case, frame).wrong == 0
     there = frame.status == Status.CERTAIN

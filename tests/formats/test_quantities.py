@@ -17,7 +17,7 @@ from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_vo
 from elvis.formats import Dataset, read
 
 #: by order of the derivatives: fits of the fields are off by 1e-12, and derivatives enlarge that
-BARS = (1e-11, 5e-10, 1e-8)
+TOLERANCES = (1e-11, 5e-10, 1e-8)
 
 NAMES = Names(("u", "v", "w", "rho", "rho u", "E"), 3, 0.5)
 
@@ -93,8 +93,8 @@ def test_expressions_and_their_derivatives_are_closed_forms(kind):
         for name, rule in closed.items():
             truth = rule(*world.T)
             found = evaluator.values(expressions[name], patch, rows, reference)
-            bar = BARS[expressions[name].order]
-            assert np.abs(found - truth).max() < bar * max(1, np.abs(truth).max()), (name, patch.shape)
+            tolerance = TOLERANCES[expressions[name].order]
+            assert np.abs(found - truth).max() < tolerance * max(1, np.abs(truth).max()), (name, patch.shape)
     assert shapes == set(Shape.of_dimension(3 if kind == "solid" else 2))
 
 

@@ -249,7 +249,7 @@ def test_a_missing_file_is_found(volume, tmp_path):
     assert "expected the file a.nekg beside it" in str(findings(tmp_path / "a.xml")[0])
 
 
-def test_real_files_are_judged_and_rewritten_ones_keep_the_rules(case, case_files, tmp_path):
+def test_real_files_are_checked_and_rewritten_ones_keep_the_rules(case, case_files, tmp_path):
     paths = [path for path in case_files(case) if path]
     dataset = read(*paths)
     before = {str(each) for each in findings(*paths) if "elements" in each.place}

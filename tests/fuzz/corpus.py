@@ -28,7 +28,7 @@ class Subject:
         return f"{self.files[0].parent.name}/{self.files[0].name}"
 
 
-DATA = ("evaluated", "described", "judged", "converted")
+DATA = ("evaluated", "described", "checked", "converted")
 NATIVE = (".xml", ".fld", ".nekg", ".rst", ".chk")
 SOLVERS = {
     "cgns": (("gmsh_mixed_o2.cgns",), ("gmsh_ball_tet_o3.cgns",)),

@@ -40,7 +40,7 @@ def described(paths):
     _command("info", *_given(paths))
 
 
-def judged(paths):
+def checked(paths):
     """``elvis info --strict``, which fails where it finds anything."""
     from elvis.formats.strict import findings
 

@@ -12,7 +12,7 @@ HELP = "from elvis.plugins.command import main; main(['--help'])"
 def test_help_takes_little_more_than_its_library():
     """Processor time of the help, as a multiple of what loading click takes: 4.5 on a quiet machine.
 
-    A ratio, so that no slower machine breaks it; the bar in seconds is one of the benchmark ``start``.
+    A ratio, so that no slower machine breaks it; the tolerance in seconds is one of the benchmark ``start``.
     """
     library = min(processor_seconds("import click") for _ in range(8))
     command = min(processor_seconds(HELP) for _ in range(8))

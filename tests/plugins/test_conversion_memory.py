@@ -12,7 +12,7 @@ from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import convert
 
 #: peak memory over the arrays of the result
-BAR = 5.0
+LIMIT = 5.0
 
 
 class Bent(Converter):
@@ -60,4 +60,4 @@ def used(cells):
 def test_memory_grows_with_what_comes_out():
     used(2)  # tables are made once; from 12 cells on pieces are as large as they get
     (few, small), (many, large) = used(13), used(17)
-    assert (many - few) <= BAR * (large - small)
+    assert (many - few) <= LIMIT * (large - small)

@@ -1,4 +1,4 @@
-"""Runtime plugins that describe their elements in NumPy: the reference judges them, and their faces are made."""
+"""Runtime plugins that describe their elements in NumPy: the reference draws them too, and their faces are made."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Shown
 from elvis.reference.host_patch import HostPatch
 from elvis.reference.locating import Locator
-from elvis.reference.picture import render as judge
+from elvis.reference.picture import render as render_reference
 from elvis.renderer import (
     CutSurface,
     Faces,
@@ -161,17 +161,17 @@ def agree(renderer):
         scene = Scene(**{"field": "u", "size": (60, 44), **options})
         drawing.show(volume_of(opened, quantities(scene)), opened)
         drawn = drawing.render(scene)
-        judged = judge(opened, replace(scene, camera=drawn.view.camera))
-        assert drawn.counts()["failed"] == judged.counts()["failed"] == 0
-        certain = (drawn.status != Status.AMBIGUOUS) & (judged.status != Status.AMBIGUOUS)
+        wanted = render_reference(opened, replace(scene, camera=drawn.view.camera))
+        assert drawn.counts()["failed"] == wanted.counts()["failed"] == 0
+        certain = (drawn.status != Status.AMBIGUOUS) & (wanted.status != Status.AMBIGUOUS)
         assert certain.mean() >= sure
-        assert (drawn.element != judged.element)[certain].sum() <= lost
-        same = drawn.seen & (drawn.element == judged.element)
+        assert (drawn.element != wanted.element)[certain].sum() <= lost
+        same = drawn.seen & (drawn.element == wanted.element)
         assert same.sum() > 200
         values = drawn.field[same]
-        assert np.abs(values - judged.field[same]).max() <= FIELD * max(np.ptp(values), 1.0)
-        assert np.abs(drawn.reference - judged.reference)[same].max() <= 1e-9
-        return drawn, judged
+        assert np.abs(values - wanted.field[same]).max() <= FIELD * max(np.ptp(values), 1.0)
+        assert np.abs(drawn.reference - wanted.reference)[same].max() <= 1e-9
+        return drawn, wanted
 
     return agree
 
@@ -211,15 +211,15 @@ def test_expressions_of_a_plugin_are_what_the_reference_makes_of_them(agree, box
 
 def test_isosurfaces_of_waves_are_what_the_reference_finds(agree, box):
     """Polynomials stand in for waves: the kernels call their pixels ambiguous, and may lose one at a silhouette."""
-    drawn, judged = agree(box, objects=(Isosurface((0.5,)),), camera="iso", sure=0.0, lost=2)
-    same = drawn.seen & judged.seen
-    assert np.abs(drawn.drawing.depth[same] - judged.drawing.depth[same]).max() < PLACE
+    drawn, wanted = agree(box, objects=(Isosurface((0.5,)),), camera="iso", sure=0.0, lost=2)
+    same = drawn.seen & wanted.seen
+    assert np.abs(drawn.drawing.depth[same] - wanted.drawing.depth[same]).max() < PLACE
 
 
 def test_the_reference_says_what_it_needs(pipe, monkeypatch):
     bare = Part("rational", "Bare", np.array([0]), np.array([[0, 0, 0, 1, 1, 1]], np.float32), {})
     with pytest.raises(ElvisError, match="no second derivative of u, which a plugin describes"):
-        judge(pipe, Scene("d(d(u,x),x)", plane=CUT, size=(10, 10)))
+        render_reference(pipe, Scene("d(d(u,x),x)", plane=CUT, size=(10, 10)))
     monkeypatch.setattr(Opened, "volume", lambda self, field: Shown([bare], Path()))
     with pytest.raises(ElvisError, match="plugin nurbs can't be drawn in NumPy: expected parts with a shape"):
-        judge(pipe, Scene("u", plane=CUT, size=(10, 10)))
+        render_reference(pipe, Scene("u", plane=CUT, size=(10, 10)))

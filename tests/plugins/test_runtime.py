@@ -24,7 +24,7 @@ from elvis.renderer import Plane, Scene, render
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
 DEVICES = ("vulkan", "cpu")
-#: bars of fields (of their range) and of places (of the diagonal of the domain)
+#: tolerances of fields (of their range) and of places (of the diagonal of the domain)
 FIELD, PLACE = 1e-11, 1e-10
 
 
@@ -204,10 +204,10 @@ def test_a_closed_form_is_drawn_on_every_shape(renderer, mixed):
 
 def test_devices_agree_on_a_closed_form(mixed):
     scene = {"field": "log(0.3+x)*tanh(y)", "plane": WAVES, "size": (60, 60)}
-    drawn, judged = (render(mixed, device=name, **scene) for name in ("cpu", "reference"))
-    assert np.array_equal(drawn.element, judged.element)
-    assert np.nanmax(np.abs(drawn.field - judged.field)) < FIELD
-    assert judged.scene.field == scene["field"]
+    drawn, wanted = (render(mixed, device=name, **scene) for name in ("cpu", "reference"))
+    assert np.array_equal(drawn.element, wanted.element)
+    assert np.nanmax(np.abs(drawn.field - wanted.field)) < FIELD
+    assert wanted.scene.field == scene["field"]
 
 
 #: arguments of the functions, and units in the last place that they may be off
@@ -230,14 +230,14 @@ def test_elementary_functions_are_exact_to_the_last_digits(renderer, box, device
     texts = {name: f"{name}(x)" for name in ACCURACY} | {name: f"{name}(x, y)" for name in BINARY}
     drawing.show(volume_of(opened, ["u", *texts.values()]))
     points = np.random.default_rng(5).uniform(-1, 1, (4000, 3))
-    for name, bar in (ACCURACY | BINARY).items():
+    for name, tolerance in (ACCURACY | BINARY).items():
         samples = drawing.sample_elements(0, np.zeros(4000, np.int64), points, texts[name])
         operands = samples.position.astype(np.longdouble).T[: FUNCTIONS[name].arity]
         with np.errstate(invalid="ignore"):
             truth = FUNCTIONS[name].numpy(*operands)
         assert np.array_equal(np.isnan(samples.value), np.isnan(truth)), name
         ulps = np.abs(samples.value - truth) / np.spacing(np.abs(truth.astype(np.float64)))
-        assert np.nanmax(ulps) <= bar, name
+        assert np.nanmax(ulps) <= tolerance, name
 
 
 # quasi-3D data

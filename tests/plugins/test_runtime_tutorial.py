@@ -16,7 +16,7 @@ from elvis.plugins.opening import Opened, named
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
 from elvis.plugins.volume import interface_folder
-from elvis.reference.picture import render as judge
+from elvis.reference.picture import render as render_reference
 from elvis.renderer import Faces, Scene
 
 PAGE = Path(__file__).resolve().parents[2] / "plugins" / "README.md"
@@ -124,13 +124,13 @@ def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
     drawing, scene = renderer("vulkan"), Scene("p", objects=(Faces(),), camera="iso", size=(80, 60))
     drawing.show(opened.volume("p"), opened)
     drawn = drawing.render(scene)
-    judged = judge(opened, replace(scene, camera=drawn.view.camera))
-    assert np.array_equal(drawn.element, judged.element)
+    wanted = render_reference(opened, replace(scene, camera=drawn.view.camera))
+    assert np.array_equal(drawn.element, wanted.element)
     seen = drawn.seen
     assert seen.sum() > 1000
     assert np.abs(drawn.field[seen] - truth(drawn.position[seen])).max() < 1e-11 * 4
-    assert np.abs(drawn.field[seen] - judged.field[seen]).max() < 1e-11 * 4
-    assert np.abs(drawn.position[seen] - judged.position[seen]).max() < 1e-10 * 4
+    assert np.abs(drawn.field[seen] - wanted.field[seen]).max() < 1e-11 * 4
+    assert np.abs(drawn.position[seen] - wanted.position[seen]).max() < 1e-10 * 4
     x, y, z = drawn.position[seen].T
     off = np.min(np.abs([np.hypot(x, y) - 1, np.hypot(x, y) - 2, z, z - 1]), axis=0)
     assert off.max() < 1e-13

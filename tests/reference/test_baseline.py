@@ -263,14 +263,14 @@ def test_volumes_are_exact_for_linear_fields_and_converge_for_others():
     fog = VolumeRendering(Transfer((-1.0, 3.0), (0.0, 5.0), ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
     scene = Scene("u", camera=VIEW.camera, size=(24, 18), objects=(fog,), range=(0.0, 1.0))
     view = View.through(VIEW.camera, (24, 18))
-    for function, levels, bar in ((lambda x: x[:, 0] + x[:, 2], (0,), 1e-4), (smooth, (0, 1, 2), None)):
+    for function, levels, tolerance in ((lambda x: x[:, 0] + x[:, 2], (0,), 1e-4), (smooth, (0, 1, 2), None)):
         mesh = grid(Shape.PRISM, 2)
         data = Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes=6),))
         exact = Record.of(render(data, scene))
         drawn = [baseline(data, level).draw(scene, view, (0.0, 1.0)) for level in levels]
         errors = [np.abs(own.color - exact.color).mean() for own in drawn]
         assert (exact.color < 0.99).any()
-        if bar is None:
+        if tolerance is None:
             assert np.log2(errors[1] / errors[2]) > 1.7
         else:
-            assert np.abs(drawn[0].color - exact.color).max() < bar
+            assert np.abs(drawn[0].color - exact.color).max() < tolerance

@@ -42,7 +42,9 @@ window.addEventListener("load", function () {
 def report(blocks, tmp_path_factory):
     """A report whose page ends in the probe."""
     scene = Scene("wave", Plane((1.5, 0.5, 0.45), (0.1, 0.2, 1.0)), size=(90, 60))
-    study = compare_scene(blocks, scene, (0, 1), 1 << 30, draw=lambda data, own, device: render(data, own), judged=0)
+    study = compare_scene(
+        blocks, scene, (0, 1), 1 << 30, draw=lambda data, own, device: render(data, own), validation_size=0
+    )
     folder = tmp_path_factory.mktemp("browser") / "report"
     write_report(study, folder)
     page = folder / "index.html"

@@ -60,7 +60,10 @@ def test_a_report_of_a_scene(block_files, tmp_path):
 def test_records_are_compared(records, tmp_path):
     exact, other = records
     same = run(exact, exact, "--require", "pixel-exact")
-    assert (same.exit_code, same.stdout) == (0, "Exact: all 2,400 pixels pass every bar. The pictures are the same.\n")
+    assert (same.exit_code, same.stdout) == (
+        0,
+        "Exact: all 2,400 pixels keep every tolerance. The pictures are the same.\n",
+    )
     told = json.loads(run(exact, other, "--json").stdout)
     assert told["pixel_exact"] is False
     assert (told["rivals"][0]["worst"]["row"], told["rivals"][0]["worst"]["column"]) == (20, 30)
@@ -101,7 +104,7 @@ def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys)
     (tmp_path / "cut.npz").unlink()
     assert "none.npz: there is no such file" in failed(capsys, exact, tmp_path / "none.npz")
     assert "there is no folder" in failed(capsys, exact, other, "-o", tmp_path / "no" / "report")
-    assert "nothing was judged" in failed(
+    assert "nothing was validated" in failed(
         capsys, *block_files, *PLANE, "--refinements", "0", "--require", "pixel-exact"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.npz"]

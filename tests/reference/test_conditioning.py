@@ -8,9 +8,9 @@ import pytest
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.reference.bars import bars
 from elvis.reference.picture import render
 from elvis.reference.record import Record
+from elvis.reference.tolerances import check_tolerances
 from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Scene, Status
 
 CAMERA, SIZE = Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.25), fov=32.0), (18, 18)
@@ -89,5 +89,5 @@ def test_bars_allow_for_what_pictures_say_of_themselves(uncertainty, passed):
         position=record.position + 1e-9 * ways,
         uncertainty=np.where(record.seen, uncertainty, np.nan),
     )
-    (position,) = (bar for bar in bars(record, moved) if bar.name == "position")
+    (position,) = (check for check in check_tolerances(record, moved) if check.name == "position")
     assert position.passed == passed

@@ -9,7 +9,6 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset
-from elvis.reference.bars import bars
 from elvis.reference.baseline.distances import surface_distance, topology
 from elvis.reference.baseline.drawing import Baseline
 from elvis.reference.cameras import same_camera
@@ -17,6 +16,7 @@ from elvis.reference.contours import crossings, displacement
 from elvis.reference.metrics import check_comparable, errors
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import CHANNELS, Record
+from elvis.reference.tolerances import check_tolerances
 from elvis.renderer import Camera, Plane
 from elvis.scene import Isosurface
 from elvis.scene.view import PlaneView
@@ -56,7 +56,7 @@ def test_a_picture_is_like_itself():
     assert (found.value_max, found.off, found.missing, found.spurious, found.position_max) == (0, 0, 0, 0, 0)
     assert found.worst is None
     assert found.contour_max == 0
-    assert all(bar.passed for bar in bars(record, record))
+    assert all(check.passed for check in check_tolerances(record, record))
 
 
 def test_one_wrong_value_is_found_where_it_is():
@@ -70,9 +70,9 @@ def test_one_wrong_value_is_found_where_it_is():
     assert (found.worst.row, found.worst.column, found.worst.element) == (30, 40, 7)
     assert found.worst.position == tuple(record.position[30, 40])
 
-    # the numbers of the bars, and what they name
-    by_name = {bar.name: bar for bar in bars(record, wrong)}
-    assert [name for name, bar in by_name.items() if not bar.passed] == ["field value"]
+    # the numbers of the tolerances, and what they name
+    by_name = {check.name: check for check in check_tolerances(record, wrong)}
+    assert [name for name, check in by_name.items() if not check.passed] == ["field value"]
     assert (by_name["field value"].failed, by_name["field value"].worst) == (1, found.worst)
 
 
@@ -81,9 +81,9 @@ def test_the_bar_of_values_is_where_the_design_has_it(part, passed):
     record = picture(lambda x, y: x, size=(60, 60))
     ends = (0.0, 1.0)
     other = changed(record, field=((30, 30), record.field[30, 30] + part))
-    assert bars(record, other, ends)[0].passed == passed
+    assert check_tolerances(record, other, ends)[0].passed == passed
     moved = changed(record, position=((30, 30), record.position[30, 30] + [0, 0, 10 * part]))
-    assert bars(record, moved, ends, diagonal=1.0)[1].passed == passed
+    assert check_tolerances(record, moved, ends, diagonal=1.0)[1].passed == passed
 
 
 @pytest.mark.parametrize(("steps", "passed"), [(2, True), (200, False)])
@@ -94,9 +94,9 @@ def test_rounding_of_large_numbers_is_no_failure(steps, passed):
     value, place = away.field[30, 30], away.position[30, 30]
     assert np.spacing(value) > 1e-11 * 100
     other = changed(away, field=((30, 30), value + steps * np.spacing(value)))
-    assert bars(away, other)[0].passed == passed
+    assert check_tolerances(away, other)[0].passed == passed
     moved = changed(away, position=((30, 30), place + steps * np.spacing(place)))
-    assert bars(away, moved)[1].passed == passed
+    assert check_tolerances(away, moved)[1].passed == passed
 
 
 def test_missing_spurious_and_foreign_pixels_are_counted():
@@ -107,12 +107,15 @@ def test_missing_spurious_and_foreign_pixels_are_counted():
     other = changed(other, element=((31, 41), 8))
     found = errors(record, other)
     assert (found.missing, found.spurious, found.elements) == (1, 1, 1)
-    assert {bar.name: bar.failed for bar in bars(record, other) if not bar.passed} == {"coverage": 2, "element": 1}
+    assert {check.name: check.failed for check in check_tolerances(record, other) if not check.passed} == {
+        "coverage": 2,
+        "element": 1,
+    }
     doubtful = changed(changed(other, status=((30, 40), 2)), status=((row, column), 2))
     doubtful = changed(doubtful, status=((31, 41), 2))
-    assert all(bar.passed for bar in bars(record, doubtful))
+    assert all(check.passed for check in check_tolerances(record, doubtful))
     failed = changed(record, status=((5, 5), 3))
-    assert [bar.name for bar in bars(record, failed) if not bar.passed] == ["failed pixels"]
+    assert [check.name for check in check_tolerances(record, failed) if not check.passed] == ["failed pixels"]
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 2.5])
@@ -214,6 +217,6 @@ def test_a_constant_field_is_measured_by_its_size():
     record = picture(lambda x, y: 0.2 + 1e-16 * x)
     other = picture(lambda x, y: 0.2 + 3e-16 * y)
     assert errors(record, other).value_max < 1e-14
-    assert all(bar.passed for bar in bars(record, other))
+    assert all(check.passed for check in check_tolerances(record, other))
     zero = picture(lambda x, y: 0 * x)
     assert errors(zero, zero).value_max == 0

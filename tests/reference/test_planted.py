@@ -28,22 +28,22 @@ def data(function=smooth, shape=Shape.HEXAHEDRON, cells=3, modes=5):
     return Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes=modes),))
 
 
-def judged(right, wrong, scene=SCENE):
+def validated(right, wrong, scene=SCENE):
     """The comparison where what draws has other data than the reference."""
 
     def draw(dataset, own, device):
         return render(right if device == "reference" else wrong, own)
 
-    return compare_scene(right, scene, (0,), 1 << 30, draw=draw, judged=60)
+    return compare_scene(right, scene, (0,), 1 << 30, draw=draw, validation_size=60)
 
 
-def failed_bars(study):
-    return {bar.name: bar for bar in study.judgement.bars if not bar.passed}
+def failed_checks(study):
+    return {check.name: check for check in study.validation.checks if not check.passed}
 
 
 def test_no_error_is_found_where_there_is_none():
-    study = judged(data(), data())
-    assert failed_bars(study) == {}
+    study = validated(data(), data())
+    assert failed_checks(study) == {}
     assert summary(study)["pixel_exact"] is True
 
 
@@ -56,17 +56,17 @@ def test_a_wrong_coefficient(size):
     coefficients = block.coefficients.copy()
     coefficients[np.flatnonzero(block.element_ids == element)[0], 62] += size
     wrong = replace(right, fields=(replace(field, blocks=(replace(block, coefficients=coefficients),)),))
-    study = judged(right, wrong)
-    assert set(failed_bars(study)) == {"field value"}
-    bar = failed_bars(study)["field value"]
-    assert bar.worst.element == element
+    study = validated(right, wrong)
+    assert set(failed_checks(study)) == {"field value"}
+    check = failed_checks(study)["field value"]
+    assert check.worst.element == element
     assert f"element {element}, (" in summary(study)["verdict"]
     assert summary(study)["verdict"].startswith("Not exact: field value fails at ")
 
-    # all pixels above the bar lie in this element
+    # all pixels above the tolerance lie in this element
     exact, drawn = render(right, SCENE), render(wrong, SCENE)
     off = np.abs(exact.field - drawn.field) > 1e-11 * np.ptp(exact.field[exact.seen])
-    assert off.sum() == bar.failed
+    assert off.sum() == check.failed
     assert set(exact.element[off]) == {element}
 
 
@@ -76,9 +76,9 @@ def test_a_shifted_node():
     corner = int(np.linalg.norm(vertices - [1 / 3, 1 / 3, 1 / 3], axis=1).argmin())
     vertices[corner] += [0.0, 3e-4, 0.0]
     wrong = replace(right, mesh=replace(right.mesh, vertices=vertices))
-    bars = failed_bars(judged(right, wrong))
-    assert "field value" in bars
-    x = np.array(bars["field value"].worst.position)
+    checks = failed_checks(validated(right, wrong))
+    assert "field value" in checks
+    x = np.array(checks["field value"].worst.position)
     assert np.linalg.norm(x - vertices[corner]) < 0.5
 
     # on the outer faces a node shows as a wrong place, too
@@ -86,9 +86,9 @@ def test_a_shifted_node():
     vertices = right.mesh.vertices.copy()
     vertices[outer] += [0.0, -1e-4, 0.0]
     wrong = replace(right, mesh=replace(right.mesh, vertices=vertices))
-    bars = failed_bars(judged(right, wrong, replace(SCENE, plane=None, objects=(Faces(),), camera=VIEW)))
-    assert np.linalg.norm(np.array(bars["position"].worst.position) - vertices[outer]) < 0.4
-    assert bars["position"].found < 1e-3
+    checks = failed_checks(validated(right, wrong, replace(SCENE, plane=None, objects=(Faces(),), camera=VIEW)))
+    assert np.linalg.norm(np.array(checks["position"].worst.position) - vertices[outer]) < 0.4
+    assert checks["position"].found < 1e-3
 
 
 def distance(x, clamp):
@@ -100,11 +100,11 @@ def distance(x, clamp):
 def test_a_distance_function_that_forgets_where_its_line_ends():
     """Wrong in the elements beyond the ends of the segment, right in those between: such pictures look plausible."""
     right, wrong = (data(lambda x, clamp=clamp: distance(x, clamp), modes=6) for clamp in (True, False))
-    study = judged(right, wrong)
-    bar = failed_bars(study)["field value"]
-    assert not 0.3 < bar.worst.position[0] < 0.7
-    assert bar.worst.other < bar.worst.exact
-    assert bar.found > 0.01
+    study = validated(right, wrong)
+    check = failed_checks(study)["field value"]
+    assert not 0.3 < check.worst.position[0] < 0.7
+    assert check.worst.other < check.worst.exact
+    assert check.found > 0.01
     assert "worst at column" in summary(study)["verdict"]
 
 
@@ -123,7 +123,7 @@ def test_a_foreign_element_and_a_hole_are_named():
         field = np.where(hole, np.nan, frame.field)
         return replace(frame, element=element, status=status, field=field)
 
-    bars = failed_bars(compare_scene(right, SCENE, (0,), 1 << 30, draw=draw, judged=60))
-    assert set(bars) == {"element", "coverage"}
-    assert bars["element"].worst.element == 12
-    assert bars["coverage"].worst.element == 14
+    checks = failed_checks(compare_scene(right, SCENE, (0,), 1 << 30, draw=draw, validation_size=60))
+    assert set(checks) == {"element", "coverage"}
+    assert checks["element"].worst.element == 12
+    assert checks["coverage"].worst.element == 14

@@ -25,7 +25,7 @@ def draw(dataset, scene, device="auto"):
 
 @pytest.fixture(scope="module")
 def study(blocks):
-    return compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, judged=45)
+    return compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, validation_size=45)
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +82,11 @@ def points(field, value):
 
 
 def test_the_reference_passes_its_own_bars(study):
-    assert study.judgement.passed
-    assert max(study.judgement.size) == 45
-    assert verdict(study).startswith("Exact: all 1,350 pixels pass every bar. Linear elements after 1 refinement: ")
+    assert study.validation.passed
+    assert max(study.validation.size) == 45
+    assert verdict(study).startswith(
+        "Exact: all 1,350 pixels keep every tolerance. Linear elements after 1 refinement: "
+    )
 
 
 def test_every_file_that_the_page_names_is_there(report):
@@ -99,7 +101,7 @@ def test_every_file_that_the_page_names_is_there(report):
 
 def test_same_input_same_bytes(blocks, study, report, tmp_path):
     """All files but those of times, and the marked section of the page."""
-    again = compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, judged=45)
+    again = compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, validation_size=45)
     write_report(again, tmp_path / "report")
     for path in sorted(report.rglob("*.*")):
         other = tmp_path / "report" / path.relative_to(report)
@@ -115,12 +117,12 @@ def timeless(path):
 
 
 def test_a_limit_skips_what_does_not_fit(blocks):
-    limit = compare_scene(blocks, SCENE, (1,), draw=draw, judged=0).rivals[0].counts["needed"]
-    found = compare_scene(blocks, SCENE, (0, 1, 2, 3), limit, draw=draw, judged=0)
+    limit = compare_scene(blocks, SCENE, (1,), draw=draw, validation_size=0).rivals[0].counts["needed"]
+    found = compare_scene(blocks, SCENE, (0, 1, 2, 3), limit, draw=draw, validation_size=0)
     assert [bool(rival.skipped) for rival in found.rivals if rival.level is not None] == [False, False, True, True]
     needed = found.rivals[2].counts["needed"]
     assert verdict(found).endswith(f"2 refinements would need {needed / 1000:.0f} kB.")
-    nothing = compare_scene(blocks, SCENE, (2,), 0, draw=draw, judged=0)
+    nothing = compare_scene(blocks, SCENE, (2,), 0, draw=draw, validation_size=0)
     assert verdict(nothing) == f"No linear picture fits into memory: 2 refinements would need {needed / 1000:.0f} kB."
     assert memory_limit() > 1 << 20
 
@@ -133,7 +135,7 @@ def test_linear_data_are_right_at_once(tmp_path):
     mesh = Dataset(grid(Shape.TETRAHEDRON, 2))
     data = Dataset(mesh.mesh, (approximated(mesh, "wave", lambda x: x[:, 0] + 2 * x[:, 2], modes=3),))
     scene = replace(SCENE, plane=Plane((0.5, 0.5, 0.4), (0.2, 0.1, 1.0)))
-    found = compare_scene(data, scene, (0, 1), draw=draw, judged=0)
+    found = compare_scene(data, scene, (0, 1), draw=draw, validation_size=0)
     assert verdict(found) == "Linear elements are right to within one pixel after 0 refinements."
 
 

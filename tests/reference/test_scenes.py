@@ -213,7 +213,7 @@ def test_flat_data_are_drawn_with_lines_too():
     assert np.abs(frame.field - frame.position[..., 0])[frame.seen].max() < 1e-13
 
 
-def test_lines_are_not_judged():
+def test_lines_have_no_reference():
     """1D data: neither the device reference nor a comparison has anything exact to say of them."""
     points, ends = np.arange(3.0)[:, None] * np.eye(3)[:1], np.array([[0, 1], [1, 2]])
     line = with_field(connected(points, {Shape.SEGMENT: ends}, 1), lambda x: x[:, 0])

@@ -9,9 +9,9 @@ import pytest
 from elvis.core.mapping.pointwise import positions, values
 from elvis.core.patch import patches
 from elvis.formats.reading import read
-from elvis.reference.bars import bars
 from elvis.reference.picture import render
 from elvis.reference.record import Record
+from elvis.reference.tolerances import check_tolerances
 from elvis.renderer import Scene
 from elvis.renderer import render as draw
 from elvis.scene import CutSurface, Faces, Isosurface, Sphere, Style, Transfer, VolumeRendering
@@ -97,7 +97,7 @@ def test_the_device_passes_the_bars(nektar, objects):
     assert (true.status > 0).sum() > 100
     pictures = Record.of(true), Record.of(found)
     if true.seen.any():
-        assert {bar.name for bar in bars(*pictures, ends=span) if not bar.passed} == set()
+        assert {check.name for check in check_tolerances(*pictures, ends=span) if not check.passed} == set()
     assert np.abs(pictures[0].color - pictures[1].color).max() < 1e-6
 
 

@@ -132,7 +132,7 @@ def test_fog_in_quasi_3d_data_takes_up_light_by_its_length():
 def test_linear_meshes_of_quasi_3d_data_converge_at_second_order():
     data = channel(Shape.TRIANGLE, bend=0.03)
     scene = Scene("u", camera=CAMERA, size=SIZE, objects=(Faces(), CutSurface(Plane((0.5, 0.5, 0.4), (1.0, 2.0, 3.0)))))
-    study = compare_scene(data, scene, (0, 1, 2), draw=lambda own, shown, device: render(own, shown), judged=0)
+    study = compare_scene(data, scene, (0, 1, 2), draw=lambda own, shown, device: render(own, shown), validation_size=0)
     errors = [rival.errors.value_mean for rival in study.rivals if rival.errors and rival.level is not None]
     assert len(errors) == 3
     assert np.log2(errors[0] / errors[1]) > 1.6
@@ -198,6 +198,6 @@ def test_a_comparison_with_triangles_goes_through(ball):
         return render(data, scene)
 
     scene = Scene("u", camera=CAMERA, size=SIZE, objects=(CutSurface(ball), VolumeRendering(Transfer((0, 1), (0, 1)))))
-    study = compare_scene(cube(), scene, (0, 1), draw=draw, judged=0, meshes=True)
+    study = compare_scene(cube(), scene, (0, 1), draw=draw, validation_size=0, meshes=True)
     assert [rival.skipped for rival in study.rivals if rival.level is not None] == [None, None]
     assert set(study.rivals[0].meshes) == {"n0"}

@@ -14,7 +14,7 @@ from elvis.core.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
-from elvis.reference.picture import render as judge
+from elvis.reference.picture import render as render_reference
 from elvis.renderer import Renderer, Scene, Status
 from elvis.renderer.adapters import ADVICE, adapters
 from elvis.renderer.compositing import Coats
@@ -92,7 +92,7 @@ def draw(renderer):
     def draw(dataset, device="vulkan", **scene):
         settled = completed(dataset, Scene(**{"field": dataset.fields[0].name, **scene}))
         if device == "reference":
-            return judge(dataset, settled)
+            return render_reference(dataset, settled)
         drawing = renderer(device)
         drawing.load(dataset, *quantities(settled))
         return drawing.render(settled)
@@ -107,7 +107,7 @@ def same_on(draw):
     def compare(dataset, device="vulkan", **scene):
         drawn = draw(dataset, device, **scene)
         size = (drawn.view.width, drawn.view.height)
-        truth = judge(dataset, replace(drawn.scene, camera=drawn.view.camera, size=size))
+        truth = render_reference(dataset, replace(drawn.scene, camera=drawn.view.camera, size=size))
         check_pixels(drawn, truth, dataset.mesh, tolerance_of(dataset.field(drawn.scene.field)))
         return drawn, truth
 

@@ -5,7 +5,7 @@ import pytest
 
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
-from elvis.reference.picture import render as judge
+from elvis.reference.picture import render as render_reference
 from elvis.renderer import Camera, Plane, Scene
 
 #: cases for the slow device: every shape but the quadrilateral, then that
@@ -57,7 +57,7 @@ def test_same_pixels_without_a_graphics_driver(name, shared, same_on, liveliest)
 def refused(dataset):
     scene = Scene(dataset.fields[0].name, Plane((0, 0, 0), (0, 0, 1)), size=(8, 8))
     with pytest.raises(ElvisError, match=r"pictures are made of 2D data in the plane|1D data are drawn on the host"):
-        judge(dataset, scene)
+        render_reference(dataset, scene)
 
 
 def test_every_shape_is_among_them(nektar, shared):

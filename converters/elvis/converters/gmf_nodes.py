@@ -11,7 +11,7 @@ from elvis.core.shapes import Shape
 from elvis.plugins.nodal import ShapeFunctions, bernstein, moved, native_points, nearest_nodes, space_size
 
 #: at least so many elements tell where nodes lie that no table orders
-_JUDGED = 200
+_COMPARED = 200
 
 #: of a triangle, tetrahedron or the triangle of a prism: numbers of barycentric coordinates
 _BARYCENTRIC = {shape: axes + 1 for shape, axes in SIMPLEX_AXES.items()}
@@ -51,7 +51,7 @@ def guessed(shape: Shape, order: int, places: Floats) -> Ints | None:
     places  (elements, n, 3) of the nodes
     None where that isn't one order for all elements
     """
-    entries, some = lattice(shape, order), places[:_JUDGED]
+    entries, some = lattice(shape, order), places[:_COMPARED]
     count = len(UNIT[shape].own)
     linear = unit_basis(shape, 1, UNIT[shape].own)
     points = native_points(shape, UNIT[shape].frame, unit_points(shape, entries) / order)

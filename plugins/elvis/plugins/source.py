@@ -25,7 +25,7 @@ class VolumeSource(ABC):
     @classmethod
     @abstractmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
-        """Whether the files are of this plugin's format, judged by their content; never raises for other files."""
+        """Whether the files are of this plugin's format, decided by their content; never raises for other files."""
 
     @abstractmethod
     def __init__(self, paths: Sequence[Path]) -> None:

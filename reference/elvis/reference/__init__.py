@@ -1,1 +1,1 @@
-"""The judge: the same images by other means, in float64, and reports of how far apart they are."""
+"""The reference: the same images by other means, in float64, and reports of how far apart they are."""

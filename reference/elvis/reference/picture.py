@@ -121,7 +121,7 @@ def _check(dataset: Dataset, scene: Scene) -> None:
     if dimension_of(dataset) == 1:
         raise ElvisError(
             "1D data are drawn on the host from points a quarter of a pixel apart, with any device but the reference, "
-            "which would have nothing exact to judge: leave --device reference out"
+            "which would have no exact reference: leave --device reference out"
         )
     faces = bool(scene.every_object) and all(isinstance(shown, Faces) for shown in scene.every_object)
     if mesh.dimension < 2 or (mesh.space != mesh.dimension and not faces):

@@ -1,4 +1,4 @@
-"""A comparison: the exact picture, its judge, and the linear pictures of the same scene with what they cost."""
+"""A comparison: the exact picture, its validation, and the linear pictures of the same scene with what they cost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from elvis.core.errors import ElvisError
 from elvis.core.memory import free_memory
 from elvis.core.patch import Patch
 from elvis.plugins.serving import dimension_of
-from elvis.reference.bars import Bar, bars
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
 from elvis.reference.baseline.drawing import Baseline, affordable
 from elvis.reference.baseline.exact import FINE, exact_isosurface
@@ -26,12 +25,13 @@ from elvis.reference.metrics import Errors, check_comparable, errors, not_narrow
 from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
+from elvis.reference.tolerances import Check, check_tolerances
 from elvis.scene import CutSurface, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
 from elvis.scene.frame import Frame, Status
 from elvis.scene.view import View
 
 #: longest side of the picture that the reference checks, in pixels
-JUDGED = 300
+VALIDATION_SIZE = 300
 #: contours that are compared where the scene draws none
 CONTOURS = 10
 
@@ -63,21 +63,21 @@ class Rival:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
-    """The bars for a picture against the reference, at a size of (width, height) pixels.
+class Validation:
+    """A picture checked against the reference, at a size of (width, height) pixels.
 
     ambiguous  pixels that one of the two calls so: these may differ
     """
 
     size: tuple[int, int]
-    bars: Sequence[Bar]
+    checks: Sequence[Check]
     device: str
     ambiguous: int = 0
 
     @property
     def passed(self) -> bool:
-        """Whether every pixel passes every bar."""
-        return all(bar.passed for bar in self.bars)
+        """Whether every pixel keeps every tolerance."""
+        return all(check.passed for check in self.checks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class Study:
     scene: Scene | None = None
     dataset: Dataset | None = None
     patches: Sequence[Patch] = ()
-    judgement: Judgement | None = None
+    validation: Validation | None = None
     device: str = ""
     stored: int = 0
     next: tuple[int, int] | None = None
@@ -113,8 +113,10 @@ def compare_records(exact: Record, other: Record, name: str) -> Study:
     check_comparable(exact, other)
     found = errors(exact, other, contours=spread(exact.field))
     rival = Rival("other", name, record=other, errors=found)
-    judgement = Judgement((exact.shape[1], exact.shape[0]), bars(exact, other), name, _ambiguous(exact, other))
-    return Study(exact, [rival], found.range, [own.value for own in found.contours], judgement=judgement)
+    validation = Validation(
+        (exact.shape[1], exact.shape[0]), check_tolerances(exact, other), name, _ambiguous(exact, other)
+    )
+    return Study(exact, [rival], found.range, [own.value for own in found.contours], validation=validation)
 
 
 def spread(values: Floats) -> tuple[float, ...]:
@@ -136,20 +138,20 @@ def compare_scene(
     levels: Sequence[int] = (0, 1, 2, 3),
     limit: int | None = None,
     draw: Callable[..., Frame] | None = None,
-    judged: int = JUDGED,
+    validation_size: int = VALIDATION_SIZE,
     meshes: bool = False,
 ) -> Study:
     """The exact picture of a scene against the linear ones.
 
-    limit   bytes that a linear mesh may take while it is made and drawn; by default half of what is free
-    draw    the renderer, ``elvis.renderer.render`` by default
-    judged  longest side of the picture that the reference checks; 0 checks nothing
-    meshes  whether all meshes are kept
+    limit            bytes that a linear mesh may take while it is made and drawn; by default half of what is free
+    draw             the renderer, ``elvis.renderer.render`` by default
+    validation_size  longest side of the picture that the reference checks; 0 checks nothing
+    meshes           whether all meshes are kept
     """
     if dimension_of(dataset) == 1:
         raise ElvisError(
             "1D data are drawn as curves from points of their own: there are no linear pictures to compare with, and "
-            "nothing to judge"
+            "nothing to compare"
         )
     draw, scene = draw or _renderer(), replace(scene, samples=1, outputs=(), stats=None)
     start = perf_counter()
@@ -170,7 +172,7 @@ def compare_scene(
         settled,
         dataset,
         quantities.patches,
-        _judged(dataset, settled, draw, judged),
+        _validate(dataset, settled, draw, validation_size),
         str(frame.stats.get("device", {}).get("label", "")),
         sum(map(_stored, quantities.patches)),
         (fine, estimate(quantities.patches, fine, len(names))[2]),
@@ -283,8 +285,8 @@ def _settled(frame: Frame) -> Scene:
     return replace(frame.scene, camera=frame.view.camera, size=(frame.view.width, frame.view.height))
 
 
-def _judged(dataset: Dataset, scene: Scene, draw: Callable[..., Frame], longest: int) -> Judgement | None:
-    """The bars of the same picture, smaller, against the reference; None where the reference drew it itself."""
+def _validate(dataset: Dataset, scene: Scene, draw: Callable[..., Frame], longest: int) -> Validation | None:
+    """Check the same picture, smaller, against the reference; None where the reference drew it itself."""
     if not longest or scene.device == "reference" or scene.size is None:
         return None
     width, height = scene.size
@@ -292,9 +294,9 @@ def _judged(dataset: Dataset, scene: Scene, draw: Callable[..., Frame], longest:
     size = (max(1, round(width * part)), max(1, round(height * part)))
     small = replace(scene, size=size, samples=1)
     frame, true = draw(dataset, small, device=scene.device), draw(dataset, small, device="reference")
-    judge, drawn = Record.of(true), Record.of(frame)
+    exact, other = Record.of(true), Record.of(frame)
     label = str(frame.stats.get("device", {}).get("label", ""))
-    return Judgement(size, bars(judge, drawn), label, _ambiguous(judge, drawn))
+    return Validation(size, check_tolerances(exact, other), label, _ambiguous(exact, other))
 
 
 def _ambiguous(exact: Record, other: Record) -> int:

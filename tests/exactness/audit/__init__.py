@@ -1,5 +1,5 @@
-"""The audit: pixels whose truth is a closed form, over all shapes and odd places, and a judge that counts.
+"""The audit: pixels whose truth is a closed form, over all shapes and odd places, and a validation that counts.
 
-`polynomials` and `basis` make exact data, `worlds` meshes with explicit inverses, `truths` what rays meet, `judging`
+`polynomials` and `basis` make exact data, `worlds` meshes with explicit inverses, `truths` what rays meet, `validating`
 counts.  Families yield cases without end, each from a seed of its own; `running` draws and counts them.
 """

@@ -80,7 +80,7 @@ def exact(world, polynomial, modes):
 
 
 def tolerance(polynomial, world):
-    """The bar of values: a hundred thousand millionth of the range, or the rounding of the largest."""
+    """The tolerance of values: a hundred thousand millionth of the range, or the rounding of the largest."""
     points = np.random.default_rng(0).random((4000, 3)) * np.ptp(world.mesh.vertices, axis=0)
     values = polynomial(points)
     return max(1e-11 * float(np.ptp(values)), 8 * 2.3e-16 * float(np.abs(values).max()))

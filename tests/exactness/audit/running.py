@@ -1,4 +1,4 @@
-"""Drawing cases on a device, and judging them."""
+"""Drawing cases on a device, and validating them."""
 
 from dataclasses import replace
 from time import perf_counter
@@ -7,7 +7,7 @@ from zlib import crc32
 import numpy as np
 
 from audit.families import FAMILIES
-from audit.judging import Count
+from audit.validating import Count
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.plugins.serving import volume_of

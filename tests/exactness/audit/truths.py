@@ -7,7 +7,7 @@ import numpy as np
 
 from audit.worlds import BORDER, EPS, margins
 
-#: part of the domain's diagonal that a hit may be off by (the bar of positions)
+#: part of the domain's diagonal that a hit may be off by (the tolerance of positions)
 POSITION = 1e-10
 #: part of its terms within which a discriminant may as well be zero: the ray touches
 TOUCHING = 1e-9
@@ -22,7 +22,7 @@ class Truth:
     sure       (n, k)  whether it must be: it is farther than the tolerance from every border and from touching
     slack      (n, k)  how far a depth may be off
     free       (n,)    rays that run within what is looked for: anything is right
-    field      Polynomial of the values seen; None where they are not judged
+    field      Polynomial of the values seen; None where they are not compared
     tolerance  of values, beside the rounding of places
     """
 
@@ -73,7 +73,7 @@ class Rays:
         return polynomial.slope() * float(self.rounding.max())
 
     def slack(self, depth, noise, rise):
-        """How far a depth may be off: the bar, and the noise of what is zero there over its rise along the ray."""
+        """How far a depth may be off: the tolerance, and the noise of a zero over its derivative along the ray."""
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = np.where(rise == 0, np.inf, noise / np.abs(rise))
         return POSITION * self.diagonal + 4 * EPS * np.abs(depth) + moved

@@ -100,10 +100,10 @@ class _Search:
             rival = np.flatnonzero(~(upper <= attained) & ~np.isnan(upper))
             rivals.append((patch, rows[rival], upper[rival]))
         tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
-        bar = tops[_MOST] if len(tops) > _MOST else -np.inf
-        forgotten = max(attained, bar)
+        threshold = tops[_MOST] if len(tops) > _MOST else -np.inf
+        forgotten = max(attained, threshold)
         for patch, rows, upper in rivals:
-            rows = rows[upper > bar]
+            rows = rows[upper > threshold]
             if len(rows):
                 forgotten = max(forgotten, self._refined(root, self._cells(patch, rows), attained))
         return forgotten

@@ -28,7 +28,7 @@ from elvis.formats.strict.xml_rules import geometry_findings, payload_findings
 def findings(*paths: str | Path) -> tuple[Finding, ...]:
     """All rules that the files of one dataset break, in the order of the files; none where they keep all.
 
-    Jacobians are sampled, at Gauss points; text is judged by its first numbers.  ElvisError where no file can be read.
+    Jacobians are sampled, at Gauss points; text is checked by its first numbers.  ElvisError where no file can be read.
     """
     review = _Review()
     for path in map(Path, paths):
@@ -40,7 +40,7 @@ def findings(*paths: str | Path) -> tuple[Finding, ...]:
 
 @dataclass(eq=False)
 class _Review:
-    """Collects findings, and what is judged at the end: sections of fields and rules of expansions."""
+    """Collects findings, and what is checked at the end: sections of fields and rules of expansions."""
 
     found: list[Finding] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
@@ -54,7 +54,7 @@ class _Review:
             self.found.append(required(place, str(error)))
 
     def file(self, path: Path) -> None:
-        """Judge what one file holds."""
+        """Check what one file holds."""
         if leading(path, len(HDF5_SIGNATURE)) == HDF5_SIGNATURE:
             self._hdf5(path)
             return
@@ -64,7 +64,7 @@ class _Review:
                 self._child(path, child)
 
     def whole(self, dataset: Dataset) -> None:
-        """Judge what all files mean together."""
+        """Check what all files mean together."""
         self.found += mesh_findings(dataset)
         self.found += section_findings(dataset.mesh, self.sections)
         self.guarded("<EXPANSIONS>", lambda: self.found.extend(self._expansions(dataset)))

@@ -149,7 +149,7 @@ def _check_map(
     inside: int,
     precision: float,
 ) -> Floats:
-    """Compare the map on some elements, judge their Jacobians; the weights (k, inside) of integrals over them."""
+    """Compare the map on some elements, check their Jacobians; the weights (k, inside) of integrals over them."""
     ids, own = block.ids[rows], check_points(block.shape, inside, block.is_collapsed)
     places = sampler.positions(block, rows, points)
     ours, jacobians = maps.at(ids, own, inside)
@@ -162,7 +162,7 @@ def _check_map(
         [np.minimum(findings.box[0], places.min((0, 1))), np.maximum(findings.box[1], places.max((0, 1)))]
     )
 
-    # judged against the size of each element, and against what 64 bits or the source's own digits can tell
+    # measured against the size of each element, and against what 64 bits or the source's own digits can tell
     most = distances.max(axis=1)
     share = most / np.where(sizes > 0, sizes, 1.0)
     if len(share) and share.max() > findings.deviation[0]:

@@ -79,7 +79,7 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
 @click.option("--judge", type=click.IntRange(0, 4096), default=300, show_default=True, metavar="PIXELS",
               help="Longest side of the picture that the reference checks; 0: none.")  # fmt: skip
 @click.option("--meshes", metavar="FORMATS", callback=_formats, help="Keep the meshes in the report: ply, glb, vtu.")
-@click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a bar is not passed.")
+@click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a tolerance is exceeded.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers of summary.json.")
 @overwrite_option
 def compare(
@@ -138,7 +138,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
     from elvis.scene.files import scene_text
 
     own = ("refinements", "memory_limit", "judge", "meshes")
-    levels, limit, judged, meshes = (options.pop(name) for name in own)
+    levels, limit, validation_size, meshes = (options.pop(name) for name in own)
     scene = composed(data, options, (), unused=("outputs", "stats"))
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
@@ -148,7 +148,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         scene_text(scene, output / "scene.toml")
     dataset = read_data(tuple(map(Path, scene.data)))
     with stage("comparing"):
-        return compare_scene(dataset, scene, levels, limit, judged=judged, meshes=meshes)
+        return compare_scene(dataset, scene, levels, limit, validation_size=validation_size, meshes=meshes)
 
 
 def _check(require: str | None, study: Study) -> None:
@@ -158,10 +158,10 @@ def _check(require: str | None, study: Study) -> None:
 
     if require is None:
         return
-    if study.judgement is None:
+    if study.validation is None:
         raise ElvisError(
-            "--require pixel-exact: nothing was judged: draw on a device other than the reference, with --judge"
+            "--require pixel-exact: nothing was validated: draw on a device other than the reference, with --judge"
         )
-    for bar in study.judgement.bars:
-        if not bar.passed:
-            raise ElvisError(f"--require pixel-exact: {failure(bar)}")
+    for check in study.validation.checks:
+        if not check.passed:
+            raise ElvisError(f"--require pixel-exact: {failure(check)}")

@@ -52,9 +52,9 @@ def _title(study: Study) -> str:
 
 
 def _mood(study: Study) -> str:
-    if study.judgement is None:
+    if study.validation is None:
         return ""
-    return "good" if study.judgement.passed else "bad"
+    return "good" if study.validation.passed else "bad"
 
 
 def _pictures(study: Study, files: Files) -> list[dict[str, str]]:

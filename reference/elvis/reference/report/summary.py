@@ -7,18 +7,18 @@ from dataclasses import asdict
 from typing import Any
 
 from elvis.core.dataset import Expansion
-from elvis.reference.bars import Bar
 from elvis.reference.report.verdict import is_right, verdict
 from elvis.reference.study import Rival, Study
+from elvis.reference.tolerances import Check
 from elvis.scene.tables import table_of
 
 
 def summary(study: Study) -> dict[str, Any]:
     """All numbers but times: the same for the same input."""
-    judgement = study.judgement
+    validation = study.validation
     return {
         "verdict": verdict(study),
-        "pixel_exact": judgement.passed if judgement else None,
+        "pixel_exact": validation.passed if validation else None,
         "scene": table_of(study.scene) if study.scene else None,
         "data": _data(study),
         "picture": {
@@ -27,12 +27,12 @@ def summary(study: Study) -> dict[str, Any]:
             "range": list(study.ends),
             "contours": list(study.contours),
         },
-        "judgement": judgement
+        "judgement": validation
         and {
-            "size": list(judgement.size),
-            "passed": judgement.passed,
-            "ambiguous": judgement.ambiguous,
-            "bars": [bar_facts(b) for b in judgement.bars],
+            "size": list(validation.size),
+            "passed": validation.passed,
+            "ambiguous": validation.ambiguous,
+            "bars": [check_facts(check) for check in validation.checks],
         },
         "rivals": [rival_facts(rival) for rival in study.rivals],
         "next": study.next and {"level": study.next[0], "bytes": study.next[1]},
@@ -48,9 +48,9 @@ def times(study: Study) -> dict[str, Any]:
     }
 
 
-def bar_facts(bar: Bar) -> dict[str, Any]:
-    """One bar."""
-    return {**asdict(bar), "passed": bar.passed}
+def check_facts(check: Check) -> dict[str, Any]:
+    """What was found for one tolerance."""
+    return {**asdict(check), "passed": check.passed}
 
 
 def rival_facts(rival: Rival) -> dict[str, Any]:

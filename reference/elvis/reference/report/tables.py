@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elvis.reference.bars import Bar
 from elvis.reference.report.words import counted, size, some
 from elvis.reference.study import Rival, Study
+from elvis.reference.tolerances import Check
 from elvis.scene import VolumeRendering
 
 Table = dict[str, Any]
@@ -176,25 +176,25 @@ def _surfaces(study: Study) -> Table:
 
 
 def _bars(study: Study) -> Table:
-    if study.judgement is None:
+    if study.validation is None:
         return _table("Exactness", (), ())
-    width, height = study.judgement.size
-    heads = ["bar", "", "at most", "found", "pixels above", "worst pixel"]
+    width, height = study.validation.size
+    heads = ["check", "", "at most", "found", "pixels above", "worst pixel"]
     who = "this picture" if study.scene is None else f"the same picture of {width} x {height} pixels"
     words = f"Every pixel of {who} against the reference, which computes it by other means in float64."
     if study.scene is None:
-        words = f"Every pixel of {study.judgement.device} against the first record."
-    return _table("Exactness", heads, [_bar(bar) for bar in study.judgement.bars], words, (5,))
+        words = f"Every pixel of {study.validation.device} against the first record."
+    return _table("Exactness", heads, [_check_row(check) for check in study.validation.checks], words, (5,))
 
 
-def _bar(bar: Bar) -> list[str]:
-    limit, found = (f"{bar.limit:.0e}", some(bar.found)) if bar.limit else ("0", f"{bar.found:.0f}")
+def _check_row(check: Check) -> list[str]:
+    limit, found = (f"{check.limit:.0e}", some(check.found)) if check.limit else ("0", f"{check.found:.0f}")
     place = ""
-    if bar.worst:
-        at = ", ".join(f"{x:.6g}" for x in bar.worst.position)
-        values = f"{bar.worst.other:.10g} instead of {bar.worst.exact:.10g}"
-        place = f"column {bar.worst.column}, row {bar.worst.row}; element {bar.worst.element} at ({at}): {values}"
-    return [bar.name, "pass" if bar.passed else "FAIL", limit, found, f"{bar.failed:,}", place]
+    if check.worst:
+        at = ", ".join(f"{x:.6g}" for x in check.worst.position)
+        values = f"{check.worst.other:.10g} instead of {check.worst.exact:.10g}"
+        place = f"column {check.worst.column}, row {check.worst.row}; element {check.worst.element} at ({at}): {values}"
+    return [check.name, "pass" if check.passed else "FAIL", limit, found, f"{check.failed:,}", place]
 
 
 def times_table(study: Study) -> dict[str, Any]:

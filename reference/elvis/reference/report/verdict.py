@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from elvis.reference.bars import Bar
 from elvis.reference.report.words import counted, percent, size, some
 from elvis.reference.study import Rival, Study
+from elvis.reference.tolerances import Check
 
 #: a linear picture is right where no contour is off by more pixels, and no more percent of the pixels by a colour step
 PIXELS, PERCENT = 1.0, 0.1
@@ -28,7 +28,7 @@ def is_right(rival: Rival) -> bool:
 
 def verdict(study: Study) -> str:
     """What the numbers say."""
-    said = [_judged(study)] if study.judgement else []
+    said = [_exactness(study)] if study.validation else []
     levels = [rival for rival in study.rivals if rival.level is not None]
     if levels:
         said.append(_linear(study, levels))
@@ -37,27 +37,29 @@ def verdict(study: Study) -> str:
     return " ".join(said)
 
 
-def _judged(study: Study) -> str:
+def _exactness(study: Study) -> str:
     """Whether the picture is exact, or where it is not."""
-    assert study.judgement is not None
-    width, height = study.judgement.size
-    failed = [bar for bar in study.judgement.bars if not bar.passed]
+    assert study.validation is not None
+    width, height = study.validation.size
+    failed = [check for check in study.validation.checks if not check.passed]
     if not failed:
-        doubt = study.judgement.ambiguous
+        doubt = study.validation.ambiguous
         aside = f" but for {counted(doubt, 'ambiguous pixel')}" if doubt else ""
-        return f"Exact: all {width * height:,} pixels pass every bar{aside}."
+        return f"Exact: all {width * height:,} pixels keep every tolerance{aside}."
     return "Not exact: " + "; ".join(map(failure, failed)) + "."
 
 
-def failure(bar: Bar) -> str:
-    """A failed bar in words, with its worst pixel."""
-    words = f"{bar.name} fails at {counted(bar.failed, 'pixel')}"
-    if bar.limit:
-        words += f", off by up to {bar.found:.2g} (bar {bar.limit:.0e})"
-    if bar.worst is None:
+def failure(check: Check) -> str:
+    """A failed check in words, with its worst pixel."""
+    words = f"{check.name} fails at {counted(check.failed, 'pixel')}"
+    if check.limit:
+        words += f", off by up to {check.found:.2g} (tolerance {check.limit:.0e})"
+    if check.worst is None:
         return words
-    at = ", ".join(f"{x:.6g}" for x in bar.worst.position)
-    return f"{words}, worst at column {bar.worst.column}, row {bar.worst.row}: element {bar.worst.element}, ({at})"
+    at = ", ".join(f"{x:.6g}" for x in check.worst.position)
+    return (
+        f"{words}, worst at column {check.worst.column}, row {check.worst.row}: element {check.worst.element}, ({at})"
+    )
 
 
 def _linear(study: Study, levels: Sequence[Rival]) -> str:

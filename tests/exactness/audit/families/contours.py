@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from audit.cases import Case, exact
-from audit.judging import counted_as
 from audit.polynomials import Y
+from audit.validating import counted_as
 from audit.worlds import world
 from elvis.core.shapes import Shape
 from elvis.renderer import Camera, Contours, CutSurface, Plane, Style

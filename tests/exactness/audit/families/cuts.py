@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 
 from audit.cases import CAMERAS, ORDINARY, Case, camera, exact, random_polynomial, tolerance
-from audit.judging import judge
 from audit.truths import Rays, Truth, in_domain, surface_roots
+from audit.validating import validate
 from audit.worlds import EPS, mixed, world
 from elvis.renderer import Plane
 
@@ -44,7 +44,7 @@ def count(own, plane, field, case, frame):
     rays = Rays(own, frame.view)
     depth, sure, slack, free = plane_roots(rays, plane, in_domain(rays))
     truth = Truth(rays.counted, depth, sure, slack, free, field, tolerance(field, own))
-    return judge(case, frame, truth, rays)
+    return validate(case, frame, truth, rays)
 
 
 def plane_roots(rays, plane, inside):

@@ -3,8 +3,8 @@
 from functools import partial
 
 from audit.cases import CAMERAS, ORDINARY, Case, camera, exact, random_polynomial, tolerance
-from audit.judging import judge
 from audit.truths import Rays, Truth, in_box, joined, surface_roots
+from audit.validating import validate
 from audit.worlds import world
 from elvis.renderer import Faces
 
@@ -31,4 +31,4 @@ def count(own, field, case, frame):
             q = rays.quadratics[:, axis] - [side, 0, 0]
             parts.append(surface_roots(rays, q, float(rays.rounding[axis]), in_box(rays, others)))
     truth = Truth(rays.counted, *joined(parts), field, tolerance(field, own))
-    return judge(case, frame, truth, rays)
+    return validate(case, frame, truth, rays)

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from audit.cases import Case, camera, tolerance
-from audit.judging import counted_as, judge
 from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import Rays, Truth, joined, surface_roots
+from audit.validating import counted_as, validate
 from audit.worlds import BORDER, world
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.validity.validity import Verdict, validity
@@ -114,4 +114,4 @@ def count_faces(own, fold, field, case, frame):
     depth, sure, slack, free = surface_roots(rays, q, float(rays.rounding[0]), inside([1, 2]))
     parts.append((depth, np.zeros_like(sure), slack, free))
     truth = Truth(rays.counted, *joined(parts), field, tolerance(field, own))
-    return judge(case, frame, truth, rays)
+    return validate(case, frame, truth, rays)

@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 
 from audit.cases import CAMERAS, ORDINARY, Case, camera, exact
-from audit.judging import judge
 from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import Rays, Truth, in_domain, joined, surface_roots
+from audit.validating import validate
 from audit.worlds import world
 from elvis.core.shapes import Shape
 from elvis.renderer import Isosurface
@@ -93,7 +93,7 @@ def count(own, form, values, case, frame):
     nothing = (nowhere, np.zeros_like(nowhere, bool), np.zeros_like(nowhere), np.zeros(len(along), bool))
     parts = [surface_roots(rays, along - [float(value), 0, 0], noise, in_domain(rays)) for value in values]
     truth = Truth(rays.counted, *joined([nothing, *parts]))
-    return judge(case, frame, truth, rays)
+    return validate(case, frame, truth, rays)
 
 
 FAMILIES = {

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from audit.cases import Case, exact, random_polynomial, tolerance
-from audit.judging import counted_as
+from audit.validating import counted_as
 from audit.worlds import BORDER, margins, world
 from elvis.core.mapping.inverse import Status as Verdict
 from elvis.core.sampling import sample

@@ -12,8 +12,8 @@ import numpy as np
 
 from audit.cases import Case, camera
 from audit.families.cuts import NORMALS, plane_roots
-from audit.judging import judge
 from audit.truths import Rays, Truth, joined, surface_roots
+from audit.validating import validate
 from audit.worlds import BORDER, World
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
@@ -87,7 +87,7 @@ def count(own, what, surface, case, frame):
             q = rays.quadratics[:, axis] - [side, 0, 0]
             parts.append(surface_roots(rays, q, noise, inside(rays, "xyz"[axis])))
     field = None if what == "isosurface" else Radius()
-    return judge(case, frame, Truth(rays.counted, *joined(parts), field, 1e-11), rays)
+    return validate(case, frame, Truth(rays.counted, *joined(parts), field, 1e-11), rays)
 
 
 def _squares(rays, radius):

@@ -9,8 +9,8 @@ import numpy as np
 
 from audit.cases import ORDINARY, Case, camera, exact
 from audit.families.isosurfaces import FORMS
-from audit.judging import counted_as
 from audit.truths import Rays, quadratic_roots
+from audit.validating import counted_as
 from audit.worlds import world
 from elvis.renderer import Transfer, VolumeRendering
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from audit.cases import Case, camera, random_polynomial
 from audit.families.cuts import NORMALS, plane_roots
-from audit.judging import judge
 from audit.polynomials import exact_block
 from audit.truths import Rays, Truth
+from audit.validating import validate
 from audit.worlds import BORDER, world
 from elvis.core.arrays import frozen_floats
 from elvis.core.dataset import Block, Dataset, Field, Homogeneous
@@ -77,4 +77,4 @@ def count(own, solid, plane, field, case, frame):
     depth, sure, slack, free = plane_roots(rays, plane, inside)
     values = field(np.random.default_rng(0).random((4000, 3)) * ends)
     truth = Truth(rays.counted, depth, sure, slack, free, field, 1e-11 * float(np.ptp(values)))
-    return judge(case, frame, truth, rays)
+    return validate(case, frame, truth, rays)

@@ -1,13 +1,13 @@
-"""The reference on every shared case: seconds of a picture, and the bars that the device passes against it.
+"""The reference on every shared case: seconds of a picture, and the tolerances that the device keeps against it.
 
-    python benchmarks/judged.py                        all cases of ../shared/data, a cut, the outer faces and an
+    python benchmarks/validated.py                        all cases of ../shared/data, a cut, the outer faces and an
                                                        isosurface of each
-    python benchmarks/judged.py tet_small fichera_q3   some of them
-    python benchmarks/judged.py --size 60 --device cpu
+    python benchmarks/validated.py tet_small fichera_q3   some of them
+    python benchmarks/validated.py --size 60 --device cpu
 
-Data of lines are left out: they have nothing exact to judge.
+Data of lines are left out: they have no exact reference.
 
-Bar: 300 x 300 pixels in less than a minute of processor time.  One line a picture, in the form of a table.
+Limit: 300 x 300 pixels in less than a minute of processor time.  One line a picture, in the form of a table.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from elvis.formats.reading import read
 from elvis.plugins.converting import convert
 from elvis.plugins.discovery import chosen, installed, with_defaults
 from elvis.plugins.serving import dimension_of
-from elvis.reference.bars import bars
 from elvis.reference.record import Record
+from elvis.reference.tolerances import check_tolerances
 from elvis.renderer import Faces, Plane, Renderer, Scene
 from elvis.renderer.rendering import completed
 from elvis.renderer.rendering import render as draw
@@ -121,10 +121,10 @@ def compared(name: str, what: str, data: Dataset, scene: Scene, device: str) -> 
             renderer.load(data, scene.field)
             drawn = renderer.render(completed(data, scene))
         span = float(np.linalg.norm(np.ptp(data.mesh.vertices, axis=0)))
-        found = bars(Record.of(frame), Record.of(drawn), whole and (whole.lower, whole.upper), span)
-    counts, measured = frame.counts(), {bar.name: f"{bar.found:.1e}" for bar in found}
+        found = check_tolerances(Record.of(frame), Record.of(drawn), whole and (whole.lower, whole.upper), span)
+    counts, measured = frame.counts(), {check.name: f"{check.found:.1e}" for check in found}
     elements = sum(map(len, data.mesh.elements.values()))
-    fails = ", ".join(f"{bar.name} {bar.failed}" for bar in found if not bar.passed) or "none"
+    fails = ", ".join(f"{check.name} {check.failed}" for check in found if not check.passed) or "none"
     cells = (f"{seconds:.1f}", int(frame.seen.sum()), counts["ambiguous"])
     cells = (*cells, measured.get("field value", "–"), measured.get("position", "–"), fails)
     return f"| {' | '.join(map(str, (name, elements, what, *cells)))} |"

@@ -37,7 +37,7 @@ class Count:
             setattr(self, name, getattr(self, name) + value)
 
 
-def judge(case, frame, truth, rays):
+def validate(case, frame, truth, rays):
     """The count of one picture of surfaces."""
     status, depth = frame.status.reshape(-1), frame.depth.reshape(-1)
     counted = (truth.counted | (status != Status.MISS)) & ~truth.free

@@ -1,4 +1,4 @@
-"""The bars of exactness: what two computations of one picture may differ by, each passed or failed at a pixel."""
+"""Tolerances: what two computations of one picture may differ by, each passed or failed at a pixel."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ VALUE, POSITION = 1e-11, 1e-10
 
 
 @dataclass(frozen=True)
-class Bar:
-    """One bar.
+class Check:
+    """What was found for one tolerance.
 
     name    what is compared
     limit   what it may be at most
@@ -39,15 +39,17 @@ class Bar:
         return self.failed == 0
 
 
-def bars(exact: Record, other: Record, ends: tuple[float, float] | None = None, diagonal: float = 0.0) -> list[Bar]:
-    """The bars for a picture against the reference.
+def check_tolerances(
+    exact: Record, other: Record, ends: tuple[float, float] | None = None, diagonal: float = 0.0
+) -> list[Check]:
+    """Check a picture against the reference.
 
     ends      of the field's range; by default what is seen
     diagonal  of the data's box in world units; by default of what is seen
-    Rounding of large numbers is no failure: where it is more than a bar, as far from the origin, it is the limit.
+    Rounding of large numbers is no failure: where it is more than a tolerance, as far from the origin, it is the limit.
     Pixels that either calls ambiguous may belong to a neighbouring element, and may be seen in one alone; those that
     either calls failed are failures.  Places may differ along their rays by what both pictures say of the uncertainty
-    of depths; where that is more than the bar for places, values are not compared.
+    of depths; where that is more than the tolerance for places, values are not compared.
     """
     decided = (exact.status != Status.AMBIGUOUS) & (other.status != Status.AMBIGUOUS)
     same = decided & exact.seen & other.seen & (exact.element == other.element)
@@ -77,14 +79,14 @@ def uncertainty_of(record: Record) -> Floats:
     return np.zeros(record.shape) if record.uncertainty is None else np.nan_to_num(record.uncertainty, posinf=np.inf)
 
 
-def _measured(name: str, limit: float, values: Floats, exact: Record, other: Record) -> Bar:
-    """A bar for a measure (h, w), in parts."""
+def _measured(name: str, limit: float, values: Floats, exact: Record, other: Record) -> Check:
+    """The check of a measure (h, w), in parts."""
     above = values > limit
     place = worst(exact, other, values) if above.any() else None
-    return Bar(name, limit, float(values.max(initial=0.0)), int(above.sum()), place)
+    return Check(name, limit, float(values.max(initial=0.0)), int(above.sum()), place)
 
 
-def _counted(name: str, wrong: Bools, exact: Record, other: Record) -> Bar:
-    """A bar for pixels (h, w) of which there may be none."""
+def _counted(name: str, wrong: Bools, exact: Record, other: Record) -> Check:
+    """The check of pixels (h, w) of which there may be none."""
     place = worst(exact, other, wrong.astype(np.float64)) if wrong.any() else None
-    return Bar(name, 0, float(wrong.sum()), int(wrong.sum()), place)
+    return Check(name, 0, float(wrong.sum()), int(wrong.sum()), place)
