@@ -32,7 +32,7 @@ from elvis.core.mapping.connectivity import connected
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, curved
-from elvis.core.validity.validity import Verdict, validity
+from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.formats import Block, Dataset, Field, Shape, write
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -157,7 +157,7 @@ def write_case(name: str, folder: Path, quick: bool) -> bool:
     dataset = CASES[name].make(quick)
     write(dataset, folder / f"{name}.xml", folder / f"{name}.fld")
     found = validity(dataset)
-    invalid = len(found) - found.count(Verdict.POSITIVE)
+    invalid = len(found) - found.count(ValidityStatus.POSITIVE)
     fields = ", ".join(field.name for field in dataset.fields)
     order = max(dataset.fields[0].blocks[0].expansion.modes) - 1
     took = time.perf_counter() - start

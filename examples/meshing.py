@@ -16,7 +16,7 @@ from elvis.core.geometry import GeometryBlock
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import one_element
-from elvis.core.validity.validity import Verdict, validity
+from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.formats import Dataset, Shape
 from elvis.plugins.converting import convert
 
@@ -155,4 +155,4 @@ class _Tetrahedra:
         coefficients = np.linalg.solve(self._modes, places[self._nodes]).transpose(0, 2, 1)
         block = GeometryBlock(self._expansion, np.arange(len(self._nodes)), np.ascontiguousarray(coefficients))
         found = validity(Dataset(one_element(Shape.TETRAHEDRON)), [block])
-        return np.asarray(self._nodes[found.verdict != Verdict.POSITIVE])
+        return np.asarray(self._nodes[found.status != ValidityStatus.POSITIVE])

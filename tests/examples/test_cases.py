@@ -14,7 +14,7 @@ from elvis.core.geometry import geometry
 from elvis.core.mapping.pointwise import determinants, positions, values
 from elvis.core.patch import patches
 from elvis.core.testing.meshes import scattered
-from elvis.core.validity.validity import Verdict, validity
+from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.formats import read
 
 pytest.importorskip("gmsh")
@@ -64,7 +64,7 @@ def test_every_case_is_written_and_counted(cases):
 @pytest.mark.parametrize("name", NAMES)
 def test_all_elements_are_valid_but_the_one_that_should_not_be(cases, name):
     found = validity(dataset(cases, name))
-    assert found.count(Verdict.POSITIVE) == len(found) - (name == "folded")
+    assert found.count(ValidityStatus.POSITIVE) == len(found) - (name == "folded")
 
 
 @pytest.mark.parametrize(("name", "degree", "order"), [

@@ -14,7 +14,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, curved, grid, mixed_volume, one_element, ripple
 from elvis.core.validity.determinants import determinant
 from elvis.core.validity.squares import descended, lower_bound
-from elvis.core.validity.validity import Verdict, validity, verdicts
+from elvis.core.validity.validity import ValidityStatus, validity, validity_facts
 from elvis.formats import Dataset, Shape
 
 EVERY_MAP = [(shape, nodes) for shape in Shape for nodes in (2, 3, 5)]
@@ -41,8 +41,8 @@ def sampled_at(block, space, xi):
     return np.sqrt(np.linalg.det(np.swapaxes(jacobians, -1, -2) @ jacobians))
 
 
-def ids_with(found, verdict):
-    return set(found.element_ids[found.verdict == verdict].tolist())
+def ids_with(found, status):
+    return set(found.element_ids[found.status == status].tolist())
 
 
 def test_every_shape_is_here():
@@ -50,7 +50,7 @@ def test_every_shape_is_here():
 
 
 @pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
-def test_samples_never_contradict_bounds_and_verdicts(shape, nodes):
+def test_samples_never_contradict_bounds_and_statuses(shape, nodes):
     dataset = tangled(shape, nodes)
     found = validity(dataset)
     row = {element: i for i, element in enumerate(found.element_ids.tolist())}
@@ -60,14 +60,14 @@ def test_samples_never_contradict_bounds_and_verdicts(shape, nodes):
         slack = found.error[rows] + 1e-13 * np.abs(values_there).max()
         assert (values_there.min(axis=1) >= found.lower[rows] - slack).all()
         assert (values_there.max(axis=1) <= found.upper[rows] + slack).all()
-        assert (found.verdict[rows][(values_there < -slack[:, None]).any(axis=1)] == Verdict.NOT_POSITIVE).all()
-    assert not found.count(Verdict.UNDECIDED)
+        assert (found.status[rows][(values_there < -slack[:, None]).any(axis=1)] == ValidityStatus.NOT_POSITIVE).all()
+    assert not found.count(ValidityStatus.UNDECIDED)
 
 
 def test_some_of_those_elements_are_tangled():
-    verdicts_of = {shape: validity(tangled(shape, 3)).verdict for shape in Shape.of_dimension(3)}
-    for verdict in verdicts_of.values():
-        assert set(verdict.tolist()) == {Verdict.NOT_POSITIVE, Verdict.POSITIVE}
+    statuses = {shape: validity(tangled(shape, 3)).status for shape in Shape.of_dimension(3)}
+    for status in statuses.values():
+        assert set(status.tolist()) == {ValidityStatus.NOT_POSITIVE, ValidityStatus.POSITIVE}
 
 
 @pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
@@ -94,7 +94,7 @@ def test_listed_elements_and_all_together_are_tight(shape, nodes):
     assert whole.least - whole.lower <= 1e-10 * abs(whole.least) + found.error.max()
     assert whole.upper - whole.greatest <= 1e-10 * abs(whole.greatest) + found.error.max()
     listed = found.listed
-    assert (found.verdict[listed] == Verdict.NOT_POSITIVE).all()
+    assert (found.status[listed] == ValidityStatus.NOT_POSITIVE).all()
     size = np.maximum(np.abs(found.least), np.abs(found.greatest))[listed]
     assert (found.least[listed] - found.lower[listed] <= 1e-10 * size).all()
     assert (found.upper[listed] - found.greatest[listed] <= 1e-10 * size).all()
@@ -133,7 +133,7 @@ def test_the_tetrahedron_that_intersects_itself():
     """With x' the coordinates of the straight element, z = z' + 2.4 x' (1 - x' - y' - z'): det = 1 - 2.4 x'."""
     dataset = moved_node()
     found = validity(dataset)
-    assert found.verdict.tolist() == [Verdict.NOT_POSITIVE]
+    assert found.status.tolist() == [ValidityStatus.NOT_POSITIVE]
     for bound, exact in ((found.lower, -1.4), (found.upper, 1), (found.least, -1.4), (found.greatest, 1)):
         assert 8 * bound[0] == pytest.approx(exact, abs=1e-13)
     assert found.world[0] == pytest.approx([1, 0, 0], abs=1e-14)
@@ -165,10 +165,10 @@ def dip(depth, shape=Shape.QUADRILATERAL):
 def test_a_dip_smaller_than_any_sampling_is_found(shape):
     dataset = Dataset(one_element(shape, shape.dimension))
     found = validity(dataset, [dip(1e-9, shape)])
-    assert found.verdict.tolist() == [Verdict.NOT_POSITIVE]
+    assert found.status.tolist() == [ValidityStatus.NOT_POSITIVE]
     assert found.lower[0] == pytest.approx(-1e-9, rel=1e-4)
     assert found.reference[0, :2] == pytest.approx([0.3, 0.1], abs=1e-4)
-    assert validity(dataset, [dip(-1e-9, shape)]).verdict.tolist() == [Verdict.POSITIVE]
+    assert validity(dataset, [dip(-1e-9, shape)]).status.tolist() == [ValidityStatus.POSITIVE]
 
 
 def block_of(shape, nodes, world):
@@ -208,26 +208,26 @@ def test_thin_valleys_are_decided_in_every_direction(shape, direction):
     """The determinant falls to 1e-10, some hundred times what rounding may do, all along a line or a surface."""
     block = block_of(shape, 4, flat_valley(direction, 1e-10))
     found = validity(Dataset(one_element(shape, shape.dimension)), [block])
-    assert found.verdict.tolist() == [Verdict.POSITIVE]
+    assert found.status.tolist() == [ValidityStatus.POSITIVE]
     assert 9.9e-11 < found.lower[0] <= 1e-10
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.TETRAHEDRON])
-@pytest.mark.parametrize(("depth", "verdict"), [(-1e-10, Verdict.NOT_POSITIVE), (0.0, Verdict.UNDECIDED)])
-def test_valleys_below_zero_are_refuted_and_at_zero_left_open(shape, depth, verdict):
+@pytest.mark.parametrize(("depth", "status"), [(-1e-10, ValidityStatus.NOT_POSITIVE), (0.0, ValidityStatus.UNDECIDED)])
+def test_valleys_below_zero_are_refuted_and_at_zero_left_open(shape, depth, status):
     block = block_of(shape, 4, flat_valley((1.0, 0.5, 0.25), depth))
     found = validity(Dataset(one_element(shape, shape.dimension)), [block])
-    assert found.verdict.tolist() == [verdict]
+    assert found.status.tolist() == [status]
     assert found.least[0] == pytest.approx(depth, abs=1e-11)
-    reason = verdicts(found)["listed"][0]["reason"]
-    assert reason == ("its Jacobian comes to zero within rounding" if verdict == Verdict.UNDECIDED else None)
+    reason = validity_facts(found)["listed"][0]["reason"]
+    assert reason == ("its Jacobian comes to zero within rounding" if status == ValidityStatus.UNDECIDED else None)
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
 def test_curved_valleys_are_decided_too(shape):
     block = block_of(shape, 7, bent_valley(1e-10))
     found = validity(Dataset(one_element(shape, shape.dimension)), [block])
-    assert found.verdict.tolist() == [Verdict.POSITIVE]
+    assert found.status.tolist() == [ValidityStatus.POSITIVE]
 
 
 def test_what_cannot_be_bounded_says_so(monkeypatch):
@@ -252,7 +252,7 @@ def test_bounds_by_squares_are_below_every_value(seed):
 
 def test_zero_is_neither_proved_nor_refuted():
     found = validity(Dataset(one_element(Shape.QUADRILATERAL, 2)), [dip(0.0)])
-    assert found.verdict.tolist() == [Verdict.UNDECIDED]
+    assert found.status.tolist() == [ValidityStatus.UNDECIDED]
     assert abs(found.lower[0]) <= 2 * found.error[0]
     assert found.reference[0, :2] == pytest.approx([0.3, 0.1], abs=1e-5)
 
@@ -263,14 +263,14 @@ def test_elements_with_a_vertex_twice_are_never_called_positive(shape):
     vertices = mesh.vertices.copy()
     vertices[1] = vertices[0]
     found = validity(Dataset(replace(mesh, vertices=vertices)))
-    assert found.verdict.tolist() == [Verdict.UNDECIDED]
+    assert found.status.tolist() == [ValidityStatus.UNDECIDED]
     assert abs(found.least[0]) <= found.error[0]
 
 
 def test_reflected_elements_are_not_positive():
     mesh = mixed_volume()
     found = validity(Dataset(replace(mesh, vertices=mesh.vertices * [1, 1, -1])))
-    assert found.count(Verdict.NOT_POSITIVE) == len(found) == 12
+    assert found.count(ValidityStatus.NOT_POSITIVE) == len(found) == 12
     assert (found.upper < 0).all()
 
 
@@ -279,8 +279,8 @@ def test_maps_given_as_fields_are_the_ones_that_count():
     warp = ripple(0.6, seed=3)
     fields = tuple(approximated(straight, f"map_{'xyz'[i]}", lambda p, i=i: warp(p)[:, i], 3) for i in range(3))
     found = validity(replace(straight, fields=fields, metadata={"GeometryMap": "map_x,map_y,map_z"}))
-    assert validity(straight).count(Verdict.POSITIVE) == 48
-    assert ids_with(found, Verdict.NOT_POSITIVE)
+    assert validity(straight).count(ValidityStatus.POSITIVE) == 48
+    assert ids_with(found, ValidityStatus.NOT_POSITIVE)
 
 
 def test_maps_that_are_not_finite_are_undecided():
@@ -290,9 +290,9 @@ def test_maps_that_are_not_finite_are_undecided():
     spoiled = GeometryBlock(block.expansion, block.element_ids, coefficients)
     dataset = Dataset(grid(Shape.TETRAHEDRON, 2))
     found, sound = validity(dataset, [spoiled]), validity(dataset, [block])
-    assert ids_with(found, Verdict.UNDECIDED) == {int(block.element_ids[5])}
+    assert ids_with(found, ValidityStatus.UNDECIDED) == {int(block.element_ids[5])}
     assert np.isnan(found.lower[5])
-    assert np.array_equal(np.delete(found.verdict, 5), np.delete(sound.verdict, 5))
+    assert np.array_equal(np.delete(found.status, 5), np.delete(sound.status, 5))
     assert found.range is not None
 
 
@@ -301,7 +301,7 @@ def test_surfaces_and_curves_in_space_have_lengths_and_areas(shape, nodes):
     flat = replace(grid(shape, 2), space=3)
     dataset = Dataset(curved(flat, ripple(0.3, seed=1), nodes))
     found = validity(dataset)
-    assert found.count(Verdict.POSITIVE) == len(found)
+    assert found.count(ValidityStatus.POSITIVE) == len(found)
     samples = np.concatenate([sampled(block, 3) for block in geometry(dataset)])
     assert found.range.lower <= samples.min() * (1 + 1e-12)
     assert samples.max() <= found.range.upper * (1 + 1e-12)
@@ -312,7 +312,7 @@ def test_no_elements_have_no_range():
     mesh = grid(Shape.TETRAHEDRON, 1)
     found = validity(Dataset(replace(mesh, domains={0: ()}, composites=())))
     assert (len(found), found.range) == (0, None)
-    assert verdicts(found)["listed"] == []
+    assert validity_facts(found)["listed"] == []
 
 
 def test_products_in_bernstein_form_are_products():

@@ -138,8 +138,8 @@ def test_points_beside_are_proved_to_be_outside(tmp_path):
     points = np.random.default_rng(2).uniform([0, 0, 0], [2, 2, 1], (500, 3))
     radius = np.hypot(points[:, 0], points[:, 1])
     found = part.solve(np.zeros(500, int), points)
-    assert np.array_equal(found.verdict, ((radius >= 1) & (radius <= 2)).astype(int))
-    inside = found.verdict == 1
+    assert np.array_equal(found.status, ((radius >= 1) & (radius <= 2)).astype(int))
+    inside = found.status == 1
     assert np.abs(part.evaluate(np.zeros(500, int), found.reference)[0] - points)[inside].max() < 1e-12
     assert np.abs(found.field - points[:, 2])[inside].max() < 1e-12
     assert not np.isnan(found.field[inside]).any()

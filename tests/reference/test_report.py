@@ -10,8 +10,8 @@ import pytest
 from elvis.core.errors import ElvisError
 from elvis.reference.picture import render
 from elvis.reference.record import Record
+from elvis.reference.report.conclusion import conclusion
 from elvis.reference.report.summary import summary
-from elvis.reference.report.verdict import verdict
 from elvis.reference.report.writing import write_report
 from elvis.reference.study import compare_records, compare_scene, memory_limit
 from elvis.renderer import Plane, Scene
@@ -84,7 +84,7 @@ def points(field, value):
 def test_the_reference_passes_its_own_bars(study):
     assert study.validation.passed
     assert max(study.validation.size) == 45
-    assert verdict(study).startswith(
+    assert conclusion(study).startswith(
         "Exact: all 1,350 pixels keep every tolerance. Linear elements after 1 refinement: "
     )
 
@@ -121,9 +121,11 @@ def test_a_limit_skips_what_does_not_fit(blocks):
     found = compare_scene(blocks, SCENE, (0, 1, 2, 3), limit, draw=draw, validation_size=0)
     assert [bool(rival.skipped) for rival in found.rivals if rival.level is not None] == [False, False, True, True]
     needed = found.rivals[2].counts["needed"]
-    assert verdict(found).endswith(f"2 refinements would need {needed / 1000:.0f} kB.")
+    assert conclusion(found).endswith(f"2 refinements would need {needed / 1000:.0f} kB.")
     nothing = compare_scene(blocks, SCENE, (2,), 0, draw=draw, validation_size=0)
-    assert verdict(nothing) == f"No linear picture fits into memory: 2 refinements would need {needed / 1000:.0f} kB."
+    assert (
+        conclusion(nothing) == f"No linear picture fits into memory: 2 refinements would need {needed / 1000:.0f} kB."
+    )
     assert memory_limit() > 1 << 20
 
 
@@ -136,7 +138,7 @@ def test_linear_data_are_right_at_once(tmp_path):
     data = Dataset(mesh.mesh, (approximated(mesh, "wave", lambda x: x[:, 0] + 2 * x[:, 2], modes=3),))
     scene = replace(SCENE, plane=Plane((0.5, 0.5, 0.4), (0.2, 0.1, 1.0)))
     found = compare_scene(data, scene, (0, 1), draw=draw, validation_size=0)
-    assert verdict(found) == "Linear elements are right to within one pixel after 0 refinements."
+    assert conclusion(found) == "Linear elements are right to within one pixel after 0 refinements."
 
 
 def test_only_reports_are_replaced(study, report, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from elvis.core.dataset import Field
 from elvis.core.errors import ElvisError
-from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import locate
 from elvis.core.mapping.margins import margins
 from elvis.core.mapping.pointwise import positions, values
@@ -35,9 +35,9 @@ def check(places, dataset, name, points, tolerance):
     """Places against the location in NumPy."""
     found = locate(patches(dataset, [name]), points)
     assert np.array_equal(found.point, np.arange(len(points)))
-    inside = found.status == Verdict.INSIDE
+    inside = found.status == InverseStatus.INSIDE
     assert not (places.status == Status.FAILED).any()
-    assert not (found.status == Verdict.FAILED).any()
+    assert not (found.status == InverseStatus.FAILED).any()
 
     # the same elements away from borders; border points in some element that holds them
     sure = inside & (found.margin > BORDER)

@@ -72,7 +72,7 @@ def test_an_isosurface_of_a_constant_is_empty_and_the_reason_is_told(draw):
 
 @pytest.mark.parametrize("bent", [False, True])
 def test_inverted_elements_are_drawn_and_told(draw, bent):
-    """Two of three tetrahedra wind the other way; in a curved mesh the verdict is that of `validity`."""
+    """Two of three tetrahedra wind the other way; in a curved mesh the status is that of `validity`."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     points = (np.array([[0, 0, 0], [1.2, 0, 0], [0, 1.2, 0]])[:, None] + corners).reshape(-1, 3)
     rows = np.array([[0, 1, 2, 3], [5, 4, 6, 7], [9, 8, 10, 11]])

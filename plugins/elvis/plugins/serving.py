@@ -134,7 +134,7 @@ def _solved(fields: Fields, expression: Expression) -> Callable[[Ints, Floats], 
 
     def solved(elements: Ints, points: Floats) -> Solution:
         found = solve(elements, points)
-        inside = np.flatnonzero(found.verdict == 1)
+        inside = np.flatnonzero(found.status == 1)
         own = found.reference[inside, : fields.dimension]
         native = 2 * own - 1 if part.unit else own
         found.field[inside] = evaluate_expression(expression, hosts, elements[inside], native)

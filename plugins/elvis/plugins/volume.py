@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 class Solution:
     """Solutions for n pairs of an element and a point.
 
-    verdict    (n,)    0 outside, 1 inside, 2 undecided
+    status     (n,)    0 outside, 1 inside, 2 undecided
     margin     (n,)    distance to the border of the reference shape where inside, as IVolume.margin
     reference  (n, 3)  reference coordinates where inside
     field      (n,)    the field where inside
     """
 
-    verdict: Ints
+    status: Ints
     margin: Floats
     reference: Floats
     field: Floats

@@ -129,12 +129,12 @@ class Locator:
             *(np.concatenate([own[hits], nowhere]) for own in (patch, row, ids)),
             np.concatenate([where, np.tile(nan, where.shape[1])]),
             np.concatenate([margin[hits], nan[:, 0]]),
-            np.concatenate([status[hits], _verdicts(doubtful)]),
+            np.concatenate([status[hits], _statuses(doubtful)]),
         ]
         order = np.argsort(columns[0], kind="stable")
         return Location(*(column[order] for column in columns))
 
 
-def _verdicts(doubtful: Bools) -> NDArray[np.uint8]:
+def _statuses(doubtful: Bools) -> NDArray[np.uint8]:
     """(n,) of points that no element holds."""
     return np.where(doubtful, Status.FAILED, Status.OUTSIDE).astype(np.uint8)

@@ -18,7 +18,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.boxes import element_boxes
-from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import values
@@ -89,7 +89,7 @@ def glance(locator: Locator, scene: Scene) -> Bools:
     assert isinstance(view, PlaneView)
     pixels, points = asked(locator.patches, view)
     mask = np.zeros(view.width * view.height, bool)
-    mask[pixels] = locator.locate(points).status == Verdict.INSIDE
+    mask[pixels] = locator.locate(points).status == InverseStatus.INSIDE
     return mask.reshape(view.height, view.width)
 
 
@@ -149,14 +149,14 @@ def _frame(scene: Scene, view: PlaneView, pixels: Ints, found: Location, field: 
     count, shape = view.width * view.height, (view.height, view.width)
     values, element, status = np.full(count, np.nan), np.full(count, -1), np.zeros(count, np.uint8)
     reference = np.full((count, 3), np.nan)
-    inside = found.status == Verdict.INSIDE
+    inside = found.status == InverseStatus.INSIDE
     values[pixels], element[pixels] = field, found.element_id
 
     # plane elements lie at 0 in the third coordinate
     reference[pixels[inside]] = 0.0
     reference[pixels, : found.reference.shape[1]] = found.reference
     certain = np.where(found.margin > TOLERANCE, Status.CERTAIN, Status.AMBIGUOUS)
-    status[pixels] = np.select([inside, found.status == Verdict.FAILED], [certain, Status.FAILED], Status.MISS)
+    status[pixels] = np.select([inside, found.status == InverseStatus.FAILED], [certain, Status.FAILED], Status.MISS)
     return Frame(
         scene, view, values.reshape(shape), element.reshape(shape), reference.reshape(*shape, 3), status.reshape(shape)
     )

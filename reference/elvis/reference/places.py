@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import positions_and_jacobians
@@ -25,7 +25,7 @@ _AT_ONCE = 1 << 12
 def owners(locator: Locator, points: Floats) -> Location:
     """One result for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
     found = _located(locator, points)
-    border = np.flatnonzero((found.status == Verdict.INSIDE) & (found.margin <= TOLERANCE))
+    border = np.flatnonzero((found.status == InverseStatus.INSIDE) & (found.margin <= TOLERANCE))
     every = _located(locator, points[border], every=True)
 
     # the first result in order of points, then ids

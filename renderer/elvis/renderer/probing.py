@@ -112,15 +112,13 @@ class Finder:
             return point
         solution = part.solve(doubts["element"].astype(np.int64), points[point])
         margin = np.maximum(solution.margin, BORDER)
-        better = (solution.verdict == INSIDE) & (
-            (found["element"][point] == NOBODY) | (margin > found["margin"][point])
-        )
+        better = (solution.status == INSIDE) & ((found["element"][point] == NOBODY) | (margin > found["margin"][point]))
         best = np.flatnonzero(better)[np.argsort(margin[better])]
         there = point[best]
         found["element"][there] = self._first[number] + doubts["element"][best]
         for name, values in (("margin", margin), ("reference", solution.reference), ("field", solution.field)):
             found[name][there] = values[best]
-        undecided: Ints = point[solution.verdict == UNKNOWN]
+        undecided: Ints = point[solution.status == UNKNOWN]
         return undecided
 
     def _uploaded(self, tree: BoxTree) -> dict[str, Buffer]:

@@ -22,6 +22,7 @@ def proved(parts: Sequence[Part], view: PlaneView, claims: NDArray[Any]) -> NDAr
         solve, here = parts[number].solve, np.flatnonzero(owner == number)
         if solve is not None:
             solution = solve(element[here] - first[number], points[here])
-            for name in ("verdict", "margin", "reference", "field"):
+            claims["verdict"][here] = solution.status
+            for name in ("margin", "reference", "field"):
                 claims[name][here] = getattr(solution, name)
     return claims

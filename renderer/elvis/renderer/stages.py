@@ -14,7 +14,7 @@ from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.shapes import Shape
-from elvis.core.validity.validity import Verdict, validity
+from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
@@ -125,7 +125,7 @@ class Stages:
         count = sum(int(np.count_nonzero(np.linalg.det(some) <= 0.0)) for some in sides)
         if self.dataset is not None and not all(part.affine for part in self.loaded.parts):
             curved = [block for block in geometry(self.dataset) if not is_straight(block)]
-            count += validity(self.dataset, curved).count(Verdict.NOT_POSITIVE)
+            count += validity(self.dataset, curved).count(ValidityStatus.NOT_POSITIVE)
         return count
 
     def remarks(self, scene: Scene, gathered: Mapping[str, int]) -> Iterator[str]:

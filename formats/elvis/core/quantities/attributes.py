@@ -106,7 +106,7 @@ class Attributes:
             return self._orders()
         if name == "jacobian_sign":
             found = validity(self._dataset)
-            return found.element_ids, found.verdict.astype(np.float64)
+            return found.element_ids, found.status.astype(np.float64)
         return jumps(self._dataset, name[5:-1])
 
     def _orders(self) -> tuple[Ints, Floats]:

@@ -33,7 +33,7 @@ _NUMBERS = 1 << 21
 _RIVALS, _VALLEYS = 1 << 10, 64
 
 
-class Verdict(IntEnum):
+class ValidityStatus(IntEnum):
     """What is proved of an element's Jacobian determinant."""
 
     NOT_POSITIVE = -1
@@ -45,7 +45,7 @@ class Verdict(IntEnum):
 class Validity:
     """The Jacobian determinants of n elements; in the order of `elvis.core.geometry`.
 
-    verdict         (n,)    of `Verdict`
+    status          (n,)    of `ValidityStatus`
     lower, upper    (n,)    certified bounds up to rounding; close unless the element is ``POSITIVE`` or the extreme is
                             taken all along a line or a surface; NaN where the map isn't finite
     least, greatest (n,)    values that are attained
@@ -56,7 +56,7 @@ class Validity:
 
     element_ids: Ints
     shapes: tuple[Shape, ...]
-    verdict: Ints
+    status: Ints
     lower: Floats
     upper: Floats
     least: Floats
@@ -68,13 +68,13 @@ class Validity:
     def __len__(self) -> int:
         return len(self.element_ids)
 
-    def count(self, verdict: Verdict) -> int:
-        """Number of elements with a verdict."""
-        return int((self.verdict == verdict).sum())
+    def count(self, status: ValidityStatus) -> int:
+        """Number of elements with a status."""
+        return int((self.status == status).sum())
 
     def reason(self, row: int) -> str | None:
         """Why an element is undecided; None where it isn't."""
-        if self.verdict[row] != Verdict.UNDECIDED:
+        if self.status[row] != ValidityStatus.UNDECIDED:
             return None
         if not np.isfinite(self.least[row]):
             return "its map is not finite"
@@ -94,12 +94,12 @@ class Validity:
     @property
     def listed(self) -> Ints:
         """(k,) rows of the elements that aren't positive for certain: proved ones first, by value."""
-        rows = np.flatnonzero(self.verdict != Verdict.POSITIVE)
-        return rows[np.lexsort((self.least[rows], self.verdict[rows]))]
+        rows = np.flatnonzero(self.status != ValidityStatus.POSITIVE)
+        return rows[np.lexsort((self.least[rows], self.status[rows]))]
 
 
 def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) -> Validity:
-    """The verdict on every element of the domain.
+    """The status of every element of the domain.
 
     blocks  the dataset's `geometry`, where it is at hand already
     Where space has more dimensions than the elements, the determinant is the factor of length or area, never negative.
@@ -113,14 +113,14 @@ def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) ->
     return Validity(**arrays, shapes=tuple(shape for part in parts for shape in part.shapes))
 
 
-def verdicts(found: Validity) -> dict[str, Any]:
+def validity_facts(found: Validity) -> dict[str, Any]:
     """What `validity` found as plain data that JSON can hold: counts, the range, and all about elements in doubt."""
     names = ("lower", "upper", "least", "greatest", "error")
     listed = [
         {
             "element": int(found.element_ids[row]),
             "shape": found.shapes[row].label.lower(),
-            "verdict": Verdict(found.verdict[row]).name.lower().replace("_", " "),
+            "verdict": ValidityStatus(found.status[row]).name.lower().replace("_", " "),
             "reason": found.reason(row),
             **{name: float(getattr(found, name)[row]) for name in names},
             "reference": found.reference[row, : found.shapes[row].dimension].tolist(),
@@ -130,9 +130,9 @@ def verdicts(found: Validity) -> dict[str, Any]:
     ]
     return {
         "elements": len(found),
-        "positive": found.count(Verdict.POSITIVE),
-        "not_positive": found.count(Verdict.NOT_POSITIVE),
-        "undecided": found.count(Verdict.UNDECIDED),
+        "positive": found.count(ValidityStatus.POSITIVE),
+        "not_positive": found.count(ValidityStatus.NOT_POSITIVE),
+        "undecided": found.count(ValidityStatus.UNDECIDED),
         "range": None if found.range is None else asdict(found.range),
         "listed": listed,
     }
@@ -170,8 +170,8 @@ def _checked(block: GeometryBlock, space: int) -> Validity:
     if len(doubtful):
         facts.settle(doubtful, found)
     facts.sharpen(found)
-    verdict = np.where(facts.lower > found.error, Verdict.POSITIVE, Verdict.UNDECIDED)
-    verdict[facts.least < -found.error] = Verdict.NOT_POSITIVE
+    status = np.where(facts.lower > found.error, ValidityStatus.POSITIVE, ValidityStatus.UNDECIDED)
+    status[facts.least < -found.error] = ValidityStatus.NOT_POSITIVE
 
     world = evaluate_at(block.expansion, block.coefficients, np.arange(len(block)), facts.reference)
     reference = np.zeros((len(block), 3))
@@ -180,7 +180,7 @@ def _checked(block: GeometryBlock, space: int) -> Validity:
     return Validity(
         element_ids=block.element_ids,
         shapes=(shape,) * len(block),
-        verdict=verdict,
+        status=status,
         lower=size(facts.lower),
         upper=size(facts.upper),
         least=size(facts.least),

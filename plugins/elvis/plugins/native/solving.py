@@ -27,7 +27,7 @@ class Solver:
     value: Callable[[Patch, Ints, Floats], Floats]
 
     def __call__(self, elements: Ints, points: Floats) -> Solution:
-        """Verdict, reference coordinates and field of pairs of an element (n,) and a world point (n, 3)."""
+        """Status, reference coordinates and field of pairs of an element (n,) and a world point (n, 3)."""
         n = len(elements)
         solution = Solution(np.full(n, UNDECIDED), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
         bounds = np.cumsum([0, *map(len, self.patches)])
@@ -50,10 +50,10 @@ class Solver:
     def _solve(self, patch: Patch, chosen: Ints, rows: Ints, points: Floats, solution: Solution) -> None:
         """Write the solutions of one patch to the rows ``chosen``."""
         roots = invert(patch, rows, points)
-        solution.verdict[chosen[roots.status == Status.OUTSIDE]] = 0
+        solution.status[chosen[roots.status == Status.OUTSIDE]] = 0
         inside = np.flatnonzero(roots.status == Status.INSIDE)
         there, reference = chosen[inside], roots.reference[inside]
-        solution.verdict[there] = 1
+        solution.status[there] = 1
         solution.margin[there] = roots.margin[inside]
         solution.reference[there, : patch.shape.dimension] = reference
         if len(there):

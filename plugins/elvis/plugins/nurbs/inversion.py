@@ -38,7 +38,7 @@ class Solver:
     value: Callable[[Ints, Floats], Floats]
 
     def __call__(self, elements: Ints, points: Floats) -> Solution:
-        """Verdict, margin, reference point and field of pairs of an element (n,) and a world point (n, 3)."""
+        """Status, margin, reference point and field of pairs of an element (n,) and a world point (n, 3)."""
         n = len(elements)
         solution = Solution(np.zeros(n, np.int64), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
         near = np.flatnonzero(self._may_hold(elements, points))
@@ -49,7 +49,7 @@ class Solver:
         roots = invert(_through(_values(gaps), gaps.shape[1:4]), np.arange(len(near)), np.zeros((len(near), 3)))
         inside = roots.status == Status.INSIDE
         there, reference = near[inside], (1 + roots.reference[inside]) / 2
-        solution.verdict[near] = np.select([inside, roots.status == Status.OUTSIDE], [1, 0], UNDECIDED)
+        solution.status[near] = np.select([inside, roots.status == Status.OUTSIDE], [1, 0], UNDECIDED)
         solution.margin[there], solution.reference[there] = roots.margin[inside], reference
         solution.field[there] = self.value(elements[there], reference)
         return solution

@@ -154,7 +154,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
 def _check(require: str | None, study: Study) -> None:
     """ElvisError where the picture must be exact and isn't, or nothing says so."""
     from elvis.core.errors import ElvisError
-    from elvis.reference.report.verdict import failure
+    from elvis.reference.report.conclusion import failure
 
     if require is None:
         return

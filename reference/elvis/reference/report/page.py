@@ -8,9 +8,9 @@ from typing import Any
 from elvis.reference.extras import needed
 from elvis.reference.report import pictures as drawn
 from elvis.reference.report import plots
+from elvis.reference.report.conclusion import how_wrong
 from elvis.reference.report.summary import summary
 from elvis.reference.report.tables import every_table, facts, times_table
-from elvis.reference.report.verdict import how_wrong
 from elvis.reference.report.words import percent, some
 from elvis.reference.study import Rival, Study
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from elvis.core.dataset import Expansion
-from elvis.reference.report.verdict import is_right, verdict
+from elvis.reference.report.conclusion import conclusion, is_right
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
 from elvis.scene.tables import table_of
@@ -17,7 +17,7 @@ def summary(study: Study) -> dict[str, Any]:
     """All numbers but times: the same for the same input."""
     validation = study.validation
     return {
-        "verdict": verdict(study),
+        "verdict": conclusion(study),
         "pixel_exact": validation.passed if validation else None,
         "scene": table_of(study.scene) if study.scene else None,
         "data": _data(study),

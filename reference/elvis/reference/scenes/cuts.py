@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.reference.baseline.tracing import Tracer
@@ -46,8 +46,8 @@ def _within(locator: Locator, points: Floats) -> Ints:
 
 def _located(found: Location, pixel: Ints, depth: Floats, normal: Floats) -> Crossings:
     """The points that lie in elements; those in doubt are failed."""
-    here = np.flatnonzero(np.isin(found.status, (Verdict.INSIDE, Verdict.FAILED)))
-    known = found.status[here] == Verdict.INSIDE
+    here = np.flatnonzero(np.isin(found.status, (InverseStatus.INSIDE, InverseStatus.FAILED)))
+    known = found.status[here] == InverseStatus.INSIDE
     certain = np.where(found.margin[here] > TOLERANCE, Status.CERTAIN, Status.AMBIGUOUS)
     status = np.where(known, certain, Status.FAILED).astype(np.uint8)
     reference = np.zeros((len(here), 3))

@@ -169,30 +169,30 @@ def _print_findings(title: str, found: Sequence[Finding]) -> None:
 
 
 def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
-    """Print the verdict on the Jacobian of every element; ElvisError where one is not positive for certain."""
+    """Print the status of the Jacobian of every element; ElvisError where one is not positive for certain."""
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json, print_table, say, stage
-    from elvis.core.validity.validity import Verdict, validity, verdicts
+    from elvis.core.validity.validity import ValidityStatus, validity, validity_facts
 
     with stage("proving"):
         found = validity(dataset)
-    facts = verdicts(found)
+    facts = validity_facts(found)
     if as_json:
         print_json(facts)
     else:
-        say(_verdict(facts))
+        say(_validity_sentence(facts))
         headers = ("element", "shape", "jacobian", "lower bound", "upper bound", "least", "at xi", "at x")
         rows = [_listed_row(row) for row in facts["listed"]]
         if rows:
             click.echo()
             print_table(headers, _cut(rows, many))
-    wrong, unknown = found.count(Verdict.NOT_POSITIVE), found.count(Verdict.UNDECIDED)
+    wrong, unknown = found.count(ValidityStatus.NOT_POSITIVE), found.count(ValidityStatus.UNDECIDED)
     if wrong or unknown:
         reasons = f"{wrong} where it is not and {unknown} where that could not be decided"
         raise ElvisError(f"expected a positive Jacobian all over every element, found {reasons}")
 
 
-def _verdict(facts: Facts) -> str:
+def _validity_sentence(facts: Facts) -> str:
     """One sentence on all elements."""
     if facts["range"] is None:
         return f"{facts['elements']} elements, of none of which the Jacobian is known"
@@ -205,8 +205,8 @@ def _verdict(facts: Facts) -> str:
 def _listed_row(row: Facts) -> tuple[object, ...]:
     places = (", ".join(f"{x:.6g}" for x in row[name]) for name in ("reference", "world"))
     values = (f"{row[name]:.10g}" for name in ("lower", "upper", "least"))
-    verdict = f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]
-    return row["element"], row["shape"], verdict, *values, *places
+    status = f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]
+    return row["element"], row["shape"], status, *values, *places
 
 
 def _print(facts: Facts, many: int | None) -> None:

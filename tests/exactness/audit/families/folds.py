@@ -14,7 +14,7 @@ from audit.truths import Rays, Truth, joined, surface_roots
 from audit.validating import counted_as, validate
 from audit.worlds import BORDER, world
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.validity.validity import Verdict, validity
+from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.renderer import Faces
 from elvis.scene.frame import Status
 
@@ -54,8 +54,12 @@ def count_elements(own, form, parts, case, found):
         values = form(corners.reshape(-1, 3)).reshape(len(corners), -1)
         least[entities.ids] = [_least(parts, low, high) for low, high in zip(values.min(1), values.max(1), strict=True)]
     truth = least[found.element_ids] * sign
-    table = {Verdict.POSITIVE: Status.CERTAIN, Verdict.NOT_POSITIVE: Status.MISS, Verdict.UNDECIDED: Status.AMBIGUOUS}
-    status = np.array([table[Verdict(verdict)] for verdict in found.verdict], np.uint8)
+    table = {
+        ValidityStatus.POSITIVE: Status.CERTAIN,
+        ValidityStatus.NOT_POSITIVE: Status.MISS,
+        ValidityStatus.UNDECIDED: Status.AMBIGUOUS,
+    }
+    status = np.array([table[ValidityStatus(status)] for status in found.status], np.uint8)
     reasons = {
         "positive but not so": (status == Status.CERTAIN) & ~(truth > 0),
         "not positive but so": (status == Status.MISS) & (truth > 0),

@@ -7,7 +7,7 @@ import numpy as np
 from audit.cases import Case, exact, random_polynomial, tolerance
 from audit.validating import counted_as
 from audit.worlds import BORDER, margins, world
-from elvis.core.mapping.inverse import Status as Verdict
+from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.sampling import sample
 from elvis.scene.frame import Status
 
@@ -38,8 +38,12 @@ def ask(points, gallery, case):
         places = gallery.renderer.probe(points)
         return places.status, places.element, places.field
     found = sample(case.data, ["u"], points)
-    table = {Verdict.INSIDE: Status.CERTAIN, Verdict.OUTSIDE: Status.MISS, Verdict.FAILED: Status.FAILED}
-    status = np.array([table[Verdict(value)] for value in found.location.status], np.uint8)
+    table = {
+        InverseStatus.INSIDE: Status.CERTAIN,
+        InverseStatus.OUTSIDE: Status.MISS,
+        InverseStatus.FAILED: Status.FAILED,
+    }
+    status = np.array([table[InverseStatus(value)] for value in found.location.status], np.uint8)
     return status, found.location.element_id, found.values[:, 0]
 
 

@@ -1,4 +1,4 @@
-"""The verdict in a sentence or two, and the numbers that it is made of."""
+"""The conclusion in a sentence or two, and the numbers that it is made of."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def is_right(rival: Rival) -> bool:
     return found.off <= PERCENT and strange <= PERCENT and moved <= PIXELS and not found.lost
 
 
-def verdict(study: Study) -> str:
+def conclusion(study: Study) -> str:
     """What the numbers say."""
     said = [_exactness(study)] if study.validation else []
     levels = [rival for rival in study.rivals if rival.level is not None]
