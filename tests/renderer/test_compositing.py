@@ -5,7 +5,7 @@ import pytest
 
 from elvis.renderer import Camera
 from elvis.renderer.compositing import Coats
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import Brush, Look
 from elvis.renderer.passes.lines.lines import UNITS, Marks
 from elvis.scene import Light
@@ -17,7 +17,7 @@ RED, GREEN, BLUE, WHITE = np.vstack([np.eye(3), np.ones(3)])
 
 def layer_at(depths, normal=(0.0, 0.0, 1.0)):
     """A layer with these depths; infinite ones are misses."""
-    layer = Layer.empty(len(depths))
+    layer = HitBuffer.empty(len(depths))
     hit = np.isfinite(depths)
     layer.depth, layer.owner = np.asarray(depths, float), np.where(hit, 0, layer.owner)
     layer.normal = np.where(hit[:, None], normal, np.nan)

@@ -141,11 +141,11 @@ class Canvas:
             self.arrays[name][rows] = values
 
     def _drawn(self, view: View) -> Drawn:
-        """All layers of all sheets."""
+        """All hit buffers of all sheets."""
         start, drawn = perf_counter(), []
         for sheet in self.sheets:
-            for layer in self.stages.layers(sheet, view, self.scene.clip):
-                drawn.append((sheet, layer))
+            for hits in self.stages.hit_buffers(sheet, view, self.scene.clip):
+                drawn.append((sheet, hits))
                 self._check_time()
         self.seconds["surfaces"] = self.seconds.get("surfaces", 0.0) + perf_counter() - start
         self.done += 1
@@ -153,15 +153,15 @@ class Canvas:
         return drawn
 
     def _colors(self, drawn: Drawn, view: View) -> Floats | NDArray[np.uint8]:
-        """(n, 3) means over the samples of each pixel; ``drawn`` are the layers at its centre."""
+        """(n, 3) means over the samples of each pixel; ``drawn`` are the hit buffers at its centre."""
         count, self.glow = self.scene.samples, np.zeros(view.count, np.uint8)
         steps = (np.arange(count) - 0.5 * (count - 1)) / count
         total: Any = 0.0
         for x, y in product(steps, steps):
             here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
-            layers = drawn if here is view else self._drawn(here)
+            hit_buffers = drawn if here is view else self._drawn(here)
             start = perf_counter()
-            colors = self.painter.paint(layers, here, whole=count == 1 and not self.records)
+            colors = self.painter.paint(hit_buffers, here, whole=count == 1 and not self.records)
             total = colors if count == 1 else total + colors / count**2
             self.glow = np.maximum(self.glow, self.painter.glow)
             self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start

@@ -17,7 +17,7 @@ FAINT = 1e-3
 
 
 class Coats:
-    """What some layers add to n pixels, in any order, and the picture that they make over a background.
+    """What some hit buffers add to n pixels, in any order, and the picture that they make over a background.
 
     Once they are composed the buffers have the picture, what volumes are to add to it (see Gathered), and the depths
     beyond which nothing counts.

@@ -1,4 +1,4 @@
-"""The colours of a layer, made where it lies: colour map, light and lines on the device (paint.slang)."""
+"""The colours of a hit buffer, made where it lies: colour map, light and lines on the device (paint.slang)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elvis.renderer.camera import record_of
 from elvis.renderer.compositing import Coats
 from elvis.renderer.device import Buffer, Device
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.lines.lines import Marks
 from elvis.scene import Light, Vector, unit
 from elvis.scene.palette import NOT_A_NUMBER, Palette
@@ -38,31 +38,31 @@ class Look:
 
 
 class Brush:
-    """Paints layers on a device."""
+    """Paints hit buffers on a device."""
 
     def __init__(self, device: Device) -> None:
         self._device, self._nothing = device, device.empty(np.float64, 1)
 
-    def coat(self, view: View, layer: Layer, look: Look, coats: Coats, number: int) -> None:
-        """Paint a layer as one of the coats of a picture."""
+    def coat(self, view: View, hits: HitBuffer, look: Look, coats: Coats, number: int) -> None:
+        """Paint a hit buffer as one of the coats of a picture."""
         buffers = {name: coats.buffers[name] for name in ("coat_depths", "coat_colors")}
-        self._paint(view, layer, look, (0.0, 0.0, 0.0), {**buffers, "packed": self._nothing}, number * view.count)
+        self._paint(view, hits, look, (0.0, 0.0, 0.0), {**buffers, "packed": self._nothing}, number * view.count)
 
-    def over(self, view: View, layer: Layer, look: Look, background: Vector, *, whole: bool) -> Any:
-        """Colours (n, 3) of a layer over a background, or (``whole``) these in steps of 1/255 as numbers of 8 bits."""
+    def over(self, view: View, hits: HitBuffer, look: Look, background: Vector, *, whole: bool) -> Any:
+        """Colours (n, 3) of hits over a background, or (``whole``) these in steps of 1/255 as numbers of 8 bits."""
         if not whole:
             coats = Coats(self._device, view.count, 1, background)
-            self.coat(view, layer, look, coats, 0)
+            self.coat(view, hits, look, coats, 0)
             return coats.compose().colors()
         packed = self._device.empty(np.uint32, view.count)
         made = {"coat_depths": self._nothing, "coat_colors": self._nothing, "packed": packed}
-        self._paint(view, layer, look, background, made, whole=True)
+        self._paint(view, hits, look, background, made, whole=True)
         return self._device.read(packed, np.uint8).reshape(-1, 4)[: view.count, :3]
 
     def _paint(
         self,
         view: View,
-        layer: Layer,
+        hits: HitBuffer,
         look: Look,
         behind: Vector,
         made: Mapping[str, Buffer],
@@ -80,14 +80,14 @@ class Brush:
         record["steps"], record["lights"], record["whole"] = len(table) - 1, len(look.lights), whole
         record["first"] = first
         record["opacity"], record["ambient"], record["behind"] = look.opacity, look.ambient, behind
-        normals, flat = layer.normals(device, needed=look.ambient < 1.0 or len(look.lights) > 0)
+        is_lit = look.ambient < 1.0 or len(look.lights) > 0
+        wanted = [name for name, needed in (("normal", is_lit), ("depth", not whole)) if needed]
         buffers = {
-            **{name: layer.on(device, name) for name in ("owner", "field")},
-            "depth": self._nothing if whole else layer.on(device, "depth"),
-            "normals": normals,
+            **dict.fromkeys(("hit_normal", "hit_depth"), self._nothing),
+            **hits.bound(device, "owner", "field", *wanted),
             "look": device.buffer(record),
             "table": device.buffer(table),
-            "view": device.buffer(record_of(kernel, "view", view, count=view.count, flat=flat)),
+            "view": device.buffer(record_of(kernel, "view", view, count=view.count, flat=hits.flat is not None)),
             "lamps": device.buffer(_lamps(look.lights, kernel.dtype("lamps"))),
             **self._lines(look, kernel.dtype("inks")),
         }

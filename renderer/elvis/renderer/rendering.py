@@ -278,8 +278,8 @@ class Renderer:
         else:
             for sheet in self.stages.sheets(scene):
                 opaque = replace(sheet, style=replace(sheet.style, opacity=1.0))
-                for layer in self.stages.layers(opaque, view, scene.clip):
-                    hit |= layer.owner != NOBODY
+                for hits in self.stages.hit_buffers(opaque, view, scene.clip):
+                    hit |= hits.owner != NOBODY
             painter = Painter(scene, self.stages)
             painter.paint([], view)
             hit |= painter.glow > 0

@@ -1,4 +1,4 @@
-"""From layers to colours: the colour map of each sheet, its range and its lines, and how all of them add up."""
+"""From hit buffers to colours: the colour map of each sheet, its range and its lines, and how all of them add up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.renderer.compositing import Coats
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import Brush, Look
 from elvis.renderer.passes.lines.contour_proof import ContourProof
 from elvis.renderer.passes.lines.lines import levels
@@ -30,70 +30,70 @@ from elvis.scene.view import View
 NEAR = 2e-8
 #: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
 Key: TypeAlias = tuple[str, str, object]
-Drawn: TypeAlias = list[tuple[Sheet, Layer]]
+Drawn: TypeAlias = list[tuple[Sheet, HitBuffer]]
 
 
-def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> Layer:
+def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
     """The surface that counts at each pixel: of the most opaque ones the nearest; a failed search anywhere is told.
 
     whole  whether reference coordinates, normals and uncertainties are wanted too
-    What another layer may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
+    What another one may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
     """
     if len(drawn) == 1:
         return drawn[0][1]
-    best, opacity = Layer.empty(view.count), np.zeros(view.count)
+    best, opacity = HitBuffer.empty(view.count), np.zeros(view.count)
     best.uncertainty = np.full(view.count, np.nan)
     failed, source = np.zeros(view.count, bool), np.full(view.count, -1)
-    for number, (sheet, layer) in enumerate(drawn):
-        failed |= layer.status == Status.FAILED
-        nearer = (sheet.style.opacity == opacity) & (layer.depth < best.depth)
-        better = np.flatnonzero((layer.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
+    for number, (sheet, hits) in enumerate(drawn):
+        failed |= hits.status == Status.FAILED
+        nearer = (sheet.style.opacity == opacity) & (hits.depth < best.depth)
+        better = np.flatnonzero((hits.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
         opacity[better], source[better] = sheet.style.opacity, number
         for name in ("owner", "field", "depth", "status", *(("reference", "normal") if whole else ())):
-            getattr(best, name)[better] = getattr(layer, name)[better]
-        best.uncertainty[better] = np.nan if layer.uncertainty is None else layer.uncertainty[better]
-    for sheet, layer in drawn:
+            getattr(best, name)[better] = getattr(hits, name)[better]
+        best.uncertainty[better] = np.nan if hits.uncertainty is None else hits.uncertainty[better]
+    for sheet, hits in drawn:
         counts = sheet.style.opacity >= opacity
-        best.status[_overlooked(layer, best, counts, sheet.style.opacity > opacity)] = Status.AMBIGUOUS
-        pixel = np.flatnonzero(_beside(layer, best) & counts)
-        around = _uncertain(layer, view, pixel)
+        best.status[_overlooked(hits, best, counts, sheet.style.opacity > opacity)] = Status.AMBIGUOUS
+        pixel = np.flatnonzero(_beside(hits, best) & counts)
+        around = _uncertain(hits, view, pixel)
         for other in np.unique(source[pixel]):
             here = source[pixel] == other
             around[here] += _uncertain(drawn[other][1], view, pixel[here])
-        close = np.abs(layer.depth[pixel] - best.depth[pixel]) <= around
+        close = np.abs(hits.depth[pixel] - best.depth[pixel]) <= around
         best.status[pixel[close]] = Status.AMBIGUOUS
     best.status[failed] = Status.FAILED
     return best
 
 
-def _overlooked(layer: Layer, best: Layer, counts: Bools, more: Bools) -> Bools:
-    """(n,) where a layer may have overlooked what should be there in place of the best hits.
+def _overlooked(hits: HitBuffer, best: HitBuffer, counts: Bools, more: Bools) -> Bools:
+    """(n,) where a hit buffer may have overlooked what should be there in place of the best hits.
 
     counts, more  (n,) where it is as opaque as these at least, and where it is more so
     """
-    missing = (layer.status == Status.AMBIGUOUS) & (layer.owner == NOBODY)
-    doubt = np.where(missing, 0.0, np.inf) if layer.doubt is None else layer.doubt
+    missing = (hits.status == Status.AMBIGUOUS) & (hits.owner == NOBODY)
+    doubt = np.where(missing, 0.0, np.inf) if hits.doubt is None else hits.doubt
     before = (best.owner == NOBODY) | more | counts & (doubt <= best.depth)
     return np.asarray(np.isfinite(doubt) & before)
 
 
-def _beside(layer: Layer, best: Layer) -> Bools:
-    """(n,) where a layer's hit may be nearer than the best one; at the same depth the first object's counts."""
+def _beside(hits: HitBuffer, best: HitBuffer) -> Bools:
+    """(n,) where a hit buffer's hit may be nearer than the best one; at the same depth the first object's counts."""
     with np.errstate(invalid="ignore"):
-        apart = np.abs(layer.depth - best.depth)
-    return np.asarray((apart > 0.0) & (apart <= NEAR * best.depth) & (layer.owner != NOBODY))
+        apart = np.abs(hits.depth - best.depth)
+    return np.asarray((apart > 0.0) & (apart <= NEAR * best.depth) & (hits.owner != NOBODY))
 
 
-def _uncertain(layer: Layer, view: View, pixel: Ints) -> Floats:
+def _uncertain(hits: HitBuffer, view: View, pixel: Ints) -> Floats:
     """(k,) the uncertainties of hits in pixels (k,), those of surfaces in closed form by their normals.
 
     Where they are infinite there is a doubt, too, which begins before the hit.
     """
-    depth = layer.depth[pixel]
+    depth = hits.depth[pixel]
     origins, directions = view.rays(pixel % view.width, pixel // view.width)
     reach = float(np.abs(origins + depth[:, None] * directions).max(initial=0.0))
-    known = np.full(len(pixel), np.nan) if layer.uncertainty is None else layer.uncertainty[pixel]
-    rounded = uncertainties(view, pixel, depth, layer.normal[pixel], reach)
+    known = np.full(len(pixel), np.nan) if hits.uncertainty is None else hits.uncertainty[pixel]
+    rounded = uncertainties(view, pixel, depth, hits.normal[pixel], reach)
     return np.where(np.isnan(known), rounded, np.nan_to_num(known, posinf=0.0))
 
 
@@ -110,17 +110,17 @@ class Painter:
         self._palettes: dict[Key, Palette] = {}
 
     def note(self, drawn: Drawn, cropped: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
-        """Let the ranges of what is seen hold the values of some layers.
+        """Let the ranges of what is seen hold the values of some hit buffers.
 
         cropped  leaves of an array of all pixels those of the picture
         """
-        for sheet, layer in drawn:
-            self._note(sheet.quantity, cropped(layer.field))
-            self._shown |= {id(sheet)} if (cropped(layer.owner) != NOBODY).any() else set()
+        for sheet, hits in drawn:
+            self._note(sheet.quantity, cropped(hits.field))
+            self._shown |= {id(sheet)} if (cropped(hits.owner) != NOBODY).any() else set()
             contours = sheet.style.contours
             if contours and contours.count and self._of_contours(sheet) != sheet.quantity:
                 quantity = self._of_contours(sheet)
-                self._note(quantity, cropped(self.stages.resampled(layer, "", quantity).field))
+                self._note(quantity, cropped(self.stages.resampled(hits, "", quantity).field))
 
     def _note(self, quantity: str | None, values: Floats) -> None:
         """Of all finite values the least and the greatest are kept."""
@@ -148,7 +148,7 @@ class Painter:
         return automatic_range(np.array(self._seen.get(quantity or "", ())))
 
     def paint(self, drawn: Drawn, view: View, *, whole: bool = False) -> Floats | NDArray[np.uint8]:
-        """(n, 3) colours of all layers of a view over the background; numbers of 8 bits are welcome where ``whole``."""
+        """(n, 3) colours of all hits of a view over the background; numbers of 8 bits are welcome where ``whole``."""
         volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
         self.glow = np.zeros(view.count, np.uint8)
         if len(drawn) == 1 and not volumes:
@@ -156,8 +156,8 @@ class Painter:
             painted: Floats = self._brush.over(view, drawn[0][1], look, self.scene.background, whole=whole)
             return painted
         coats = Coats(self.stages.loaded.device, view.count, len(drawn), self.scene.background, whole=whole)
-        for number, (sheet, layer) in enumerate(drawn):
-            self._brush.coat(view, layer, self._look(view, sheet, layer), coats, number)
+        for number, (sheet, hits) in enumerate(drawn):
+            self._brush.coat(view, hits, self._look(view, sheet, hits), coats, number)
         coats.compose()
         if volumes:
             self._fog(view, volumes, coats)
@@ -185,17 +185,17 @@ class Painter:
             transfer = replace(transfer, colors=tuple(map(tuple, colors.tolist())))
         return Medium(transfer, quantity)
 
-    def _look(self, view: View, sheet: Sheet, layer: Layer) -> Look:
-        """How a layer of a sheet is to look, with its lines."""
+    def _look(self, view: View, sheet: Sheet, hits: HitBuffer) -> Look:
+        """How a hit buffer of a sheet is to look, with its lines."""
         style, scene = sheet.style, self.scene
         colors = style.color if style.color is not None else self._palette(sheet.quantity, style)
         light = (tuple(scene.lights), scene.ambient) if sheet.lit else ((), 1.0)
         mesh, contours = style.mesh_lines, style.contours
-        edges = None if mesh is None else (self.stages.lines.mesh(view, layer, mesh.width), mesh.color)
+        edges = None if mesh is None else (self.stages.lines.mesh(view, hits, mesh.width), mesh.color)
         levels = None
         if contours is not None:
             quantity = self._of_contours(sheet)
-            of = self.stages.resampled(layer, sheet.quantity, quantity)
+            of = self.stages.resampled(hits, sheet.quantity, quantity)
             marks = self.stages.lines.contours(view, of, self.values(sheet), contours.width, quantity)
             levels = marks, contours.color
         return Look(colors, style.opacity, *light, edges, levels)
@@ -203,10 +203,10 @@ class Painter:
     def contour_status(self, drawn: Drawn, view: View) -> NDArray[np.uint8]:
         """(n,) what is proved of the contours in each pixel's square, of all surfaces together (see contour_proof)."""
         status = np.zeros(view.count, np.uint8)
-        for sheet, layer in drawn:
+        for sheet, hits in drawn:
             if sheet.style.contours is not None:
                 quantity, lines = self._of_contours(sheet), self.stages.lines
-                proof = ContourProof(self.stages.loaded, lines, view, layer, self.values(sheet), quantity)
+                proof = ContourProof(self.stages.loaded, lines, view, hits, self.values(sheet), quantity)
                 status = np.maximum(status, proof.status)
         return status
 

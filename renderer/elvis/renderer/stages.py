@@ -1,4 +1,4 @@
-"""Which stage draws which object of a scene: objects become sheets, and sheets layers."""
+"""Which stage draws which object of a scene: objects become sheets, and sheets hit buffers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.isosurface.distance import DistanceDrawer
@@ -42,7 +42,7 @@ SAME = 2e-11
 #: part of the greatest coordinate within which a point is on the surface of a clip, and stays
 CLOSE = 1e-11
 
-Draw = Callable[[View, Floats | None], Layer]
+Draw = Callable[[View, Floats | None], HitBuffer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Sheet:
     """A surface of a scene that one stage draws.
 
     name      what the scene calls it
-    quantity  what its layers' field is; None is the parts' own
+    quantity  what its hit buffers' field is; None is the parts' own
     draw      as every stage: the nearest hits in a view behind given depths
     once      whether a ray meets it once at most
     surface   what cuts; it is not clipped by itself
@@ -204,7 +204,7 @@ class Stages:
     def _faces(self, name: str, item: Faces, own: str | None) -> Sheet:
         """Element faces."""
 
-        def draw(view: View, beyond: Floats | None) -> Layer:
+        def draw(view: View, beyond: Floats | None) -> HitBuffer:
             return self.faces.draw(view, item.select, beyond, own)
 
         return Sheet(name, item.style, own, draw, item.style.lit is not False)
@@ -219,27 +219,27 @@ class Stages:
             self._in_range(asked, of, value)
         own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
 
-        def draw(view: View, beyond: Floats | None) -> Layer:
-            layer = self._at_level(view, of, value, beyond)
-            if is_distance and beyond is None and not np.any(layer.owner != NOBODY):
+        def draw(view: View, beyond: Floats | None) -> HitBuffer:
+            hits = self._at_level(view, of, value, beyond)
+            if is_distance and beyond is None and not np.any(hits.owner != NOBODY):
                 self._in_range(asked, of, value)
-            return self.resampled(layer, of, own)
+            return self.resampled(hits, of, own)
 
         return Sheet(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
 
-    def _at_level(self, view: View, quantity: str | None, value: float, beyond: Floats | None) -> Layer:
+    def _at_level(self, view: View, quantity: str | None, value: float, beyond: Floats | None) -> HitBuffer:
         """The isosurface of a quantity."""
         if self.distances.knows(quantity):
             return self.distances.draw(view, quantity, value, beyond)
-        layer, left = self.isosurfaces.draw(view, quantity, value, beyond), self._undefined(quantity)
-        return self._marked(layer, view, left, beyond) if len(left) and self.dataset is not None else layer
+        hits, left = self.isosurfaces.draw(view, quantity, value, beyond), self._undefined(quantity)
+        return self._marked(hits, view, left, beyond) if len(left) and self.dataset is not None else hits
 
-    def _marked(self, layer: Layer, view: View, left: Ints, beyond: Floats | None) -> Layer:
-        """The layer, ambiguous where elements that were left out may hide it."""
+    def _marked(self, hits: HitBuffer, view: View, left: Ints, beyond: Floats | None) -> HitBuffer:
+        """The hit buffer, ambiguous where elements that were left out may hide it."""
         faces = replace(self.faces.faces, regions={"left": left})
-        before = FaceDrawer(self.loaded, faces).draw(view, ("region:left",), beyond).depth < layer.depth
-        status = np.where(before, np.uint8(Status.AMBIGUOUS), layer.status)
-        return replace(layer, status=status)
+        before = FaceDrawer(self.loaded, faces).draw(view, ("region:left",), beyond).depth < hits.depth
+        status = np.where(before, np.uint8(Status.AMBIGUOUS), hits.status)
+        return replace(hits, status=status)
 
     def _in_range(self, asked: str, own: str | None, value: float) -> None:
         """SceneError where a quantity, by its certified bounds, has the value nowhere."""
@@ -259,50 +259,50 @@ class Stages:
         every = [traversal.rounding(n, own, value).max(initial=0.0) for n in range(len(self.loaded.parts))]
         return float(max(every, default=0.0))
 
-    def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> Layer:
+    def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> HitBuffer:
         """What a surface meets of the volume."""
         if isinstance(surface, Implicit):
-            layer = self._at_level(view, surface.expression, 0.0, beyond)
-            return self.resampled(layer, surface.expression, quantity)
+            hits = self._at_level(view, surface.expression, 0.0, beyond)
+            return self.resampled(hits, surface.expression, quantity)
         if not isinstance(surface, Plane):
             return self.solids.draw(view, surface, beyond, quantity)
         sight = PlaneView.on(view, surface)
         if sight.edge_on:
-            return Layer.empty(view.count)
-        layer = self.resampled(self.cutter.draw(sight), None, quantity)
-        return layer if beyond is None else layer.without(~(layer.depth > beyond))
+            return HitBuffer.empty(view.count)
+        hits = self.resampled(self.cutter.draw(sight), None, quantity)
+        return hits if beyond is None else hits.without(~(hits.depth > beyond))
 
-    def resampled(self, layer: Layer, known: str | None, wanted: str | None) -> Layer:
-        """The layer with another quantity as its field."""
-        return layer if known == wanted else layer.showing(sampled(self.loaded, layer, wanted))
+    def resampled(self, hits: HitBuffer, known: str | None, wanted: str | None) -> HitBuffer:
+        """The hit buffer with another quantity as its field."""
+        return hits if known == wanted else hits.showing(sampled(self.loaded, hits, wanted))
 
-    def layers(self, sheet: Sheet, view: View, clips: Sequence[Clip]) -> Iterator[Layer]:
+    def hit_buffers(self, sheet: Sheet, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:
         """What is seen of a sheet, from near to far: the hits that no clip takes away, and all that shine through."""
         beyond, through = None, 1.0
         while through > FAINT:
-            layer = sheet.draw(view, beyond)
-            hit = layer.owner != NOBODY
-            gone, unsure = self.clipped(layer, view, [clip for clip in clips if clip.surface != sheet.surface])
-            yield layer.clipped(gone, unsure) if gone.any() or unsure.any() else layer
+            hits = sheet.draw(view, beyond)
+            hit = hits.owner != NOBODY
+            gone, unsure = self.clipped(hits, view, [clip for clip in clips if clip.surface != sheet.surface])
+            yield hits.clipped(gone, unsure) if gone.any() or unsure.any() else hits
             through *= 1.0 - sheet.style.opacity if not gone.any() else 1.0
             further = hit if sheet.style.opacity < 1.0 else gone
             if sheet.once or not further.any():
                 return
-            beyond = np.where(further, layer.depth + SAME * (self.loaded.reach + np.abs(layer.depth)), np.inf)
+            beyond = np.where(further, hits.depth + SAME * (self.loaded.reach + np.abs(hits.depth)), np.inf)
 
-    def clipped(self, layer: Layer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools]:
+    def clipped(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools]:
         """(n,) hits that lie where nothing is to be shown, and (n,) those of which that is not certain."""
         gone, unsure = np.zeros((2, view.count), bool)
-        hit = np.flatnonzero(layer.owner != NOBODY)
+        hit = np.flatnonzero(hits.owner != NOBODY)
         if not clips or not len(hit):
             return gone, unsure
         origins, directions = view.rays(hit % view.width, hit // view.width)
-        points = origins + layer.depth[hit, None] * directions
+        points = origins + hits.depth[hit, None] * directions
         room = CLOSE * self.loaded.reach
-        around = np.zeros(len(hit)) if layer.uncertainty is None else layer.uncertainty[hit]
+        around = np.zeros(len(hit)) if hits.uncertainty is None else hits.uncertainty[hit]
         for clip in clips:
             if isinstance(clip.surface, Implicit):
-                distance, close = self._height(layer, clip.surface.expression, hit)
+                distance, close = self._height(hits, clip.surface.expression, hit)
                 near = np.abs(distance) <= 2.0 * close
             else:
                 # what lies on the surface stays, and what is nearer to it than rounding tells
@@ -313,18 +313,18 @@ class Stages:
             unsure[hit] |= near
         return gone, unsure
 
-    def _height(self, layer: Layer, expression: str, hit: Ints) -> tuple[Floats, Floats]:
-        """(k,) the values of an expression at hits (k,) of a layer, and what of them may be none: what is rounding, and
-        what they change by as near to the hit as surfaces are taken for one."""
-        values, close = sampled(self.loaded, layer, expression)[hit], np.zeros(len(hit))
-        part = np.searchsorted(self.loaded.first, layer.owner[hit], side="right") - 1
+    def _height(self, hits: HitBuffer, expression: str, hit: Ints) -> tuple[Floats, Floats]:
+        """(k,) the values of an expression at hits (k,), and what of them may be none: what is rounding, and what they
+        change by as near to the hit as surfaces are taken for one."""
+        values, close = sampled(self.loaded, hits, expression)[hit], np.zeros(len(hit))
+        part = np.searchsorted(self.loaded.first, hits.owner[hit], side="right") - 1
         traversal, room = self.volumes.traversal, 2.0 * CLOSE * self.loaded.reach
         for number in np.unique(part):
             here, own = part == number, self.loaded.parts[number]
             if traversal.degree(number, expression) == 0:
                 close[here] = CLOSE * np.nan_to_num(np.abs(values[here])).max(initial=0.0)
                 continue
-            element = layer.owner[hit[here]] - self.loaded.first[number]
+            element = hits.owner[hit[here]] - self.loaded.first[number]
             boxes = own.boxes[element].astype(np.float64)
             steepest = traversal.steepest(number, expression, 0.0)[element] / (boxes[:, 3:] - boxes[:, :3]).min(axis=1)
             close[here] = 4.0 * traversal.rounding(number, expression, 0.0)[element] + room * steepest

@@ -15,7 +15,7 @@ from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces import Faces
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.pieces import Edges, Pieces, pieces_of
 from elvis.renderer.passes.faces.sides import Sides
@@ -28,16 +28,8 @@ from elvis.scene.view import View
 _TIE = 1e-11
 #: pixels near edges that are looked at together
 _AT_ONCE = 1 << 20
-#: what is known of a pixel: kind of number, and how many
-_IMAGE = {
-    "owner": (np.uint32, 1),
-    "side": (np.uint32, 1),
-    "field": (np.float64, 1),
-    "reference": (np.float64, 3),
-    "depth": (np.float64, 1),
-    "normal": (np.float64, 3),
-    "status": (np.uint32, 1),
-}
+#: what of the hit buffer the device holds
+_HELD = ("owner", "side", "status", "field", "reference", "depth", "normal")
 
 
 class FaceDrawer:
@@ -50,7 +42,7 @@ class FaceDrawer:
 
     def draw(
         self, view: View, select: Sequence[str] = ("all",), beyond: Floats | None = None, quantity: str | None = None
-    ) -> Layer:
+    ) -> HitBuffer:
         """What is nearest on the faces that ``select`` names (see Faces.select), beyond depths (n,) where given.
 
         quantity  one of the parts' quantities, None for their own field
@@ -59,27 +51,17 @@ class FaceDrawer:
         """
         device = self.loaded.device
         after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
-        image: dict[str, Buffer] = {}
+        held: dict[str, Buffer] = {}
         for number, kernel, buffers, work in self._work("face_draw", view, select, quantity, beyond is not None):
-            if not image:
-                image = {name: device.empty(dtype, size * view.count) for name, (dtype, size) in _IMAGE.items()}
-                image["after"] = device.buffer(after)
+            if not held:
+                held = cleared(device, view.count, _HELD)
+                image = {**written(device, held), "after": device.buffer(after)}
             every = {**self.loaded.bound(number, quantity), **buffers, **image}
             kernel(len(work), every, groups=True, work=work)
-        layer = self._layer(image) if image else Layer.empty(view.count)
+        hits = HitBuffer.on_device(device, held) if held else HitBuffer.empty(view.count)
         for _, edges in self._pieces(view, select):
-            _mark(view, layer, edges, np.broadcast_to(after, view.count))
-        return layer
-
-    def _layer(self, image: dict[str, Buffer]) -> Layer:
-        """The layer that the device holds; what of it is asked for is read."""
-
-        def read(name: str) -> NDArray[Any]:
-            dtype, size = _IMAGE[name]
-            values = self.loaded.device.read(image[name], dtype)
-            return values.astype(np.uint8) if name == "status" else values.reshape(-1, size) if size > 1 else values
-
-        return Layer.made({name: partial(read, name) for name in _IMAGE}, held=image)
+            _mark(view, hits, edges, np.broadcast_to(after, view.count))
+        return hits
 
     def hits(
         self, view: View, select: Sequence[str] | Bools = ("all",), rows: tuple[int, int] | None = None
@@ -218,7 +200,7 @@ def _run(kernel: Kernel, work: Ints, buffers: dict[str, Buffer], lists: dict[str
     kernel(len(work), {**buffers, **lists}, groups=True, work=work)
 
 
-def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:
+def _mark(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> None:
     """What lies on an edge before all else is seen or not: such pixels are ambiguous."""
     # steps of one pixel along the longer direction of each edge, within the picture
     steep = np.abs(edges.ends[1, :, 1] - edges.ends[0, :, 1]) > np.abs(edges.ends[1, :, 0] - edges.ends[0, :, 0])
@@ -237,8 +219,8 @@ def _mark(view: View, layer: Layer, edges: Edges, after: Floats) -> None:
         column, row = np.where(steep[own], [across, along], [along, across]).astype(np.int64)
         pixel = row * view.width + column
         near, far = edges.depth[:, own]
-        before = (near <= layer.depth[pixel]) & (far >= after[pixel]) & (layer.status[pixel] != Status.FAILED)
-        layer.status[pixel[before]] = Status.AMBIGUOUS
+        before = (near <= hits.depth[pixel]) & (far >= after[pixel]) & (hits.status[pixel] != Status.FAILED)
+        hits.status[pixel[before]] = Status.AMBIGUOUS
 
 
 def _runs(first: Floats, last: Floats) -> tuple[Ints, Floats]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.plugins.volume import Part, Quantity
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.hits import Hits
 from elvis.renderer.passes.solids.solids import SolidDrawer
@@ -31,15 +31,15 @@ class DistanceDrawer:
         """Whether a quantity is a distance, and nothing else."""
         return bool(self.loaded.parts) and self._of(quantity).is_distance
 
-    def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> Layer:
+    def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface that some element holds, as IsosurfaceDrawer.draw.
 
         Status: ambiguous where the distance was not found on both sides of the value within 1.6e-10 of the greatest
         coordinate, and behind places where rays may have touched the surface.  Within that, depths are uncertain.
         """
         key = (quantity, value)
-        layer = self.solids.looked_up(view, key, partial(self._met, key=key), beyond)
-        return layer.showing(np.where(layer.owner != NOBODY, value, np.nan))
+        hits = self.solids.looked_up(view, key, partial(self._met, key=key), beyond)
+        return hits.showing(np.where(hits.owner != NOBODY, value, np.nan))
 
     def _of(self, quantity: str | None) -> Part | Quantity:
         part = self.loaded.parts[0]

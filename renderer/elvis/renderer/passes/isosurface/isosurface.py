@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import STAND_IN, Buffer, Kernel
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
@@ -29,6 +29,8 @@ SPLIT, UNDEFINED = 0, 4
 MOST_PIECES = 1 << 19
 #: rounds of halving, and pieces that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
+#: what of the hit buffer the device holds
+_HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 #: drafts of a part: pieces in which rays take too many steps are drawn once more in parts, with closer bounds
 _DRAFTS = 5
 
@@ -45,7 +47,7 @@ class IsosurfaceDrawer:
         self.traversal = Traversal(loaded)
         self.counts: dict[str, int] = {}
 
-    def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> Layer:
+    def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) where they are given.
 
         Hits nearer to one another than APART of the greatest coordinate are one.
@@ -58,7 +60,9 @@ class IsosurfaceDrawer:
         if self.loaded.dimension != 3:
             raise SceneError("isosurfaces are drawn of 3D data: draw contours of 2D data")
         self.counts = {"flat": 0, "undefined": 0, "pieces": 0}
-        hits, stands_in, unproved = None, False, np.zeros(view.count, bool)
+        stands_in, unproved = False, np.zeros(view.count, bool)
+        held = cleared(self.device, view.count, _HELD, clear=("owner", "status", "depth", "doubt"))
+        image = written(self.device, held)
         before = self.device.buffer(np.zeros(view.count) if beyond is None else beyond)
         for number in range(len(self.loaded.parts)):
             own, level = self.loaded.leveled(number, quantity, value)
@@ -66,21 +70,18 @@ class IsosurfaceDrawer:
             unproved = unproved | self._unproved(view, number, own, level)
             straight = self.traversal.is_straight(number, own)
             draw = self._kernel("iso_line" if straight else "iso_draw", number, own)
-            if hits is None:
-                hits = self.device.buffer(_no_hits(view.count, draw.dtype("hits")))
-            buffers = {**self.loaded.bound(number, own), "hits": hits, "beyond": before}
+            buffers = {**self.loaded.bound(number, own), **image, "beyond": before}
             if straight:
                 self._draw_straight(draw, view, number, own, level, buffers)
             else:
                 self._draw_pieces(draw, view, number, own, level, buffers)
-        assert hits is not None
-        layer = _layer(self.device.read(hits, draw.dtype("hits")), value)
-        layer.status[unproved & (layer.status == Status.MISS)] = Status.AMBIGUOUS
-        assert layer.doubt is not None
-        layer.doubt[unproved] = 0.0
+        hits = _left(HitBuffer.on_device(self.device, held), value)
+        hits.status[unproved & (hits.status == Status.MISS)] = Status.AMBIGUOUS
+        assert hits.doubt is not None
+        hits.doubt[unproved] = 0.0
         if stands_in:
-            self._check_poles(layer, quantity, value)
-        return layer
+            self._check_poles(hits, quantity, value)
+        return hits
 
     def _unproved(self, view: View, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) pixels that may see elements with the value, of which nothing is proved as they are no polynomials."""
@@ -96,12 +97,12 @@ class IsosurfaceDrawer:
             np.add.at(edges, (y, x), sign)
         return np.asarray(edges.cumsum(axis=0).cumsum(axis=1)[:-1, :-1].reshape(-1) > 0)
 
-    def _check_poles(self, layer: Layer, quantity: str | None, value: float) -> None:
+    def _check_poles(self, hits: HitBuffer, quantity: str | None, value: float) -> None:
         """Hits are ambiguous where the quantity has not the value that its stand-in says: at its poles."""
-        hit = layer.owner != NOBODY
-        found = sampled(self.loaded, layer, quantity)[hit]
+        hit = hits.owner != NOBODY
+        found = sampled(self.loaded, hits, quantity)[hit]
         wrong = ~np.isfinite(found) | (np.abs(found - value) > 1e-6 * abs(value) if value else False)
-        layer.status[np.flatnonzero(hit)[wrong]] = Status.AMBIGUOUS
+        hits.status[np.flatnonzero(hit)[wrong]] = Status.AMBIGUOUS
 
     def _draw_straight(
         self,
@@ -270,25 +271,9 @@ def _cosines(multiples: Ints, n: int) -> Floats:
     return np.asarray(np.where(half > n, -magnitude, magnitude))
 
 
-def _no_hits(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Hit records (iso.slang) of pixels (count,) that show nothing."""
-    hits = np.zeros(count, dtype)
-    hits["owner"] = NOBODY
-    return hits
-
-
-def _layer(hits: NDArray[Any], value: float) -> Layer:
-    """The record of the kernels, in the layout of layers."""
-    owner = hits["owner"].copy()
-    missed = owner == NOBODY
-    depth = np.where(missed, np.inf, hits["depth"])
-    doubtful = (hits["doubt"] > 0) & (hits["doubt"] <= depth) | (hits["ambiguous"] != 0)
-    status = np.where(missed, Status.MISS, Status.CERTAIN)
-    status[doubtful] = Status.AMBIGUOUS
-    field = np.where(missed, np.nan, value)
-    nowhere = missed[:, None]
-    reference, normal = (np.where(nowhere, np.nan, hits[name]) for name in ("reference", "normal"))
-    uncertainty = np.where(missed, np.nan, hits["uncertainty"])
-    doubt = np.where(hits["doubt"] > 0, hits["doubt"], np.inf)
-    status = status.astype(np.uint8)
-    return Layer(owner, field, reference, depth, normal, status, uncertainty=uncertainty, doubt=doubt)
+def _left(hits: HitBuffer, value: float) -> HitBuffer:
+    """What the kernels have left of a value; ambiguous, too, where something before the hit may be overlooked."""
+    assert hits.doubt is not None
+    hits.doubt = np.where(hits.doubt > 0, hits.doubt, np.inf)
+    hits.status[(hits.doubt <= hits.depth) & np.isfinite(hits.doubt)] = Status.AMBIGUOUS
+    return hits.showing(np.where(hits.owner == NOBODY, np.nan, value))

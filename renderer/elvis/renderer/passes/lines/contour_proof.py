@@ -30,7 +30,7 @@ from elvis.plugins.native.bending import changes, derived, net_of_xi
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.gaps import pairs
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.frame import Status
@@ -85,7 +85,7 @@ class _Items:
 
 
 class ContourProof:
-    """The proofs of one layer's contours.
+    """The proofs of one hit buffer's contours.
 
     status  (n,) of frame.Status by pixel: CERTAIN where every level is proved to be taken in the square or not to be,
             else AMBIGUOUS; MISS where nothing is hit
@@ -93,30 +93,30 @@ class ContourProof:
     """
 
     def __init__(
-        self, loaded: Loaded, lines: Lines, view: View, layer: Layer, levels: Floats, quantity: str | None = None
+        self, loaded: Loaded, lines: Lines, view: View, hits: HitBuffer, levels: Floats, quantity: str | None = None
     ) -> None:
-        self._loaded, self._lines, self._view, self._layer = loaded, lines, view, layer
+        self._loaded, self._lines, self._view, self._hits = loaded, lines, view, hits
         self._levels, self._quantity = levels, quantity
         self._centers: dict[int, Floats] = {}
         self.taken = np.zeros(view.count, bool)
-        hit = layer.owner != NOBODY
+        hit = hits.owner != NOBODY
         self.status = np.where(hit, np.uint8(Status.CERTAIN), np.uint8(Status.MISS))
         ends = loaded.every(quantity)[0].astype(np.float64)
         self._holds = ~(np.searchsorted(levels, ends[:, 0]) >= np.searchsorted(levels, ends[:, 1], "right"))
         self._holds |= np.isnan(ends).any(axis=1)
-        self._held = np.append(self._holds, False)[np.minimum(layer.owner, len(ends))].reshape(view.height, view.width)
+        self._held = np.append(self._holds, False)[np.minimum(hits.owner, len(ends))].reshape(view.height, view.width)
         self._decide()
         self.status[~hit] = Status.MISS
 
     def _decide(self) -> None:
         """Set the statuses of all pixels in whose squares an element that may have one of the values may be."""
-        layer, view = self._layer, self._view
-        near = _grown(self._held).reshape(-1) & (layer.owner != NOBODY)
-        if layer.sections is None or layer.flat is None:
+        hits, view = self._hits, self._view
+        near = _grown(self._held).reshape(-1) & (hits.owner != NOBODY)
+        if hits.sections is None or hits.flat is None:
             self.status[near] = Status.AMBIGUOUS
             return
-        every = np.flatnonzero(layer.owner != NOBODY)
-        alone = self._settle(_Items(every, layer.owner[every].astype(np.int64), layer.reference[every]))
+        every = np.flatnonzero(hits.owner != NOBODY)
+        alone = self._settle(_Items(every, hits.owner[every].astype(np.int64), hits.reference[every]))
         shared = np.zeros(view.count, bool)
         shared[every[~alone]] = True
         self._settle(self._others(shared.reshape(view.height, view.width)))
@@ -124,13 +124,13 @@ class ContourProof:
     def _others(self, mask: Bools) -> _Items:
         """The elements, other than the own ones, that may be in the squares of the pixels of a mask (h, w)."""
         view = self._view
-        assert self._layer.sections is not None
-        sections = self._layer.sections[self._holds[self._layer.sections["element"]]].copy()
+        assert self._hits.sections is not None
+        sections = self._hits.sections[self._holds[self._hits.sections["element"]]].copy()
         sections["least"], sections["most"] = sections["least"] - 1, sections["most"] + 1
         sections["least"][:, :2] = np.maximum(sections["least"][:, :2], 0)
         sections["most"][:, :2] = np.minimum(sections["most"][:, :2], [view.width - 1, view.height - 1])
         pixel, element = pairs(sections, mask)
-        others = self._layer.owner[pixel] != element
+        others = self._hits.owner[pixel] != element
         pixel, element = pixel[others], element[others].astype(np.int64)
         return _Items(pixel, element, np.full((len(pixel), 3), np.nan))
 
@@ -220,10 +220,10 @@ class ContourProof:
 
     def points(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
         """(n, 3) places of the plane under points of the picture, and how much nearer they make the plane seem."""
-        assert self._layer.flat is not None
+        assert self._hits.flat is not None
         origins, directions = self._view.rays(columns, rows)
-        normal, slant = self._layer.flat, directions @ self._layer.flat
-        depth = (self._layer.offset - origins @ normal) / slant
+        normal, slant = self._hits.flat, directions @ self._hits.flat
+        depth = (self._hits.offset - origins @ normal) / slant
         return origins + depth[:, None] * directions, np.abs(slant)
 
 

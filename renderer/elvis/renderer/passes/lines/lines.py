@@ -1,4 +1,4 @@
-"""Contour lines and mesh lines on any layer: how much of each pixel they cover (stages: line_*.slang).
+"""Contour lines and mesh lines on any hit buffer: how much of each pixel they cover (stages: line_*.slang).
 
 A line's coverage of a pixel follows from the distance, in pixels, of the pixel's centre from the middle of the line.
 Contours are found in the square of every pixel, from the polynomials of each element that shows there and within that
@@ -18,7 +18,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import ROWS, Buffer, Device
 from elvis.renderer.gaps import beside, pairs
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.errors import SceneError
@@ -40,7 +40,7 @@ class Marks:
     """Lines by pixel, on the device: how far the nearest one is from the pixel's centre.
 
     width  of the lines in pixels
-    owner  (n,) of the layer that they are on
+    owner  (n,) of the hit buffer that they are on
     mask   the bits of a mark that are distance
     """
 
@@ -96,59 +96,56 @@ class Pieces:
 
 
 class Lines:
-    """A loaded volume, ready for lines on layers of it."""
+    """A loaded volume, ready for lines on hit buffers of it."""
 
     def __init__(self, loaded: Loaded) -> None:
         self._loaded, self._device = loaded, loaded.device
         self._facets: dict[int, Floats] = {}
 
-    def contours(self, view: View, layer: Layer, values: Floats, width: float, quantity: str | None = None) -> Marks:
-        """Lines where a layer's field has one of the values (k,), which ascend.
+    def contours(self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None = None) -> Marks:
+        """Lines where a hit buffer's field has one of the values (k,), which ascend.
 
         width     in pixels
-        quantity  of the parts, whose values are the layer's field; None is the parts' own field
+        quantity  of the parts, whose values are the hit buffer's field; None is the parts' own field
         """
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
-        buffers = self._buffers(view, layer, width)
+        buffers = self._buffers(view, hits, width)
         buffers |= {"levels": self._device.buffer(levels), "bounds": self._loaded.every(quantity)[1]}
-        buffers["depth"] = (
-            self._device.buffer(np.zeros(1)) if layer.flat is not None else layer.on(self._device, "depth")
-        )
-        slivers = self._slivers(view, layer, levels, quantity)
+        buffers |= {"hit_depth": self._device.buffer(np.zeros(1))} if hits.flat is not None else {}
+        slivers = self._slivers(view, hits, levels, quantity)
         smooth = all(self._is_polynomial(number, quantity) for number in range(len(self._loaded.parts)))
-        pieces = slivers.and_those(self._found(view, layer, buffers, len(levels), smooth))
-        size = {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": layer.offset}
-        self._run("line_draw", view, layer, pieces, buffers, quantity, **size)
-        return Marks(self._device, buffers["marks"], width, layer.owner, NOTHING - MOST + 1)
+        pieces = slivers.and_those(self._found(view, hits, buffers, len(levels), smooth))
+        size = {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": hits.offset}
+        self._run("line_draw", view, hits, pieces, buffers, quantity, **size)
+        return Marks(self._device, buffers["marks"], width, hits.owner, NOTHING - MOST + 1)
 
-    def mesh(self, view: View, layer: Layer, width: float) -> Marks:
+    def mesh(self, view: View, hits: HitBuffer, width: float) -> Marks:
         """Lines along the borders of elements; width in pixels."""
-        buffers, reach = self._buffers(view, layer, width), 0.5 * width + 0.5
-        side = layer.owner if layer.side is None else layer.side
+        buffers, reach = self._buffers(view, hits, width), 0.5 * width + 0.5
+        side = hits.owner if hits.side is None else hits.side
         near = np.flatnonzero(_near_others(side.reshape(view.height, view.width), int(np.ceil(reach))))
-        near = near[layer.owner[near] != NOBODY]
-        pieces = Pieces.around(near, layer.owner[near])
-        self._run("line_border", view, layer, pieces, buffers, reach=reach)
-        return Marks(self._device, buffers["marks"], width, layer.owner)
+        near = near[hits.owner[near] != NOBODY]
+        pieces = Pieces.around(near, hits.owner[near])
+        self._run("line_border", view, hits, pieces, buffers, reach=reach)
+        return Marks(self._device, buffers["marks"], width, hits.owner)
 
-    def _buffers(self, view: View, layer: Layer, width: float) -> dict[str, Buffer]:
-        """What both kinds of lines need of a layer, and empty marks."""
+    def _buffers(self, view: View, hits: HitBuffer, width: float) -> dict[str, Buffer]:
+        """What both kinds of lines need of a hit buffer, and empty marks."""
         _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
         return {
-            "owner": layer.on(self._device, "owner"),
-            "normals": layer.normals(self._device)[0],
+            **hits.bound(self._device, "owner", "normal", *(() if hits.flat is not None else ("depth",))),
             "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
 
-    def _slivers(self, view: View, layer: Layer, levels: Floats, quantity: str | None) -> Pieces:
+    def _slivers(self, view: View, hits: HitBuffer, levels: Floats, quantity: str | None) -> Pieces:
         """Pieces of thin sections that may show in a pixel's square but own none of the nine pixels around it."""
-        if layer.sections is None or not len(levels):
+        if hits.sections is None or not len(levels):
             return Pieces.around(np.zeros(0, np.int64), np.zeros(0, np.uint32))
-        sections, (ends, _) = layer.sections, self._loaded.every(quantity)
+        sections, (ends, _) = hits.sections, self._loaded.every(quantity)
         low, high = ends[sections["element"]].T
         sections = sections[np.searchsorted(levels, low) < np.searchsorted(levels, high, "right")]
-        owner = layer.owner.reshape(view.height, view.width)
+        owner = hits.owner.reshape(view.height, view.width)
         sections = sections[_thin(sections, owner, len(ends))]
         sections["least"] -= 1
         sections["most"] += 1
@@ -166,13 +163,14 @@ class Lines:
         part = self._loaded.parts[number]
         return (part if quantity is None else part.quantities[quantity]).degree > 0
 
-    def _found(self, view: View, layer: Layer, buffers: dict[str, Buffer], levels: int, smooth: bool) -> NDArray[Any]:
+    def _found(
+        self, view: View, hits: HitBuffer, buffers: dict[str, Buffer], levels: int, smooth: bool
+    ) -> NDArray[Any]:
         """The pieces that line_find.slang lists."""
         kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
         every = buffers | {
-            "field": layer.on(self._device, "field"),
-            "side": buffers["owner"] if layer.side is None else layer.on(self._device, "side"),
+            **hits.bound(self._device, "side", "field"),
             "view": self._device.buffer(record_of(kernel, "view", view, count=strips, levels=levels, smooth=smooth)),
         }
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
@@ -181,7 +179,7 @@ class Lines:
         self,
         stage: str,
         view: View,
-        layer: Layer,
+        hits: HitBuffer,
         pieces: Pieces,
         buffers: dict[str, Buffer],
         quantity: str | None = None,
@@ -190,7 +188,7 @@ class Lines:
         """A stage over the pieces of each part, sorted by element."""
         pieces = _waves(pieces)
         ends = np.searchsorted(pieces.element, self._loaded.first)
-        gathered = "reference" not in layer.held
+        gathered = "reference" not in hits.held
         for number, part in enumerate(self._loaded.parts):
             own = pieces[ends[number] : ends[number + 1]]
             count = len(own.pixel)
@@ -199,9 +197,9 @@ class Lines:
             kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
             place = {"first": self._loaded.first[number], "count": count, "facets": len(facets)}
             smooth = self._is_polynomial(number, quantity)
-            flat = layer.flat is not None
+            flat = hits.flat is not None
             record = record_of(kernel, "view", view, **place, **size, gathered=gathered, flat=flat, smooth=smooth)
-            references = self._device.buffer(layer.reference[own.base]) if gathered else layer.held["reference"]
+            references = self._device.buffer(hits.reference[own.base]) if gathered else hits.held["reference"]
             data = {"pieces": own.records(kernel.dtype("pieces")), "facets": facets, "view": record}
             brought = {name: self._device.buffer(some) for name, some in data.items()}
             kernel(count, {**self._loaded.bound(number, quantity), **buffers, **brought, "references": references})

@@ -15,7 +15,7 @@ from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.gaps import Gaps, beside
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
 from elvis.renderer.proof import proved
@@ -50,17 +50,15 @@ class Cutter:
         self.tiles = 0
         self.references = True
 
-    def draw(self, view: PlaneView, *, references: bool = True) -> Layer:
+    def draw(self, view: PlaneView, *, references: bool = True) -> HitBuffer:
         """What one view shows; without reference coordinates it is there a little sooner."""
         self.references = references
         self.clock, self.tiles = Clock(), 0
         count = view.width * view.height
         with self.clock.stage("clear"):
-            image = {
-                "field": self.device.empty(np.float64, count),
-                "owner": self.device.buffer(np.full(count, NOBODY, np.uint32)),
-                "reference": self.device.empty(np.float64, 3 * count if references else 1),
-            }
+            names = ("owner", "field", "reference") if references else ("owner", "field")
+            held = cleared(self.device, count, names, clear=("owner",))
+            image = written(self.device, held)
         every, sections, claims = [], [], []
         for number in range(len(self.parts)):
             with self.clock.stage("cull"):
@@ -69,7 +67,7 @@ class Cutter:
             if len(sections[number]):
                 claims.append(self._draw_part(number, view, sections[number], image))
         with self.clock.stage("read"):
-            owner = self.device.read(image["owner"], np.uint32)
+            owner = self.device.read(held["owner"], np.uint32)
             pixels = Pixels(owner, (owner != NOBODY).view(np.uint8))  # Status.MISS is 0, Status.CERTAIN 1
         with self.clock.stage("settle"):
             settle(pixels, [some[some["verdict"] != UNKNOWN] for some in claims])
@@ -86,7 +84,19 @@ class Cutter:
             pixels.status = doubted(pixels.status, uncertain)
         for some, first in zip(every, self.first, strict=False):
             some["element"] += np.uint32(first)
-        return Layer.of_cut(self.device, view, pixels, image, np.concatenate(every) if every else None)
+        return self._hits(view, pixels, held, np.concatenate(every) if every else None)
+
+    def _hits(
+        self, view: PlaneView, pixels: Pixels, held: dict[str, Buffer], sections: NDArray[Any] | None
+    ) -> HitBuffer:
+        """What the device holds, with what follows from the plane: depths and the normal."""
+        normal, hit = view.normal(), pixels.owner != NOBODY
+        made = {
+            "depth": lambda: np.where(hit, view.depths(), np.inf),
+            "normal": lambda: np.where(hit[:, None], normal, np.nan),
+        }
+        known = {"owner": pixels.owner, "status": pixels.status, "flat": normal, "sections": sections}
+        return HitBuffer.on_device(self.device, held, made, offset=float(normal @ view.plane.point), **known)
 
     def _draw_part(
         self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, Buffer]

@@ -27,7 +27,7 @@ class Hits:
     """Hits of rays with a surface, sorted by pixel, then by depth.
 
     pixel   (n,)    row by row from the top
-    depth   (n,)    as in Layer, greater than 0
+    depth   (n,)    as in HitBuffer, greater than 0
     normal  (n, 3)  unit normals, towards either side
     uncertainty  (n,) the true depths are within this; None: the surface is given in closed form
     doubt   (m,)    for each pixel of the view the depth from which on something may have been overlooked, infinite

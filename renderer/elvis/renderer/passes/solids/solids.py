@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.layer import Layer
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.hits import Hits, hits
 from elvis.renderer.pixels import NOBODY
@@ -30,14 +30,14 @@ class SolidDrawer:
         self._key: tuple[View, Hashable] | None = None
         self._met, self._places, self._asked = Hits.none(), Places.none(0), np.zeros(0, bool)
 
-    def draw(self, view: View, surface: Solid, beyond: Floats | None = None, quantity: str | None = None) -> Layer:
+    def draw(self, view: View, surface: Solid, beyond: Floats | None = None, quantity: str | None = None) -> HitBuffer:
         """The nearest point of the surface that some element holds, behind the depths ``beyond`` (n,) where given."""
-        layer = self.looked_up(view, surface, partial(hits, surface), beyond)
-        return layer if quantity is None else layer.showing(sampled(self.loaded, layer, quantity))
+        found = self.looked_up(view, surface, partial(hits, surface), beyond)
+        return found if quantity is None else found.showing(sampled(self.loaded, found, quantity))
 
     def looked_up(
         self, view: View, surface: Hashable, meet: Callable[[View], Hits], beyond: Floats | None = None
-    ) -> Layer:
+    ) -> HitBuffer:
         """The same of anything that tells where it is met by rays; asked once for a view and a surface."""
         if self._key is None or self._key[0] is not view or self._key[1] != surface:
             self._key, self._met = (view, surface), self._near(meet(view), view)
@@ -54,15 +54,15 @@ class SolidDrawer:
                 break
             places.put(new, self.finder.find(_points(view, met.pixel[new], met.depth[new])))
             self._asked[new] = True
-        layer = _layer(view, met, places, chosen)
-        _weigh(layer, view, met, chosen, self.loaded.reach)
+        found = _hits_of(view, met, places, chosen)
+        _weigh(found, view, met, chosen, self.loaded.reach)
         if met.doubt is not None:
-            layer.doubt = met.doubt if beyond is None else np.where(met.doubt > beyond, met.doubt, np.inf)
-            doubtful = np.isfinite(layer.doubt) & (layer.doubt <= layer.depth) & (layer.status != Status.FAILED)
-            layer.status[doubtful] = Status.AMBIGUOUS
+            found.doubt = met.doubt if beyond is None else np.where(met.doubt > beyond, met.doubt, np.inf)
+            doubtful = np.isfinite(found.doubt) & (found.doubt <= found.depth) & (found.status != Status.FAILED)
+            found.status[doubtful] = Status.AMBIGUOUS
         failed = met.pixel[behind & (places.status == Status.FAILED)]
-        layer.status[failed[layer.owner[failed] == NOBODY]] = Status.FAILED
-        return layer
+        found.status[failed[found.owner[failed] == NOBODY]] = Status.FAILED
+        return found
 
     def _near(self, met: Hits, view: View) -> Hits:
         """The hits within the box of the volume, and doubts that begin near it."""
@@ -89,40 +89,40 @@ def _points(view: View, pixel: Ints, depth: Floats) -> Floats:
     return np.asarray(origins + depth[:, None] * directions)
 
 
-def _weigh(layer: Layer, view: View, met: Hits, chosen: Ints, reach: float) -> None:
+def _weigh(found: HitBuffer, view: View, met: Hits, chosen: Ints, reach: float) -> None:
     """Tell the uncertainty of the chosen hits; those of which depths are known too badly are no longer certain."""
     pixel, depth = met.pixel[chosen], met.depth[chosen]
     if met.uncertainty is None:
         uncertainty = uncertainties(view, pixel, depth, met.normal[chosen], reach)
     else:
         uncertainty = met.uncertainty[chosen]
-    layer.uncertainty = np.full(view.count, np.nan)
-    layer.uncertainty[pixel] = np.where(layer.owner[pixel] == NOBODY, np.nan, uncertainty)
-    layer.status[pixel] = doubted(layer.status[pixel], ~(uncertainty <= MOST * np.maximum(depth, reach)))
+    found.uncertainty = np.full(view.count, np.nan)
+    found.uncertainty[pixel] = np.where(found.owner[pixel] == NOBODY, np.nan, uncertainty)
+    found.status[pixel] = doubted(found.status[pixel], ~(uncertainty <= MOST * np.maximum(depth, reach)))
 
 
-def _layer(view: View, met: Hits, places: Places, chosen: Ints) -> Layer:
-    """The layer of some hits, one a pixel at most."""
-    layer, pixel = Layer.empty(view.count), met.pixel[chosen]
+def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:
+    """The hit buffer of some hits, one a pixel at most."""
+    found, pixel = HitBuffer.empty(view.count), met.pixel[chosen]
     directions = view.rays(pixel % view.width, pixel // view.width)[1]
     away = np.einsum("ni,ni->n", directions, met.normal[chosen]) > 0.0
-    layer.owner[pixel], layer.field[pixel] = places.owner[chosen], places.field[chosen]
-    layer.reference[pixel], layer.depth[pixel] = places.reference[chosen], met.depth[chosen]
-    layer.normal[pixel] = np.where(away, -1.0, 1.0)[:, None] * met.normal[chosen]
-    layer.status[pixel] = places.status[chosen]
-    return layer
+    found.owner[pixel], found.field[pixel] = places.owner[chosen], places.field[chosen]
+    found.reference[pixel], found.depth[pixel] = places.reference[chosen], met.depth[chosen]
+    found.normal[pixel] = np.where(away, -1.0, 1.0)[:, None] * met.normal[chosen]
+    found.status[pixel] = places.status[chosen]
+    return found
 
 
-def sampled(loaded: Loaded, layer: Layer, quantity: str | None) -> Floats:
-    """(n,) a quantity (None: the parts' own field) at the hits of a layer, NaN elsewhere (sample.slang)."""
-    values, hit = np.full(len(layer.owner), np.nan), np.flatnonzero(layer.owner != NOBODY)
-    part = np.searchsorted(loaded.first, layer.owner[hit], side="right") - 1
+def sampled(loaded: Loaded, found: HitBuffer, quantity: str | None) -> Floats:
+    """(n,) a quantity (None: the parts' own field) at the hits of a hit buffer, NaN elsewhere (sample.slang)."""
+    values, hit = np.full(len(found.owner), np.nan), np.flatnonzero(found.owner != NOBODY)
+    part = np.searchsorted(loaded.first, found.owner[hit], side="right") - 1
     for number in np.unique(part):
         own, device = hit[part == number], loaded.device
         kernel = device.kernel("sample", loaded.parts[number], quantity)
         places = np.zeros(len(own), kernel.dtype("places"))
-        places["element"] = layer.owner[own] - np.uint32(loaded.first[number])
-        places["reference"] = layer.reference[own]
+        places["element"] = found.owner[own] - np.uint32(loaded.first[number])
+        places["reference"] = found.reference[own]
         held = device.empty(np.float64, len(own))
         kernel(len(own), {**loaded.bound(number, quantity), "places": device.buffer(places), "values": held})
         values[own] = device.read(held, np.float64)[: len(own)]

@@ -1,0 +1,182 @@
+"""The hit buffer: what one surface shows, pixel by pixel. Every pass that finds surfaces leaves one (hits.slang)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from dataclasses import field as default
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Bools, Floats
+from elvis.renderer.pixels import NOBODY
+from elvis.scene.frame import Status
+
+if TYPE_CHECKING:
+    from elvis.renderer.device import Buffer, Device
+
+#: the arrays as a device holds them: kind of number, how many of a pixel, and what stands where nothing is hit
+CHANNELS: Mapping[str, tuple[type[np.generic], int, float]] = {
+    "owner": (np.uint32, 1, NOBODY),
+    "side": (np.uint32, 1, NOBODY),
+    "status": (np.uint32, 1, Status.MISS),
+    "field": (np.float64, 1, np.nan),
+    "reference": (np.float64, 3, np.nan),
+    "depth": (np.float64, 1, np.inf),
+    "normal": (np.float64, 3, np.nan),
+    "uncertainty": (np.float64, 1, np.nan),
+    "doubt": (np.float64, 1, np.inf),
+}
+
+
+@dataclass
+class HitBuffer:
+    """One hit at most for each of n pixels, row by row from the top; of a stack, the k-th nearest one.
+
+    owner      (n,)    running element number (see Loaded), NOBODY where nothing is hit
+    field      (n,)    the object's quantity there, NaN where nothing is hit
+    reference  (n, 3)  reference coordinates in the element, NaN where nothing is hit
+    depth      (n,)    distance from the eye's plane along the view (see View.rays), infinite where nothing is hit
+    normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN where nothing is hit
+    status     (n,)    see frame.Status
+    side       (n,)    numbers that tell elements apart, and the faces of each; None: the owners do
+    flat       (3,)    the normal where all of it lies in one plane, else None
+    held       buffers of a device that hold some of these arrays, by name
+    sections   of a plane cut: where elements may be seen, by running number, as cut_cull lists them
+    offset     of a plane cut: normal · x
+    uncertainty  (n,) the true depths are within this of the given ones, in world units, infinite where nothing is
+                 proved and NaN where nothing is hit; None: those of a surface that is given in closed form
+    doubt      (n,)    depths from which on something may have been overlooked, infinite where nothing was; None: none
+    """
+
+    owner: NDArray[np.uint32]
+    field: Floats
+    reference: Floats
+    depth: Floats
+    normal: Floats
+    status: NDArray[np.uint8]
+    side: NDArray[np.uint32] | None = default(default_factory=lambda: None)
+    flat: Floats | None = None
+    held: Mapping[str, Buffer] = default(default_factory=dict)
+    sections: NDArray[Any] | None = default(default_factory=lambda: None)
+    offset: float = 0.0
+    uncertainty: Floats | None = default(default_factory=lambda: None)
+    doubt: Floats | None = default(default_factory=lambda: None)
+
+    @staticmethod
+    def empty(count: int) -> HitBuffer:
+        """A hit buffer without hits."""
+        vectors = np.full((2, count, 3), np.nan)
+        owner, status = np.full(count, NOBODY, np.uint32), np.zeros(count, np.uint8)
+        return HitBuffer(owner, np.full(count, np.nan), vectors[0], np.full(count, np.inf), vectors[1], status)
+
+    @staticmethod
+    def on_device(
+        device: Device, held: Mapping[str, Buffer], made: Mapping[str, Callable[[], Any]] | None = None, **known: Any
+    ) -> HitBuffer:
+        """What a pass has left on a device; arrays are read when they are first asked for.
+
+        held   what the device holds, by name (see ``cleared``)
+        made   what makes others when they are first asked for
+        known  arrays and facts that are known already
+        """
+        hits = object.__new__(HitBuffer)
+        absent = {"side": None, "flat": None, "sections": None, "offset": 0.0, "uncertainty": None, "doubt": None}
+        made = made or {}
+        vars(hits).update({name: value for name, value in absent.items() if name not in {**held, **made}})
+        vars(hits).update(known, held=held, _made=made, _device=device)
+        return hits
+
+    def __getattr__(self, name: str) -> Any:
+        """Make or read what isn't there yet."""
+        own = vars(self)
+        if name in own.get("_made", {}):
+            own[name] = own["_made"][name]()
+        elif "_device" in own and name in own["held"]:
+            own[name] = self._read(own["_device"], name)
+        else:
+            raise AttributeError(name)
+        return own[name]
+
+    def _read(self, device: Device, name: str) -> NDArray[Any]:
+        """An array that the device holds; where nothing is hit, kernels may leave what they like."""
+        dtype, size, nothing = CHANNELS[name]
+        values = device.read(self.held[name], dtype)
+        if name == "status":
+            return values.astype(np.uint8)
+        values = values.reshape(-1, size) if size > 1 else values
+        if name not in ("owner", "side", "doubt"):
+            values[self.owner == NOBODY] = nothing
+        return values
+
+    def without(self, gone: Bools) -> HitBuffer:
+        """The hit buffer without its hits in the pixels ``gone`` (n,)."""
+        wide = gone[:, None]
+        return HitBuffer(
+            np.where(gone, np.uint32(NOBODY), self.owner),
+            np.where(gone, np.nan, self.field),
+            np.where(wide, np.nan, self.reference),
+            np.where(gone, np.inf, self.depth),
+            np.where(wide, np.nan, self.normal),
+            np.where(gone, np.uint8(0), self.status),
+            None if self.side is None else np.where(gone, np.uint32(NOBODY), self.side),
+            self.flat,
+            sections=self.sections,
+            offset=self.offset,
+            uncertainty=None if self.uncertainty is None else np.where(gone, np.nan, self.uncertainty),
+            doubt=self.doubt,
+        )
+
+    def clipped(self, gone: Bools, unsure: Bools) -> HitBuffer:
+        """The same without the hits in the pixels ``gone`` (n,); where that is ``unsure`` (n,), they may be there."""
+        left = self.without(gone)
+        doubt = np.full(len(gone), np.inf) if self.doubt is None else self.doubt
+        left.doubt = np.where(unsure, np.minimum(doubt, self.depth), doubt)
+        status = np.where(unsure & (left.status != Status.FAILED), np.uint8(Status.AMBIGUOUS), left.status)
+        left.status = np.where(gone & np.isfinite(doubt), np.uint8(Status.AMBIGUOUS), status)
+        return left
+
+    def on(self, device: Device, name: str) -> Buffer:
+        """One of the arrays on a device, which it is brought to once."""
+        if name not in self.held:
+            self.held = {**self.held, name: device.buffer(getattr(self, name))}
+        return self.held[name]
+
+    def bound(self, device: Device, *names: str) -> dict[str, Buffer]:
+        """Some of the arrays under the names of kernels; of a plane there is one normal for all pixels."""
+        return {hit_name(name): self._bound(device, name) for name in names}
+
+    def _bound(self, device: Device, name: str) -> Buffer:
+        if name == "normal" and self.flat is not None:
+            return device.buffer(self.flat)
+        return self.on(device, "owner" if name == "side" and self.side is None else name)
+
+    def showing(self, values: Floats) -> HitBuffer:
+        """The hit buffer with other values (n,) as its field."""
+        other = copy(self)
+        other.field, other.held = values, {name: own for name, own in self.held.items() if name != "field"}
+        return other
+
+
+def hit_name(name: str) -> str:
+    """What kernels call one of the arrays."""
+    return f"hit_{name}"
+
+
+def cleared(device: Device, count: int, names: Sequence[str], clear: Sequence[str] = ()) -> dict[str, Buffer]:
+    """Some of the arrays, of so many pixels, for a pass to write; those to ``clear`` say that nothing is hit."""
+    held = {}
+    for name in names:
+        dtype, size, nothing = CHANNELS[name]
+        fresh = np.full(size * count, nothing, dtype) if name in clear else None
+        held[name] = device.empty(dtype, size * count) if fresh is None else device.buffer(fresh)
+    return held
+
+
+def written(device: Device, held: Mapping[str, Buffer]) -> dict[str, Buffer]:
+    """All arrays under the names that hits.slang declares; what a pass does not write has no room."""
+    nothing = device.empty(np.float64, 1)
+    return {hit_name(name): held.get(name, nothing) for name in CHANNELS}
