@@ -19,12 +19,12 @@ from elvis.renderer import (
     Style,
     Transfer,
     VolumeRendering,
-    canvas,
     pacing,
 )
 from elvis.renderer.device import Kernel
 from elvis.renderer.pacing import Pace
 from elvis.renderer.passes.faces import faces
+from elvis.scene import time_limit
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
@@ -133,8 +133,7 @@ def test_time_limits_are_noticed_within_a_step(draw, cube, dispatches, tiny, mon
     made, before = dispatches
     clock = Clock()
     before[0] = lambda number: setattr(clock, "now", clock.now + 1.0)
-    monkeypatch.setattr(canvas, "perf_counter", clock)
-    monkeypatch.setattr("elvis.renderer.rendering.perf_counter", clock)
+    monkeypatch.setattr(time_limit, "perf_counter", clock)
     with pytest.raises(SceneError, match="not done after 4 s, the time limit"):
         draw(cube, camera=NEAR, size=(40, 30), timeout=4.0, **scene)
     assert len(made) == 5
@@ -169,10 +168,9 @@ def test_faces_are_cut_into_pieces_anew_after_an_interrupt(renderer, cube, monke
     drawing = renderer("vulkan")
     drawing.load(cube, "u")
     scene = Scene("u", camera=NEAR, size=(40, 30), objects=(Faces(),))
-    plain, asked = faces.pieces_of, []
+    plain = faces.pieces_of
 
-    def interrupted(space, nets, view, pulse):
-        asked.append(pulse)
+    def interrupted(space, nets, view):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(faces, "pieces_of", interrupted)
@@ -180,4 +178,17 @@ def test_faces_are_cut_into_pieces_anew_after_an_interrupt(renderer, cube, monke
         drawing.render(scene)
     monkeypatch.setattr(faces, "pieces_of", plain)
     assert drawing.render(scene).seen.any()
-    assert asked[0] is not drawing.device.watch.pulse
+
+
+def test_the_time_is_looked_at_while_faces_are_cut_into_pieces(draw, cube, dispatches, monkeypatch):
+    clock, plain = Clock(), faces.pieces_of
+
+    def late(space, nets, view):
+        clock.now += 5.0
+        return plain(space, nets, view)
+
+    monkeypatch.setattr(faces, "pieces_of", late)
+    monkeypatch.setattr(time_limit, "perf_counter", clock)
+    with pytest.raises(SceneError, match="not done after 4 s, the time limit"):
+        draw(cube, camera=NEAR, size=(40, 30), objects=(Faces(),), timeout=4.0)
+    assert not dispatches[0]

@@ -25,7 +25,7 @@ from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
 from elvis.core.polynomials.expansion import values
 from elvis.core.shapes import Shape
 from elvis.reference.chebyshev import bounds_of, lattice, map_degrees
-from elvis.reference.pacing import pulse
+from elvis.scene.time_limit import check_time
 
 _EPSILON = float(np.finfo(np.float64).eps)
 #: residual of a root, in parts of the element's size; roundings of coordinates that add to it
@@ -101,7 +101,7 @@ class Inverter:
         dimension = self.shape.dimension
         pair, place = np.arange(len(rows)), np.zeros((len(rows), 2 * dimension), np.int64)
         for number in range(dimension * _HALVINGS):
-            pulse()
+            check_time()
             # many points ask for the same boxes
             distinct, own = np.unique(np.column_stack([rows[pair], place]), axis=0, return_inverse=True)
             boxes = _boxes(distinct[:, 1:])
@@ -141,7 +141,7 @@ class Inverter:
         found, nearest = start.copy(), np.full(len(rows), np.inf)
         best, active = start.copy(), np.arange(len(rows))
         for _ in range(_STEPS):
-            pulse()
+            check_time()
             own, place = rows[active], found[active]
             world, slopes = self.placed(own, place)
             gap = points[active] - world

@@ -26,7 +26,6 @@ from elvis.core.patch import Patch, patches
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import dimension_of
 from elvis.reference.locating import Locator
-from elvis.reference.pacing import limited, pulse
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
 from elvis.reference.settling import ranged, sampled
@@ -34,6 +33,7 @@ from elvis.scene import Faces, Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding
 from elvis.scene.frame import Frame, Status
+from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, seen
 
 
@@ -47,7 +47,7 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     """
     with limited(scene.timeout):
         frame = _rendered(dataset, scene)
-        pulse()
+        check_time()
     return frame
 
 

@@ -16,7 +16,7 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.reference.host_patch import HostPatch
 from elvis.reference.locating import Locator
-from elvis.reference.pacing import pulse
+from elvis.scene.time_limit import check_time
 
 #: points that are looked up together
 _AT_ONCE = 1 << 12
@@ -41,7 +41,7 @@ def _located(locator: Locator, points: Floats, every: bool = False) -> Location:
     """Where points (n, 3) are, or every element that holds them; some at a time, as it may take long."""
     parts = []
     for first in range(0, max(1, len(points)), _AT_ONCE):
-        pulse()
+        check_time()
         part = locator.locate(points[first : first + _AT_ONCE], all=every)
         parts.append(replace(part, point=part.point + first))
     names = Location.__dataclass_fields__

@@ -14,9 +14,9 @@ from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradien
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import Node
-from elvis.reference.pacing import pulse
 from elvis.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
 from elvis.scene.frame import Frame
+from elvis.scene.time_limit import check_time
 
 #: values of a quantity in elements ``rows`` (n,) of a patch, all at the same reference points (k, D): (n, k)
 Corners = Callable[[Patch, Ints, Floats], Floats]
@@ -92,7 +92,7 @@ class Quantities:
 
     def values(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
         """(n,) values in elements ``rows`` (n,) at reference points (n, D)."""
-        pulse()
+        check_time()
         return self._evaluator.values(self._expressions[name], patch, rows, points)
 
     def values_and_slopes(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradien
 from elvis.core.shapes import Shape
 from elvis.reference.baseline.templates import Template, drawn_out, template
 from elvis.reference.host_patch import HostPatch
-from elvis.reference.pacing import pulse
+from elvis.scene.time_limit import check_time
 
 #: heights of zeta = -1 and zeta = 1, as `margins.facets` has them: normal and offset
 _LIDS = np.array([[0.0, 0.0, 0.5, 0.5], [0.0, 0.0, -0.5, 0.5]])
@@ -105,7 +105,7 @@ def cells_of(patch: Patch, level: int, layers: int | None = None) -> Template:
 
 def spread(patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(e, k, 3) world coordinates of the same reference points (k, 2 or 3) in some elements."""
-    pulse()
+    check_time()
     own = points[:, : patch.shape.dimension]
     if isinstance(patch, HostPatch):
         return patch.spread(rows, own)
@@ -120,7 +120,7 @@ def placed(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
 
     The third coordinate of a sheet leads away at right angles; derivatives are right where it is zero.
     """
-    pulse()
+    check_time()
     if isinstance(patch, HostPatch):
         return patch.placed(rows, points)
     if patch.shape.dimension == 3:

@@ -20,6 +20,7 @@ from elvis.renderer.stages import Stages
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Drawing, Frame, Status, whole
+from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
 #: most pixels that are drawn at once, and hits that are kept while colours must wait for other bands
@@ -52,7 +53,6 @@ class Canvas:
     records   whether fields, elements, positions and normals are kept; else colours and statuses alone
     most      pixels that are drawn at once
     progress  is told how much of how much is done
-    start     when the time began that the scene limits, by perf_counter
     """
 
     scene: Scene
@@ -61,7 +61,6 @@ class Canvas:
     records: bool = True
     most: int = BAND
     progress: Callable[[int, int], object] = lambda done, total: None
-    start: float = field(default_factory=perf_counter)
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -146,7 +145,7 @@ class Canvas:
         for sheet in self.sheets:
             for hits in self.stages.hit_buffers(sheet, view, self.scene.clip):
                 drawn.append((sheet, hits))
-                self._check_time()
+                check_time()
         self.seconds["surfaces"] = self.seconds.get("surfaces", 0.0) + perf_counter() - start
         self.done += 1
         self.progress(self.done, self.total)
@@ -165,18 +164,8 @@ class Canvas:
             total = colors if count == 1 else total + colors / count**2
             self.glow = np.maximum(self.glow, self.painter.glow)
             self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start
-            self._check_time()
+            check_time()
         return np.asarray(total)
-
-    def _check_time(self) -> None:
-        check_time(self.scene, self.start)
-
-
-def check_time(scene: Scene, start: float) -> None:
-    """SceneError where the time limit of a scene has passed since ``start``."""
-    limit = scene.timeout
-    if limit is not None and perf_counter() - start > limit:
-        raise SceneError(f"the picture was not done after {limit:g} s, the time limit: nothing is written")
 
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
+from elvis.scene.time_limit import check_time
 
 #: seconds that a dispatch is meant to take at most
 AIM = 0.2
@@ -65,33 +65,22 @@ def _end(ends: Floats, first: int, limit: float, row: int) -> int:
 class Watch:
     """What is done between dispatches: waiting for the device, and a look at the time.
 
-    pulse     is to be called every now and then in long work of the host too
     compiled  is to be called when a kernel has run for the first time
     """
 
     def __init__(self, wait: Callable[[], object], compiled: Callable[[], object]) -> None:
         self._wait, self.compiled = wait, compiled
-        self.pulse: Callable[[], object] = _nothing
 
     @staticmethod
     def none() -> Watch:
         """That of a closed device."""
         return Watch(_nothing, _nothing)
 
-    @contextmanager
-    def pulsing(self, pulse: Callable[[], object]) -> Iterator[None]:
-        """Let ``pulse``, which may raise what ends the work, be called after each dispatch in the block."""
-        self.pulse = pulse
-        try:
-            yield
-        finally:
-            self.pulse = _nothing
-
     def after_dispatch(self) -> None:
-        """Wait until the device has done all that it was given."""
+        """Wait until the device has done all that it was given; SceneError where a time limit has passed."""
         self._wait()
-        self.pulse()
+        check_time()
 
 
 def _nothing() -> None:
-    """No pulse, and nothing to wait for."""
+    """Nothing to wait for."""

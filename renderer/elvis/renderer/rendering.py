@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from typing import Any, TypeAlias, cast
 
@@ -22,7 +21,7 @@ from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import dimension_of, names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
-from elvis.renderer.canvas import BAND, Canvas, check_memory, check_time
+from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.element_samples import sample_elements
@@ -37,6 +36,7 @@ from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
+from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, seen
 
 #: pixels at once below which a device that fails has failed for good
@@ -221,17 +221,10 @@ class Renderer:
 
     def render(self, scene: Scene, *, references: bool = True) -> Frame:
         """A picture of the volume; the scene has objects.  Only exact records need reference coordinates."""
-        start, frame, most = perf_counter(), None, BAND
-        while frame is None:
-            try:
-                with self.device.watch.pulsing(partial(check_time, scene, start)):
-                    frame = self._drawn(scene, references, most, start)
-            except DeviceLostError as error:
-                most //= 8
-                if most < FEWEST:
-                    raise DeviceError(f"{error}, even where it draws a few rows of the picture at a time") from error
-                self._reopen()
-        check_time(scene, start)
+        start = perf_counter()
+        with limited(scene.timeout):
+            frame = self._persistent(scene, references)
+            check_time()
         if not frame.status.any():
             boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
             raise SceneError("; ".join([missed(scene.only_plane, boxes), *frame.stats.get("remarks", ())]))
@@ -244,14 +237,26 @@ class Renderer:
         frame.stats["seconds"] = {**self.seconds, **frame.stats.get("seconds", {}), "frame": perf_counter() - start}
         return frame
 
-    def _drawn(self, scene: Scene, references: bool, most: int, start: float) -> Frame:
+    def _persistent(self, scene: Scene, references: bool) -> Frame:
+        """A frame, fewer pixels at a time where the device fails."""
+        most = BAND
+        while True:
+            try:
+                return self._drawn(scene, references, most)
+            except DeviceLostError as error:
+                most //= 8
+                if most < FEWEST:
+                    raise DeviceError(f"{error}, even where it draws a few rows of the picture at a time") from error
+                self._reopen()
+
+    def _drawn(self, scene: Scene, references: bool, most: int) -> Frame:
         """A frame of which so many pixels at most are drawn at once."""
         view = self._view(scene)
-        check_time(scene, start)
+        check_time()
         check_memory(view, references, most)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references)
-        return Canvas(scene, view, self.stages, references, most, self.progress, start).frame()
+        return Canvas(scene, view, self.stages, references, most, self.progress).frame()
 
     def _reopen(self) -> None:
         """A new device in place of one that was lost, with the same volume."""

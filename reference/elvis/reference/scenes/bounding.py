@@ -16,10 +16,10 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
 from elvis.reference.chebyshev import SAMPLES, bounds_of, degrees_of, lattice, map_degrees
-from elvis.reference.pacing import pulse
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.reference.solids import spread
+from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
 #: how often a box of few elements is halved along each direction, and one of many; samples along a direction, at most
@@ -74,7 +74,7 @@ def _holding(
     patch: Patch, rows: Ints, function: Corners, degrees: tuple[int, ...], value: float, box: Floats, halvings: int
 ) -> Iterator[tuple[Ints, Floats]]:
     """The elements in whose box (2, d) the function may hold the value; of its parts after some halvings, and these."""
-    pulse()
+    check_time()
     points, divisor = _sampled(patch.shape, box, degrees)
     parts = np.array_split(rows, -(-len(rows) * len(points) // _AT_ONCE) or 1)
     bounds = [bounds_of(function(patch, part, points), divisor) for part in parts]

@@ -21,11 +21,11 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.reference.pacing import pulse
 from elvis.reference.scenes.boxes import OVER, Boxes, nodes
 from elvis.reference.scenes.equations import Equation, Linear
 from elvis.reference.solids import spread
 from elvis.scene import Plane
+from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
 #: radius of a piece in pixels; that of one in which no zero is proved, and halvings, at which it is given up
@@ -111,7 +111,7 @@ class Search:
 
     def _looked_at(self, boxes: Boxes) -> tuple[Boxes, Pieces, Bools, Ints]:
         """The boxes that may hold a zero, what is known of these, where it suffices, and directions for halving."""
-        pulse()
+        check_time()
         equations, possible = self._equations(boxes)
         place = self._place(boxes)
         possible &= self._is_near(*place.around)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.reference.pacing import pulse
+from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
 #: pairs of a triangle and a pixel that are looked at together
@@ -56,7 +56,7 @@ def pixels_between(view: View, low: Floats, high: Floats) -> Iterator[tuple[Ints
     counts = np.maximum(sides, 0).prod(axis=1)
     ends = np.cumsum(counts)
     for start in range(0, int(ends[-1]) if len(ends) else 0, _AT_ONCE):
-        pulse()
+        check_time()
         pair = np.arange(start, min(start + _AT_ONCE, int(ends[-1])))
         own = np.searchsorted(ends, pair, side="right")
         place = pair - (ends - counts)[own]

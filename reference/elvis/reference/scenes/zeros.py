@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.reference.pacing import pulse
+from elvis.scene.time_limit import check_time
 
 #: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN where there are none
 Along = Callable[[Ints, Floats], Floats]
@@ -84,7 +84,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
     degree, found = max(degree + 2, _LEAST), []
     parts = _Parts(np.arange(count), np.zeros(count), np.ones(count))
     for depth in range(_PARTED + 1):
-        pulse()
+        check_time()
         if not len(parts.which):
             break
         shares = parts.low[:, None] + 0.5 * (1 + _nodes(degree)) * (parts.high - parts.low)[:, None]
@@ -125,7 +125,7 @@ def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros
     found: list[Zeros] = []
     halve, signs = _halving(coefficients.shape[1] - 1), (-1.0) ** np.arange(coefficients.shape[1])
     for depth in range(_HALVED + 1):
-        pulse()
+        check_time()
         sizes = np.abs(coefficients)
         kept = ~(sizes[:, 0] - sizes[:, 1:].sum(axis=1) > error)
         parts, coefficients, error = parts.some(kept), coefficients[kept], error[kept]

@@ -164,7 +164,7 @@ class FaceDrawer:
         if self._seen[0] != (key := (view, words if isinstance(words, tuple) else id(words))):
             found = []
             for block, (_, nets, sides) in zip(self.faces.blocks, self._chosen[1], strict=True):
-                pieces, edges = pieces_of(block.space, nets, view, self.loaded.device.watch.pulse)
+                pieces, edges = pieces_of(block.space, nets, view)
                 found.append((sides.both(pieces), edges))
             self._seen = key, found
         return self._seen[1]

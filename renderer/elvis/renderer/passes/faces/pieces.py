@@ -6,7 +6,7 @@ View.to_pixel, depth times w, and w.  NumPy goes quickly along long axes alone, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
+from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
 #: greatest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
@@ -61,13 +62,8 @@ class Edges:
     reach: Floats
 
 
-def pieces_of(
-    space: FaceSpace, nets: Floats, view: View, pulse: Callable[[], object] = lambda: None
-) -> tuple[Pieces, Edges]:
-    """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view.
-
-    pulse  is called every now and then, and may raise what ends the work
-    """
+def pieces_of(space: FaceSpace, nets: Floats, view: View) -> tuple[Pieces, Edges]:
+    """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view."""
     forward = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
     rows = np.concatenate([view.to_pixel, forward[None], [[0.0, 0.0, 0.0, 1.0]]])
     rounding = _rounding(nets, view)
@@ -76,7 +72,7 @@ def pieces_of(
         number = np.arange(len(nets))[some]
         for batch in _divided(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view, rounding):
             found.append(batch)
-            pulse()
+            check_time()
     face, place, screen, pixels, line, spread = (
         np.concatenate(parts, axis=-1) for parts in zip(*map(_Batch.parts, found), strict=True)
     )

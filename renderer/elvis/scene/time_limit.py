@@ -1,4 +1,4 @@
-"""The time limit of a picture, which long steps look at from within."""
+"""The time limit of a picture: all that takes long, in the renderer and in the reference, looks at it from within."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _limit: ContextVar[tuple[float, float] | None] = ContextVar("limit", default=Non
 
 @contextmanager
 def limited(seconds: float | None) -> Iterator[None]:
-    """Let `pulse` raise what ends the work after so many seconds; within another such block that one's limit counts."""
+    """Let `check_time` raise what ends the work after so many seconds; within another such block its limit counts."""
     if seconds is None or _limit.get() is not None:
         yield
         return
@@ -26,7 +26,7 @@ def limited(seconds: float | None) -> Iterator[None]:
         _limit.reset(token)
 
 
-def pulse() -> None:
+def check_time() -> None:
     """Look at the time; SceneError where the limit has passed."""
     known = _limit.get()
     if known is not None and perf_counter() > known[0]:

@@ -6,10 +6,10 @@ import pytest
 
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.reference import pacing, places
+from elvis.reference import places
 from elvis.reference.picture import render
 from elvis.renderer.rendering import completed
-from elvis.scene import Camera, Contours, CutSurface, Faces, Isosurface, Plane, Scene, Sphere, Style
+from elvis.scene import Camera, Contours, CutSurface, Faces, Isosurface, Plane, Scene, Sphere, Style, time_limit
 from elvis.scene.errors import SceneError
 
 PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))
@@ -48,7 +48,7 @@ def test_the_time_is_looked_at_within_long_steps(data, name, looks, monkeypatch)
     """By a clock that goes on by a second whenever it is asked."""
     clock = count()
     monkeypatch.setattr(places, "_AT_ONCE", 50)
-    monkeypatch.setattr(pacing, "perf_counter", lambda: float(next(clock)))
+    monkeypatch.setattr(time_limit, "perf_counter", lambda: float(next(clock)))
     with pytest.raises(SceneError, match="not done"):
         render(data, completed(data, scene_of(name, timeout=float(looks))))
     assert next(clock) == looks + 2
