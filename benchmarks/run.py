@@ -15,6 +15,7 @@ from typing import Any
 
 import bent
 import cases
+import compiling
 import conversion
 import floor
 import large
@@ -89,6 +90,12 @@ def order(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [orders.table(numbers)]
 
 
+def compile(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Kernels that nobody has compiled before."""
+    numbers = compiling.measure(options.device, *compiling.every(options.quick))
+    return numbers, [compiling.table(numbers)]
+
+
 def many(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """A million elements."""
     cells, side, points = (6, 100, 1000) if options.quick else (56, 1000, 100_000)
@@ -126,6 +133,7 @@ PARTS: dict[str, Part] = {
     "isosurface": isosurface,
     "volume": volume,
     "orders": order,
+    "compile": compile,
     "million": many,
     "convert": convert,
     "start": start,

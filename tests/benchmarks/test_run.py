@@ -28,9 +28,9 @@ def quick(tmp_path_factory):
 def test_every_part_prints_its_table(quick):
     text, numbers = quick
     titles = [line for line in text.splitlines() if line.startswith("## ")]
-    assert len(titles) == 17
+    assert len(titles) == 18
     assert set(numbers) == {
-        "machine", "cut", "surfaces", "isosurface", "volume", "orders", "million", "convert", "start",
+        "machine", "cut", "surfaces", "isosurface", "volume", "orders", "compile", "million", "convert", "start",
         "repeat", "large"
     }  # fmt: skip
     assert numbers["machine"]["date"] in text

@@ -53,7 +53,7 @@ def joined(parts: Sequence[Part], folder: Path) -> tuple[str, str, Mapping[str, 
     heads, bodies, buffers = dict[str, None](), list[str](), dict[str, NDArray[Any]]()
     for m, part in enumerate(parts):
         text = (folder / f"{part.module}.slang").read_text(encoding="utf-8")
-        declared = [name for name in part.buffers if re.search(rf"StructuredBuffer\s*<[^;]*>\s*{name}\s*;", text)]
+        declared = [name for name in part.buffers if re.search(rf"(?:>|\*)\s*{name}\s*;", text)]
         heads.update(dict.fromkeys(found.strip() for found in _IMPORT.findall(text + "\n" + part.source)))
         heads.update(dict.fromkeys(re.findall(r"import\s+[\w.]+\s*;", part.source)))
         rest = re.sub(r"import\s+[\w.]+\s*;", "", part.source)

@@ -205,7 +205,7 @@ class Device:
 
 
 class Kernel:
-    """A linked compute kernel; buffers are given by the names of its module's globals.
+    """A linked compute kernel; buffers are given by the names of its module's globals, bound or read through pointers.
 
     capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
     """
@@ -245,7 +245,7 @@ class Kernel:
         missing = self._globals.keys() - buffers.keys() - {OFFSET}
         if missing:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
-        bound = {name: buffers[name].memory for name in self._globals if name != OFFSET}
+        bound = {name: self._given(name, buffers[name]) for name in self._globals if name != OFFSET}
         total = count if groups else -(-count // self._group)
         fresh = not self._pace.compiled
         with working():
@@ -254,6 +254,13 @@ class Kernel:
                 self._watch.after_dispatch()
         if fresh:
             self._watch.compiled()
+
+    def _given(self, name: str, buffer: Buffer) -> slangpy.Buffer | int:
+        """What stands for a buffer: its address where the module reads it through a pointer, else itself."""
+        import slangpy
+
+        is_pointer = self._globals[name].type.kind == slangpy.TypeReflection.Kind.pointer
+        return buffer.memory.device_address if is_pointer else buffer.memory
 
     def _dispatch(self, first: int, total: int, bound: dict[str, Any]) -> None:
         """Run some groups from the first one on, in rows that devices allow."""
