@@ -254,13 +254,13 @@ def test_gradients_equal_those_of_the_modes(expansion):
     points = np.vstack([inside(shape), shape.vertices[:4]]) if shape is Shape.PYRAMID else inside(shape)
     points = points if shape is Shape.PYRAMID else np.vstack([points, shape.vertices, *midpoints(shape)])
     nets = [differentiate(space, matrix, i) for i in range(shape.dimension)]
-    slopes = np.stack([bernstein_values(lower, points) @ net.T for lower, net in nets], axis=1)
+    derivatives = np.stack([bernstein_values(lower, points) @ net.T for lower, net in nets], axis=1)
     if shape is Shape.PYRAMID:
-        slopes = from_collapsed(slopes, collapse(shape, points))
+        derivatives = from_collapsed(derivatives, collapse(shape, points))
     direct = values_and_gradients(expansion, points)[1]
     scale = np.max([np.abs(net).max(axis=1) for _, net in nets], axis=0)
     steep = 1 if shape is not Shape.PYRAMID else (2 / (1 - points[:, -1]))[:, None, None]
-    assert (np.abs(slopes - direct) <= 1e-13 * (1 + scale) * steep).all()
+    assert (np.abs(derivatives - direct) <= 1e-13 * (1 + scale) * steep).all()
 
 
 @pytest.mark.parametrize("expansion", [case for case in CASES if case.shape not in (*TENSOR, Shape.PYRAMID)], ids=name)
@@ -272,11 +272,11 @@ def test_nothing_jumps_near_collapsed_vertices(expansion):
     points = (shape.vertices + steps * (0.5 * inside(shape, 1) + 0.5 * centre - shape.vertices)).reshape(
         -1, shape.dimension
     )
-    table, slopes = values_and_gradients(expansion, points)
+    table, derivatives = values_and_gradients(expansion, points)
     assert (np.abs(table - bernstein_values(space, points) @ matrix.T) <= 1e-13 * np.abs(matrix).max(axis=1)).all()
     for i in range(shape.dimension):
         lower, net = differentiate(space, matrix, i)
-        error = np.abs(slopes[:, i] - bernstein_values(lower, points) @ net.T)
+        error = np.abs(derivatives[:, i] - bernstein_values(lower, points) @ net.T)
         assert (error <= 1e-13 * (1 + np.abs(net).max(axis=1))).all()
 
 
@@ -284,11 +284,11 @@ def midpoints(shape):
     return [shape.vertices[list(edge)].mean(axis=0) for edge in shape.edges]
 
 
-def from_collapsed(slopes, eta):
+def from_collapsed(derivatives, eta):
     """Derivatives in eta -> in xi, on a pyramid (format notes 2.2)."""
     e = eta[:, :, None]
-    first, second = 2 / (1 - e[:, 2]) * slopes[:, 0], 2 / (1 - e[:, 2]) * slopes[:, 1]
-    third = (1 + e[:, 0]) / 2 * first + (1 + e[:, 1]) / 2 * second + slopes[:, 2]
+    first, second = 2 / (1 - e[:, 2]) * derivatives[:, 0], 2 / (1 - e[:, 2]) * derivatives[:, 1]
+    third = (1 + e[:, 0]) / 2 * first + (1 + e[:, 1]) / 2 * second + derivatives[:, 2]
     return np.stack([first, second, third], axis=1)
 
 

@@ -27,22 +27,22 @@ def case(request, monkeypatch):
 
 def test_many_elements_at_the_same_points(case):
     expansion, coefficients, points, _ = case
-    table, slopes = values_and_gradients(expansion, points)
+    table, derivatives = values_and_gradients(expansion, points)
     expected = np.einsum("ecm,nm->ecn", coefficients, table)
     assert np.allclose(evaluation.evaluate(expansion, coefficients, points), expected, rtol=0, atol=1e-13)
     found, gradients = evaluation.evaluate_with_gradients(expansion, coefficients, points)
     assert np.allclose(found, expected, rtol=0, atol=1e-13)
-    assert np.allclose(gradients, np.einsum("ecm,ndm->ecnd", coefficients, slopes), rtol=0, atol=1e-12)
+    assert np.allclose(gradients, np.einsum("ecm,ndm->ecnd", coefficients, derivatives), rtol=0, atol=1e-12)
 
 
 def test_an_element_for_each_point(case):
     expansion, coefficients, points, rows = case
-    table, slopes = values_and_gradients(expansion, points)
+    table, derivatives = values_and_gradients(expansion, points)
     expected = np.einsum("ncm,nm->nc", coefficients[rows], table)
     assert np.allclose(evaluation.evaluate_at(expansion, coefficients, rows, points), expected, rtol=0, atol=1e-13)
     found, gradients = evaluation.evaluate_at_with_gradients(expansion, coefficients, rows, points)
     assert np.allclose(found, expected, rtol=0, atol=1e-13)
-    assert np.allclose(gradients, np.einsum("ncm,ndm->ncd", coefficients[rows], slopes), rtol=0, atol=1e-12)
+    assert np.allclose(gradients, np.einsum("ncm,ndm->ncd", coefficients[rows], derivatives), rtol=0, atol=1e-12)
 
 
 def test_scalar_fields_have_no_component_axis(case):

@@ -171,10 +171,10 @@ def vertex_columns(shape, n):
 
 @pytest.mark.parametrize(("shape", "n"), [case for case in UNIFORM if case[1] > 1])
 def test_vertex_modes_are_a_partition_of_unity(shape, n):
-    table, slopes = values_and_gradients(modified(shape, n), inside(shape))
+    table, derivatives = values_and_gradients(modified(shape, n), inside(shape))
     columns = vertex_columns(shape, n)
     assert np.abs(table[:, columns].sum(axis=1) - 1).max() < 1e-14
-    assert np.abs(slopes[:, :, columns].sum(axis=2)).max() < 1e-13
+    assert np.abs(derivatives[:, :, columns].sum(axis=2)).max() < 1e-13
     assert (table[:, columns] >= 0).all()
 
 
@@ -299,9 +299,9 @@ def test_gradients_are_those_of_the_values(shape, bases):
     n = 2 if Basis.FOURIER_SINGLE_MODE in bases else 6 if shape.dimension < 3 else 4
     expansion = Expansion(shape, bases, (n,) * shape.dimension)
     points = uncollapse(shape, np.random.default_rng(2).uniform(-0.9, 0.8, (25, shape.dimension)))
-    table, slopes = values_and_gradients(expansion, points)
+    table, derivatives = values_and_gradients(expansion, points)
     assert np.array_equal(table, values(expansion, points))
-    assert np.abs(slopes - differences(expansion, points)).max() < 1e-9 * (1 + np.abs(slopes).max())
+    assert np.abs(derivatives - differences(expansion, points)).max() < 1e-9 * (1 + np.abs(derivatives).max())
 
 
 @pytest.mark.parametrize("family", [MODIFIED, ORTHO])
@@ -355,9 +355,9 @@ def test_homogeneous_modes_are_plane_by_plane(shape, planes):
 def test_homogeneous_gradients_are_those_of_the_values(shape, planes):
     full = Expansion(shape, MODIFIED[shape], (4,) * shape.dimension, planes)
     points = np.hstack([0.9 * inside(shape, 9) - 0.05, np.random.default_rng(5).uniform(-1, 1, (9, len(planes.bases)))])
-    table, slopes = values_and_gradients(full, points)
+    table, derivatives = values_and_gradients(full, points)
     assert np.array_equal(table, values(full, points))
-    assert np.abs(slopes - differences(full, points)).max() < 1e-9 * np.abs(slopes).max()
+    assert np.abs(derivatives - differences(full, points)).max() < 1e-9 * np.abs(derivatives).max()
 
 
 # --- what is refused ---

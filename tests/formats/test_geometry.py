@@ -49,8 +49,8 @@ def volumes(mesh, count=10):
     result = {}
     for block in geometry(Dataset(mesh)):
         points, weights = quadrature(block.expansion.shape, count)
-        slopes = evaluate_with_gradients(block.expansion, block.coefficients, points)[1]
-        dets = [determinants(np.ascontiguousarray(s.transpose(1, 0, 2))) for s in slopes]
+        derivatives = evaluate_with_gradients(block.expansion, block.coefficients, points)[1]
+        dets = [determinants(np.ascontiguousarray(s.transpose(1, 0, 2))) for s in derivatives]
         assert min(d.min() for d in dets) > 0
         result |= dict(zip(block.element_ids.tolist(), [float(d @ weights) for d in dets], strict=True))
     return result
@@ -253,11 +253,11 @@ def test_jacobians_are_differences_of_positions(shape):
     field = approximated(dataset, "u", lambda x: np.sin(x[:, 0]) + x[:, 1] * x[:, 2], 5)
     (patch,) = patches(replace(dataset, fields=(field,)), ["u"])
     points, rows, step = inner_points(shape), np.zeros(6, int), 1e-6
-    matrix, slopes = jacobians(patch, rows, points), gradients(patch, 0, rows, points)
+    matrix, derivatives = jacobians(patch, rows, points), gradients(patch, 0, rows, points)
     for i in range(shape.dimension):
         shift = step * np.eye(shape.dimension)[i]
         ahead, behind = positions(patch, rows, points + shift), positions(patch, rows, points - shift)
         np.testing.assert_allclose(matrix[:, :, i], (ahead - behind) / (2 * step), rtol=0, atol=1e-8)
         change = values(patch, 0, rows, points + shift) - values(patch, 0, rows, points - shift)
-        along = np.einsum("nc,nc->n", slopes, matrix[:, :, i])
+        along = np.einsum("nc,nc->n", derivatives, matrix[:, :, i])
         np.testing.assert_allclose(along, change / (2 * step), rtol=0, atol=1e-8)

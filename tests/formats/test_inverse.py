@@ -171,13 +171,13 @@ def test_curves_and_surfaces_hold_what_lies_on_them(shape, space):
     points = scattered(shape, 300)
     points = points[margins(shape, points) > 1e-3]
     rows = np.zeros(len(points), int)
-    world, slopes = positions(patch, rows, points), jacobians(patch, rows, points)
+    world, derivatives = positions(patch, rows, points), jacobians(patch, rows, points)
     found = invert(patch, rows, world)
     assert (found.status == Status.INSIDE).all()
     np.testing.assert_allclose(found.reference, points, rtol=0, atol=1e-9)
 
     # a little off the element the foot is found, farther off nothing
-    normal = np.linalg.svd(slopes)[0][:, :, -1]
+    normal = np.linalg.svd(derivatives)[0][:, :, -1]
     near = invert(patch, rows, world + 1e-8 * normal)
     assert (near.status == Status.INSIDE).all()
     np.testing.assert_allclose(near.reference, points, rtol=0, atol=1e-7)

@@ -44,11 +44,11 @@ def test_reflection_swaps_the_weights(a, b):
 
 @pytest.mark.parametrize(("a", "b"), WEIGHTS)
 def test_derivatives_are_polynomials_of_raised_weights(a, b):
-    slopes = jacobi_with_derivative(20, a, b, POINTS)[1]
+    derivatives = jacobi_with_derivative(20, a, b, POINTS)[1]
     n = np.arange(1, 21)[:, None]
     expected = (n + a + b + 1) / 2 * jacobi(19, a + 1, b + 1, POINTS)
-    assert not slopes[0].any()
-    assert (np.abs(slopes[1:] - expected) <= 3e-13 * np.abs(expected).max(axis=1, keepdims=True)).all()
+    assert not derivatives[0].any()
+    assert (np.abs(derivatives[1:] - expected) <= 3e-13 * np.abs(expected).max(axis=1, keepdims=True)).all()
 
 
 @pytest.mark.parametrize(("a", "b"), WEIGHTS)
@@ -61,7 +61,7 @@ def test_polynomials_are_orthogonal(a, b):
 
 
 def test_degree_zero_is_one_and_flat():
-    values, slopes = jacobi_with_derivative(0, 3, 1, np.linspace(-1, 1, 5))
-    assert values.shape == slopes.shape == (1, 5)
+    values, derivatives = jacobi_with_derivative(0, 3, 1, np.linspace(-1, 1, 5))
+    assert values.shape == derivatives.shape == (1, 5)
     assert (values == 1).all()
-    assert (slopes == 0).all()
+    assert (derivatives == 0).all()

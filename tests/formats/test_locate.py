@@ -272,9 +272,9 @@ def test_samples_are_the_field():
     np.testing.assert_array_equal(taken.values[:, 0], taken.values[:, 1])
     assert np.isnan(taken.values[~hits]).all()
     sampler = Sampler(dataset, ["u"])
-    slopes = sampler.gradients(taken.location)[hits, 0]
+    derivatives = sampler.gradients(taken.location)[hits, 0]
     exact = np.stack([np.cos(world[hits, 0]), np.ones(hits.sum()), np.zeros(hits.sum())], axis=1)
-    np.testing.assert_allclose(slopes, exact, rtol=0, atol=0.2)
+    np.testing.assert_allclose(derivatives, exact, rtol=0, atol=0.2)
 
 
 def test_both_values_of_a_jump_are_given():
@@ -309,10 +309,10 @@ def fourier(mesh, shape, lengths, bases, ids):
     """u = 1 + x cos(2 pi z / LZ) on a mesh of one shape, times cos(2 pi y / LY) with two directions."""
     plain = Expansion(shape, (Basis.MODIFIED_A,) * shape.dimension, (2,) * shape.dimension)
     (ones,) = approximated(Dataset(mesh), "u", lambda x: np.ones(len(x)), 2).blocks
-    (slope,) = approximated(Dataset(mesh), "u", lambda x: x[:, 0], 2).blocks
+    (linear,) = approximated(Dataset(mesh), "u", lambda x: x[:, 0], 2).blocks
     y_ids = tuple(i for i, _ in ids) if len(lengths) == 2 else ()
     z_ids = tuple(ids) if len(lengths) == 1 else tuple(i for _, i in ids)
-    planes = {0: ones.coefficients, len(ids) - 1: slope.coefficients}
+    planes = {0: ones.coefficients, len(ids) - 1: linear.coefficients}
     rows = [planes.get(i, 0 * ones.coefficients) for i in range(len(ids))]
     expansion = replace(plain, homogeneous=Homogeneous(bases, lengths, z_ids, y_ids))
     return Field("u", (Block(expansion, ones.element_ids, frozen_floats(np.concatenate(rows, axis=1))),))
@@ -328,9 +328,9 @@ def test_one_fourier_direction_is_periodic(z):
     assert (taken.location.status == Status.INSIDE).all()
     angle = 2 * np.pi * z / 4
     np.testing.assert_allclose(taken.values[:, 0], 1 + points[:, 0] * np.cos(angle), rtol=0, atol=1e-12)
-    slopes = Sampler(dataset, ["u"]).gradients(taken.location)[:, 0]
+    derivatives = Sampler(dataset, ["u"]).gradients(taken.location)[:, 0]
     exact = [0 * points[:, 0] + np.cos(angle), 0 * points[:, 0], -points[:, 0] * np.sin(angle) * 2 * np.pi / 4]
-    np.testing.assert_allclose(slopes, np.stack(exact, axis=1), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(derivatives, np.stack(exact, axis=1), rtol=0, atol=1e-11)
     (patch,) = patches(dataset, ["u"])
     back = positions(patch, taken.location.row, taken.location.reference)
     np.testing.assert_allclose(back[:, 2], z if 0 <= z <= 4 else z % 4, rtol=0, atol=1e-12)

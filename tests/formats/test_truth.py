@@ -194,10 +194,10 @@ def test_a_field_that_varies_between_planes():
     values = np.full(len(s), np.nan)
     for patch in patches(data, ["u"]):
         # straight elements are parallelograms here: invert their affine maps
-        centre, slopes = evaluate_with_gradients(patch.geometry, patch.geometry_coefficients, np.zeros((1, 2)))
+        centre, derivatives = evaluate_with_gradients(patch.geometry, patch.geometry_coefficients, np.zeros((1, 2)))
         for element in range(len(patch)):
             offset = np.stack([s, s]) - centre[element, :2]
-            xi = np.linalg.solve(slopes[element, :2, 0], offset)
+            xi = np.linalg.solve(derivatives[element, :2, 0], offset)
             inside = (np.abs(xi) <= 1 + 1e-9).all(axis=0)
             points = np.column_stack([xi.T, 2 * z - 1])[inside]
             rows = np.full(len(points), element)

@@ -34,8 +34,8 @@ def sampled(block, space, n=11):
 
 
 def sampled_at(block, space, xi):
-    slopes = evaluate_with_gradients(block.expansion, block.coefficients[:, :space], xi)[1]
-    jacobians = np.moveaxis(slopes, 1, -2)
+    derivatives = evaluate_with_gradients(block.expansion, block.coefficients[:, :space], xi)[1]
+    jacobians = np.moveaxis(derivatives, 1, -2)
     if space == jacobians.shape[-1]:
         return np.linalg.det(jacobians)
     return np.sqrt(np.linalg.det(np.swapaxes(jacobians, -1, -2) @ jacobians))
@@ -205,7 +205,7 @@ def bent_valley(depth):
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (1.0, 0.5, 0.25)])
 def test_thin_valleys_are_decided_in_every_direction(shape, direction):
-    """The determinant falls to 1e-10, some hundred times what rounding may do, all along a line or a surface."""
+    """The determinant decreases to 1e-10, some hundred times what rounding may do, all along a line or a surface."""
     block = block_of(shape, 4, flat_valley(direction, 1e-10))
     found = validity(Dataset(one_element(shape, shape.dimension)), [block])
     assert found.status.tolist() == [ValidityStatus.POSITIVE]

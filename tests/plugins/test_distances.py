@@ -46,7 +46,7 @@ def test_distances_and_their_gradients_are_those_of_numpy(renderer, file, shape)
     expression = Expression.of(dataset, text)
     truth = Evaluator(dataset, [expression]).at(expression, part.element_ids[elements], reference)
     assert np.abs(found.value - truth).max() < VALUE * np.abs(truth).max()
-    gradient = np.linalg.solve(found.jacobian.transpose(0, 2, 1), found.slope[:, :, None])[:, :, 0]
+    gradient = np.linalg.solve(found.jacobian.transpose(0, 2, 1), found.gradient[:, :, None])[:, :, 0]
     assert np.abs(np.linalg.norm(gradient, axis=1) - 1).max() < UNIT
     place = nearest(surface_of(dataset, text[9:-1].strip("'")), found.position).place
     assert np.abs(found.position - found.value[:, None] * gradient - place).max() < UNIT

@@ -97,16 +97,16 @@ def test_halves_cover_a_face_once(shape):
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
 @pytest.mark.parametrize("degree", [1, 2, 5, 9])
-def test_slopes_are_derivatives(shape, degree):
+def test_derivative_nets_are_derivatives(shape, degree):
     space, rng = face_space(shape, degree), np.random.default_rng(degree)
     net, points, step = rng.normal(size=space.count), scattered(shape, 7), 1e-6
-    for axis, matrix in enumerate(space.slopes):
+    for axis, matrix in enumerate(space.derivatives):
         shift = step * np.eye(2)[axis]
         difference = bernstein_values(space.space, points + shift) - bernstein_values(space.space, points - shift)
         low, high = (matrix @ net).min(), (matrix @ net).max()
-        slope = difference @ net / (2 * step)
-        assert (slope >= low - 1e-6 * abs(low)).all()
-        assert (slope <= high + 1e-6 * abs(high)).all()
+        gradient = difference @ net / (2 * step)
+        assert (gradient >= low - 1e-6 * abs(low)).all()
+        assert (gradient <= high + 1e-6 * abs(high)).all()
 
 
 def test_faces_are_chosen_by_name(mixed):

@@ -14,7 +14,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import scattered
 from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
-from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, slopes_of
+from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of, volume_of
@@ -53,7 +53,9 @@ def bent(shape, unit=False):
 
 def test_derivatives_are_those_of_smooth_functions():
     points = np.concatenate([scattered(Shape.HEXAHEDRON, 50), Shape.HEXAHEDRON.vertices])
-    found = slopes_of(lambda rows, r: np.stack([np.sin(2 * r[:, 0]) * r[:, 1], np.exp(r[:, 2])], axis=1), None, points)
+    found = numerical_derivatives(
+        lambda rows, r: np.stack([np.sin(2 * r[:, 0]) * r[:, 1], np.exp(r[:, 2])], axis=1), None, points
+    )
     x, y, z = points.T
     zero = 0 * x
     wanted = np.stack(

@@ -1,4 +1,4 @@
-"""Quantities on a device: values and slopes on every shape against NumPy, pictures, what plugins can and can't."""
+"""Quantities on a device: values and gradients on every shape against NumPy, pictures, what plugins can and can't."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +19,9 @@ from elvis.renderer import Plane, render
 
 NEKTAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 #: of the greatest magnitude
-VALUE, SLOPE = 1e-11, 1e-7
+VALUE, GRADIENT = 1e-11, 1e-7
 
-#: slopes by the chain rule, and by differences
+#: gradients by the chain rule, and by differences
 TEXTS = ("x*atan2(u*v, 2+v) + element/(2+order)", "q_criterion - jacobian*x + quality^0.7")
 
 
@@ -49,7 +49,7 @@ def asked(part, count=40):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_quantities_and_their_slopes_are_what_numpy_gives(renderer, dimension):
+def test_quantities_and_their_gradients_are_what_numpy_gives(renderer, dimension):
     mesh = curved(mixed_volume(seed=1) if dimension == 3 else mixed_plane(seed=1), ripple(0.02), n=4)
     dataset, drawing, shapes = flow(mesh), renderer("vulkan"), set()
     volume = volume_of(dataset, ("u", *TEXTS))
@@ -64,14 +64,14 @@ def test_quantities_and_their_slopes_are_what_numpy_gives(renderer, dimension):
             found = drawing.sample_elements(number, elements, reference - centre, expression.text)
             truth = evaluator.at(expression, part.element_ids[elements], reference)
             assert np.abs(found.value - truth).max() < VALUE * np.abs(truth).max(), (shape, expression.text)
-            slopes = differences(evaluator, expression, part.element_ids[elements], reference)[:, :dimension]
-            error = np.abs(found.slope[:, :dimension] - slopes).max()
-            assert error < SLOPE * np.abs(slopes).max(), (shape, expression.text)
+            gradients = differences(evaluator, expression, part.element_ids[elements], reference)[:, :dimension]
+            error = np.abs(found.gradient[:, :dimension] - gradients).max()
+            assert error < GRADIENT * np.abs(gradients).max(), (shape, expression.text)
     assert shapes == set(Shape.of_dimension(dimension))
 
 
 def differences(evaluator, expression, ids, reference, step=1e-4):
-    """(n, 3) slopes by differences of fourth order."""
+    """(n, 3) gradients by differences of fourth order."""
     columns = []
     for axis in np.eye(3):
         near, far = (
@@ -125,7 +125,7 @@ def test_pictures_of_expressions_are_what_numpy_evaluates(text):
 
 
 def test_second_derivatives_are_what_numpy_gives(renderer):
-    """By differences of sixth order, as are slopes of derivatives; NumPy has both exactly."""
+    """By differences of sixth order, as are gradients of derivatives; NumPy has both exactly."""
     dataset, drawing = flow(curved(grid(Shape.PRISM, 1), ripple(0.02), n=3)), renderer("vulkan")
     second, first = (Expression.of(dataset, text) for text in ("laplacian(u)*v", "vorticity_z*u"))
     volume = volume_of(dataset, [second.text, first.text])
@@ -138,9 +138,9 @@ def test_second_derivatives_are_what_numpy_gives(renderer):
 
     along = [Expression(f"d{axis}", world_derivative(first.root, axis)) for axis in range(3)]
     gradient = np.stack([Evaluator(dataset, along).at(each, ids, reference) for each in along], axis=1)
-    slope = np.einsum("nc,nci->ni", gradient, found.jacobian)
-    risen = drawing.sample_elements(0, elements, reference - centre, first.text).slope
-    assert np.abs(risen - slope).max() < 1e-10 * np.abs(slope).max()
+    in_element = np.einsum("nc,nci->ni", gradient, found.jacobian)
+    gradients = drawing.sample_elements(0, elements, reference - centre, first.text).gradient
+    assert np.abs(gradients - in_element).max() < 1e-10 * np.abs(in_element).max()
 
 
 def test_quasi_3d_data_have_expressions_of_all_their_fields(renderer):
@@ -181,11 +181,11 @@ def test_a_plugins_field_makes_expressions(renderer, opened):
     drawing.show(volume_of(opened, ["d(u,x)*y", "u", "u^2"]))
     points = np.random.default_rng(1).uniform(-0.9, 0.9, (50, 3))
     x, y, _ = ((points + 1) / 2).T
-    wave, slope = np.cos(2 * np.pi * x), -2 * np.pi * np.sin(2 * np.pi * x)
-    for text, truth in ((None, slope * y), ("d(u,x)*y", slope * y), ("u", wave), ("u^2", wave**2)):
+    wave, derivative = np.cos(2 * np.pi * x), -2 * np.pi * np.sin(2 * np.pi * x)
+    for text, truth in ((None, derivative * y), ("d(u,x)*y", derivative * y), ("u", wave), ("u^2", wave**2)):
         assert np.abs(drawing.sample_elements(0, np.zeros(50, np.int64), points, text).value - truth).max() < 1e-12
-    risen = drawing.sample_elements(0, np.zeros(50, np.int64), points, "u^2").slope[:, 0]
-    assert np.abs(risen - wave * slope).max() < 1e-12
+    gradients = drawing.sample_elements(0, np.zeros(50, np.int64), points, "u^2").gradient[:, 0]
+    assert np.abs(gradients - wave * derivative).max() < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -207,8 +207,8 @@ def test_polynomials_are_known_by_their_degree(shape):
     """Isosurfaces of them are found with proof; degree 0 stands for all others, and for those of more than 8."""
     texts = ("u", "v", "w", "u*v/3", "(u-w)^2 + x*element", "d(u,x)", "sqrt(u)", "u/v", "u*jacobian", "(u+v)^3")
     (part,) = volume_of(flow(grid(shape, 1)), texts).parts
-    slope = 3 if shape is Shape.TETRAHEDRON else 0
-    expected = [3, 2, 4, 8, 8, slope, 0, 0, 0, 0] if shape is not Shape.PYRAMID else [4, 2, 6, 0, 0, 0, 0, 0, 0, 0]
+    degree = 3 if shape is Shape.TETRAHEDRON else 0
+    expected = [3, 2, 4, 8, 8, degree, 0, 0, 0, 0] if shape is not Shape.PYRAMID else [4, 2, 6, 0, 0, 0, 0, 0, 0, 0]
     assert [part.quantities[text].degree for text in texts] == expected
     assert part.degree == expected[0]
 

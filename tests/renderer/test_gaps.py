@@ -138,8 +138,8 @@ def test_what_does_not_bend_changes_little_everywhere(shape):
     chosen = np.flatnonzero(~bends(patch, np.arange(len(patch))))
     centre = shape.vertices.mean(axis=0)
     points = centre + larger * (uncollapse(shape, random.uniform(-1, 1, (60, shape.dimension))) - centre)
-    slopes = values_and_gradients(patch.geometry, np.vstack([centre, points]))[1]
-    jacobians = np.einsum("ncm,sdm->nscd", patch.geometry_coefficients[chosen, : shape.dimension], slopes)
+    gradients = values_and_gradients(patch.geometry, np.vstack([centre, points]))[1]
+    jacobians = np.einsum("ncm,sdm->nscd", patch.geometry_coefficients[chosen, : shape.dimension], gradients)
     parts = np.linalg.solve(jacobians[:, :1], jacobians)
     change = np.abs(parts - np.eye(shape.dimension)).sum(axis=3).max(axis=(1, 2))
     first, second = np.triu_indices(len(points), 1)
@@ -158,7 +158,7 @@ def test_weights_of_rational_maps_bend_them(amount, expected):
     nets = np.concatenate([weights * lattice, weights], axis=-1)[None]
     assert Solver(nets, None).bends(np.zeros(1, int)).tolist() == [expected]
 
-    def slopes(points):
+    def jacobians_at(points):
         step = 1e-5 * np.eye(3)[:, None]
         ends = [
             evaluated(np.repeat(nets, 3 * len(points), 0), (points + sign * step).reshape(-1, 3)) for sign in (1, -1)
@@ -167,7 +167,7 @@ def test_weights_of_rational_maps_bend_them(amount, expected):
         return np.moveaxis(places[0] - places[1], 0, 2) / 2e-5
 
     points = np.vstack([[[0.5] * 3], random.uniform(-0.125, 1.125, (40, 3))])
-    jacobians = slopes(points)
+    jacobians = jacobians_at(points)
     parts = np.linalg.solve(jacobians[:1], jacobians)
     change = np.abs(parts - np.eye(3)).sum(axis=2).max()
     steps = np.abs(points[:, None] - points).max(axis=2) + np.eye(len(points))

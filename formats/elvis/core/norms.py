@@ -217,19 +217,19 @@ def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule
 
 def _mapped(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:
     """World coordinates (e, 3, n) of the flat quadrature points, and measure (e, n k) of all."""
-    places, slopes = evaluate_with_gradients(patch.geometry, coefficients, rule.flat.points)
-    return places, np.tile(rule.share * rule.flat.weights * _stretch(slopes), (1, len(rule.zeta)))
+    places, jacobians = evaluate_with_gradients(patch.geometry, coefficients, rule.flat.points)
+    return places, np.tile(rule.share * rule.flat.weights * _stretch(jacobians), (1, len(rule.zeta)))
 
 
-def _stretch(slopes: Floats) -> Floats:
+def _stretch(jacobians: Floats) -> Floats:
     """(e, n) length, area or volume factor of maps with derivatives (e, 3, n, d)."""
-    if slopes.shape[-1] == 1:
-        return np.asarray(np.linalg.norm(slopes[..., 0], axis=1))
-    (ax, bx), (ay, by), (az, bz) = ([slopes[:, axis, :, i] for i in (0, 1)] for axis in range(3))
+    if jacobians.shape[-1] == 1:
+        return np.asarray(np.linalg.norm(jacobians[..., 0], axis=1))
+    (ax, bx), (ay, by), (az, bz) = ([jacobians[:, axis, :, i] for i in (0, 1)] for axis in range(3))
     normal = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
-    if slopes.shape[-1] == 2:
+    if jacobians.shape[-1] == 2:
         return np.asarray(np.sqrt(sum(part * part for part in normal)))
-    return np.asarray(np.abs(sum(part * slopes[:, axis, :, 2] for axis, part in enumerate(normal))))
+    return np.asarray(np.abs(sum(part * jacobians[:, axis, :, 2] for axis, part in enumerate(normal))))
 
 
 def _batches(elements: int, points: int) -> Iterator[slice]:

@@ -50,18 +50,18 @@ class HostEvaluation:
         positions, values = self.part.evaluate(rows, own)
         return np.asarray(positions, np.float64), np.asarray(values, np.float64)
 
-    def slopes(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
-        """Derivatives of positions (n, 3, d) and values (n, d); see `slopes_of`."""
+    def derivatives(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+        """Derivatives of positions (n, 3, d) and values (n, d); see `numerical_derivatives`."""
 
         def evaluate(rows: Ints, points: Floats) -> Floats:
             positions, values = self.evaluate(rows, points)
             return np.column_stack([positions, values])
 
-        every = slopes_of(evaluate, rows, points)
+        every = numerical_derivatives(evaluate, rows, points)
         return every[:, :3], every[:, 3]
 
 
-def slopes_of(function: Callable[[Ints, Floats], Floats], rows: Ints, points: Floats) -> Floats:
+def numerical_derivatives(function: Callable[[Ints, Floats], Floats], rows: Ints, points: Floats) -> Floats:
     """(n, …, d) derivatives of a function of elements (n,) and points (n, d), which gives (n, …).
 
     They are those of polynomials of degree 6 through points nearby, in [-1, 1]^d.
@@ -118,12 +118,12 @@ def evaluate_expression(
         return hosts[name].evaluate(rows, points)
 
     @cache
-    def slopes(name: str) -> tuple[Floats, Floats]:
-        return hosts[name].slopes(rows, points)
+    def derivatives(name: str) -> tuple[Floats, Floats]:
+        return hosts[name].derivatives(rows, points)
 
     @cache
     def jacobians() -> Floats:
-        return slopes(first)[0]
+        return derivatives(first)[0]
 
     def positions() -> Floats:
         return evaluate(first)[0]
@@ -142,7 +142,7 @@ def evaluate_expression(
             raise ElvisError(f"there is no second derivative of {node.name}, which a plugin describes in NumPy")
         if not node.axes:
             return evaluate(node.name)[1]
-        jacobian, derivative = slopes(node.name)
+        jacobian, derivative = derivatives(node.name)
         gradient = np.einsum("nci,ni->nc", duals(jacobian), derivative)
         return np.asarray(gradient[:, node.axes[0]])
 

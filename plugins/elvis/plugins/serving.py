@@ -57,7 +57,7 @@ def dimension_of(dataset: Dataset) -> int:
 
 
 def _opened(opened: Opened, texts: Sequence[str]) -> Volume:
-    """A plugin's volume; expressions are made of the values and slopes of its fields."""
+    """A plugin's volume; expressions are made of the values and gradients of its fields."""
     names = names_of(opened)
     expressions = [Expression.parse(text, names) for text in texts]
     used = tuple(dict.fromkeys(name for each in expressions for name in each.fields)) or opened.fields[:1]

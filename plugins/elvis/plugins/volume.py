@@ -35,7 +35,7 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """Another field on the elements of a part: the same map and the same numbers, other values and slopes.
+    """Another field on the elements of a part: the same map and the same numbers, other values and gradients.
 
     type     the type that implements IVolume
     source   Slang text that stands before the type is used, in place of the part's

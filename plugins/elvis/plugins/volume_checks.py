@@ -24,7 +24,7 @@ class Samples:
     position  (n, 3)     in the world
     jacobian  (n, 3, 3)  derivative of position[i] with respect to coordinate j of the reference point
     value     (n,)       of the field
-    slope     (n, 3)     derivative of the value with respect to the reference point
+    gradient  (n, 3)     derivative of the value with respect to the reference point
     margin    (n,)       of the reference point, positive inside
     center    (n, 3)     the element type's centre
     """
@@ -32,7 +32,7 @@ class Samples:
     position: Floats
     jacobian: Floats
     value: Floats
-    slope: Floats
+    gradient: Floats
     margin: Floats
     center: Floats
 

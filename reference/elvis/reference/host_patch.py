@@ -42,7 +42,7 @@ class HostPatch(Patch):
 
     def placed(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d) of elements (n,)."""
-        return self.host.evaluate(rows, points)[0], self.host.slopes(rows, points)[0]
+        return self.host.evaluate(rows, points)[0], self.host.derivatives(rows, points)[0]
 
     def spread(self, rows: Ints, points: Floats) -> Floats:
         """(e, k, 3) world coordinates of the same reference points (k, d) in some elements."""

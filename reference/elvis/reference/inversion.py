@@ -143,13 +143,13 @@ class Inverter:
         for _ in range(_STEPS):
             check_time()
             own, place = rows[active], found[active]
-            world, slopes = self.placed(own, place)
+            world, jacobians = self.placed(own, place)
             gap = points[active] - world
             distance = np.linalg.norm(gap, axis=1)
             nearer = distance < nearest[active]
             best[active[nearer]], nearest[active[nearer]] = place[nearer], distance[nearer]
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                step = np.einsum("nci,nc->ni", duals(slopes), gap)
+                step = np.einsum("nci,nc->ni", duals(jacobians), gap)
             length = np.abs(step).max(axis=1)
             moved = place + step / np.maximum(2.0 * length, 1.0)[:, None]
             good = np.isfinite(length)
@@ -170,9 +170,9 @@ class Inverter:
 
         A margin changes by at most half the sum of the changes of the reference coordinates.
         """
-        _, slopes = self.placed(rows, places)
+        _, jacobians = self.placed(rows, places)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            lengths = np.linalg.norm(duals(slopes), axis=1).sum(axis=1)
+            lengths = np.linalg.norm(duals(jacobians), axis=1).sum(axis=1)
             blur = 0.5 * _ROUNDINGS * _EPSILON * self.magnitudes[rows] * lengths
         return np.asarray(np.where(np.isfinite(blur), np.minimum(blur, _SLACK), 0.0))
 
@@ -201,9 +201,9 @@ class _Bounds:
         shape, dimension = inverter.shape, inverter.shape.dimension
         middle, half = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
         centre = uncollapse(shape, middle)
-        origin, slopes = inverter.placed(rows, centre)
+        origin, jacobians = inverter.placed(rows, centre)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            tangents = np.nan_to_num(duals(slopes), nan=0.0, posinf=0.0, neginf=0.0)
+            tangents = np.nan_to_num(duals(jacobians), nan=0.0, posinf=0.0, neginf=0.0)
         axes = np.broadcast_to(np.eye(3), (len(rows), 3, 3))
         ways = np.concatenate([axes, tangents], axis=2)
 
@@ -215,7 +215,7 @@ class _Bounds:
         world = inverter.spread(rows, boxes, places[:, : len(unit)]) - origin[:, None]
 
         # coordinates xi are multilinear in eta, so that the linear part is extreme at the corners
-        linear = np.einsum("ncw,nci->nwi", ways, slopes)
+        linear = np.einsum("ncw,nci->nwi", ways, jacobians)
         straight = np.einsum("nwi,nki->nwk", linear, offsets)
         rest = np.einsum("ncw,nkc->nwk", ways, world) - straight[:, :, : len(unit)]
         low, high = bounds_of(rest, divisor)

@@ -57,6 +57,6 @@ def polish(patches: Sequence[Patch], found: Location, points: Floats) -> None:
         here = np.flatnonzero(found.patch == number)
         if isinstance(patch, HostPatch):
             continue
-        world, slopes = positions_and_jacobians(patch, found.row[here], found.reference[here])
-        step = np.einsum("nci,nc->ni", duals(slopes), points[here] - world)
+        world, jacobians = positions_and_jacobians(patch, found.row[here], found.reference[here])
+        step = np.einsum("nci,nc->ni", duals(jacobians), points[here] - world)
         found.reference[here] += np.where(np.abs(step) < 1e-6, step, 0.0)

@@ -95,7 +95,7 @@ class Quantities:
         check_time()
         return self._evaluator.values(self._expressions[name], patch, rows, points)
 
-    def values_and_slopes(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+    def values_and_gradients(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Values (n,) and their derivatives (n, D) in the reference coordinates.
 
         Those of fields are the modes' own; those of expressions are central differences.
@@ -106,12 +106,12 @@ class Quantities:
             if expansion is None or coefficients is None:
                 return np.full(len(rows), np.nan), np.full(points.shape, np.nan)
             return evaluate_at_with_gradients(expansion, coefficients, rows, points)
-        slopes = np.empty(points.shape)
+        gradients = np.empty(points.shape)
         for axis in range(points.shape[1]):
             step = _STEP * np.eye(points.shape[1])[axis]
             after, before = (self.values(name, patch, rows, points + way) for way in (step, -step))
-            slopes[:, axis] = (after - before) / (2 * _STEP)
-        return self.values(name, patch, rows, points), slopes
+            gradients[:, axis] = (after - before) / (2 * _STEP)
+        return self.values(name, patch, rows, points), gradients
 
     def _number(self, name: str) -> int | None:
         """Which field of the patches a name is; None for an expression."""

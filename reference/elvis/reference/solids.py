@@ -125,10 +125,10 @@ def placed(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         return patch.placed(rows, points)
     if patch.shape.dimension == 3:
         return evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, rows, points)
-    world, slopes = positions_and_jacobians(patch, rows, points)
+    world, jacobians = positions_and_jacobians(patch, rows, points)
     if patch.periods:
-        return world, slopes
-    away = np.cross(slopes[:, :, 0], slopes[:, :, 1])
+        return world, jacobians
+    away = np.cross(jacobians[:, :, 0], jacobians[:, :, 1])
     with np.errstate(invalid="ignore", divide="ignore"):
         away /= np.sqrt(np.linalg.norm(away, axis=1, keepdims=True))
-    return world + points[:, 2:] * away, np.dstack([slopes, away])
+    return world + points[:, 2:] * away, np.dstack([jacobians, away])

@@ -67,7 +67,7 @@ def triangles(file: str) -> LinearMesh:
     return LinearMesh(points, {}, np.zeros_like(points), corners, np.zeros(len(corners), np.int64))
 
 
-def slopes(surface: Surface, points: Floats) -> Floats:
+def gradients(surface: Surface, points: Floats) -> Floats:
     """(n, 3) gradients of `levels`; on the axis of a cylinder or cone, where there is none, not finite."""
     with np.errstate(invalid="ignore", divide="ignore"):
         match surface:

@@ -24,4 +24,4 @@ def sample_elements(
     kernel(len(elements), {**loaded.bound(number, quantity), "points": device.buffer(points), "samples": samples})
     read = device.read(samples, layout)[: len(elements)]
     jacobian = np.stack([read[name] for name in ("dx", "dy", "dz")], axis=2)
-    return Samples(read["position"], jacobian, read["value"], read["slope"], read["margin"], read["center"])
+    return Samples(read["position"], jacobian, read["value"], read["gradient"], read["margin"], read["center"])

@@ -48,8 +48,8 @@ def slanted(view: PlaneView, reach: float) -> Bools | None:
     """
     greatest = reach + float(np.abs(view.camera.eye).max())
     height = abs(float(np.subtract(view.camera.eye, view.plane.point) @ view.across))
-    slope = abs(float(view.camera.basis()[2] @ view.across))
-    if (height > _NEAR * greatest) if view.perspective else (slope > _NEAR):
+    tilt = abs(float(view.camera.basis()[2] @ view.across))
+    if (height > _NEAR * greatest) if view.perspective else (tilt > _NEAR):
         return None
     directions = view.every_ray()[1]
     cosine = np.abs(directions @ view.across) / np.linalg.norm(directions, axis=1)

@@ -186,12 +186,12 @@ def _plane_point(view: View, plane: Plane) -> Floats:
     origins, ways = (still, aside) if view.perspective else (aside, still.copy())
     origins[0] += from_point
     ways[0] += forward
-    heights, slopes = origins @ normal, ways @ normal
-    if not view.perspective and abs(slopes[0]) <= EDGE_ON:
-        slopes[:] = 0.0
-    numerators = np.outer(slopes, origins[0]) - np.outer(heights, ways[0])
-    numerators[1:] += slopes[0] * origins[1:] - heights[0] * ways[1:]
-    return np.array([*(numerators + np.outer(slopes, point)), slopes])
+    heights, rates = origins @ normal, ways @ normal
+    if not view.perspective and abs(rates[0]) <= EDGE_ON:
+        rates[:] = 0.0
+    numerators = np.outer(rates, origins[0]) - np.outer(heights, ways[0])
+    numerators[1:] += rates[0] * origins[1:] - heights[0] * ways[1:]
+    return np.array([*(numerators + np.outer(rates, point)), rates])
 
 
 def _to_pixel(camera: Camera, eye: Floats, step: float, size: tuple[int, int]) -> Floats:

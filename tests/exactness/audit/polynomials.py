@@ -68,7 +68,7 @@ class Polynomial:
             total = total + part
         return total
 
-    def slope(self):
+    def greatest_derivative(self):
         """A bound of the gradient's largest component over [-1, 1]^3."""
         return float(sum(abs(value) * sum(key) for key, value in self.terms.items()))
 

@@ -70,12 +70,12 @@ class Rays:
 
     def noise(self, polynomial):
         """How far a polynomial may be off where straight coordinates are rounded."""
-        return polynomial.slope() * float(self.rounding.max())
+        return polynomial.greatest_derivative() * float(self.rounding.max())
 
-    def slack(self, depth, noise, rise):
+    def slack(self, depth, noise, derivative):
         """How far a depth may be off: the tolerance, and the noise of a zero over its derivative along the ray."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            moved = np.where(rise == 0, np.inf, noise / np.abs(rise))
+            moved = np.where(derivative == 0, np.inf, noise / np.abs(derivative))
         return POSITION * self.diagonal + 4 * EPS * np.abs(depth) + moved
 
 
@@ -111,8 +111,8 @@ def surface_roots(rays, q, noise, inside):
     touching = (np.abs(relative) < TOUCHING) & (q[:, 2] != 0)
     vertex = np.divide(-q[:, 1], 2 * q[:, 2], out=np.zeros(len(q), q.dtype), where=q[:, 2] != 0)
     roots = np.where(touching[:, None] & np.isnan(roots), vertex[:, None], roots)
-    rise = q[:, 1:2] + 2 * q[:, 2:3] * np.nan_to_num(roots)
-    slack = rays.slack(np.nan_to_num(roots), noise, rise)
+    derivative = q[:, 1:2] + 2 * q[:, 2:3] * np.nan_to_num(roots)
+    slack = rays.slack(np.nan_to_num(roots), noise, derivative)
 
     # where it touches, roots lie anywhere between those of the two nearest cases
     size = q[:, 1] ** 2 + np.abs(4 * q[:, 0] * q[:, 2])

@@ -199,11 +199,11 @@ def world(rng, dimension=3, shapes=None, placements=tuple(PLACEMENTS), bends=tup
     bend = "straight" if join == "doubled" else bend
     mesh = {"joined": lambda mesh: mesh, "doubled": doubled, "apart": apart}[join](grid(shape, cells))
     shift, scale = PLACEMENTS[place]
-    own, slope = BENDS[bend], SHEARS[shear]
+    own, sheared = BENDS[bend], SHEARS[shear]
     if dimension == 2:
-        own, slope, shift, scale = (own[0], 0.0), (slope[0], 0.0), (*shift[:2], 0.0), (*scale[:2], 1.0)
+        own, sheared, shift, scale = (own[0], 0.0), (sheared[0], 0.0), (*shift[:2], 0.0), (*scale[:2], 1.0)
     name = f"{shape.label.lower()} {cells} {join} {bend} {shear} {place}"
-    return World(name, mesh, own, slope, shift, scale)
+    return World(name, mesh, own, sheared, shift, scale)
 
 
 def mixed(rng, dimension=3):

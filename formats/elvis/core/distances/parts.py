@@ -82,14 +82,14 @@ class Model:
     goal   (n, 3) the points p
     gap    (n, 3) X - p
     first  (n, 2, 3) derivatives of X
-    slope  (n, 2), bend (n, 3) derivatives of D, as `least` takes them
+    gradient (n, 2), bend (n, 3) derivatives of D, as `least` takes them
     """
 
     parts: Parts
     goal: Floats
     gap: Floats
     first: Floats
-    slope: Floats
+    gradient: Floats
     bend: Floats
 
     @staticmethod
@@ -102,12 +102,12 @@ class Model:
         first = np.einsum("nia,nix->nax", frame, own)
         bent = np.einsum("nia,nij,njb->nab", frame, np.array([[ss, st], [st, tt]]).transpose(2, 0, 1), frame)
         bent += np.einsum("nax,nbx->nab", first, first)
-        slope = np.einsum("nx,nax->na", gap, first)
-        return Model(parts, goal, gap, first, slope, bent[:, [0, 0, 1], [0, 1, 1]])
+        gradient = np.einsum("nx,nax->na", gap, first)
+        return Model(parts, goal, gap, first, gradient, bent[:, [0, 0, 1], [0, 1, 1]])
 
     def taken(self, which: Ints) -> Model:
         """Some of the parts."""
-        arrays = (self.goal, self.gap, self.first, self.slope, self.bend)
+        arrays = (self.goal, self.gap, self.first, self.gradient, self.bend)
         return Model(self.parts.taken(which), *(array[which] for array in arrays))
 
     def nearest_linear(self, bounds: Floats) -> tuple[Floats, Floats]:
@@ -116,7 +116,7 @@ class Model:
         bounds  of the pieces, by row
         """
         s, t = self.first[:, 0], self.first[:, 1]
-        where = least(self.parts.corners, np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1), self.slope)
+        where = least(self.parts.corners, np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1), self.gradient)
         linear = np.linalg.norm(self.gap + np.einsum("nd,ndx->nx", where, self.first), axis=1)
         bent = bounds[self.parts.row, 9] if self.parts.depth == 0 else self._bounds(bounds, 2).sum(axis=(1, 2)) / 2
         return where, linear - bent
@@ -131,9 +131,9 @@ class Model:
         return np.asarray((ss > 0) & (tt > 0) & (ss * tt > st**2))
 
     def is_steady(self, bounds: Floats) -> Bools:
-        """(n,) whether D rises or falls all over each part, along one of its coordinates."""
+        """(n,) whether D is monotonic all over each part, along one of its coordinates."""
         most = np.abs(self.bend[:, [[0, 1], [1, 2]]]) + self._change(bounds)
-        return np.asarray((np.abs(self.slope) > most.sum(axis=2)).any(axis=1))
+        return np.asarray((np.abs(self.gradient) > most.sum(axis=2)).any(axis=1))
 
     def _change(self, bounds: Floats) -> Floats:
         """(n, 2, 2) what the second derivatives of D change by at most between the middle and any point of a part."""
@@ -157,8 +157,9 @@ def linear_distance(pieces: Pieces, row: Ints, goal: Floats) -> Floats:
     own = pieces.coefficients
     gap, s = own[row, 0, 0] - goal, own[row, 0, 1]
     t = own[row, 1, 0] if pieces.corners > 2 else np.zeros_like(s)
-    bend, slope = np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1), np.stack([_dot(gap, s), _dot(gap, t)], axis=1)
-    where = least(pieces.corners, bend, slope)
+    bend = np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1)
+    gradient = np.stack([_dot(gap, s), _dot(gap, t)], axis=1)
+    where = least(pieces.corners, bend, gradient)
     return np.asarray(np.linalg.norm(gap + where[:, :1] * s + where[:, 1:] * t, axis=1))
 
 

@@ -76,7 +76,10 @@ class Pieces:
         """(n, 10) greatest lengths of the derivatives `BOUNDED`, and how far the piece may be from its linear part."""
         size = np.linalg.norm(self.coefficients, axis=3)
         m, k = size.shape[1:]
-        columns = [np.einsum("nji,j,i->n", size, _falling(m, b), _falling(k, a)) for a, b in BOUNDED]
+        columns = []
+        for a, b in BOUNDED:
+            rows_scale, columns_scale = _falling_factorials(m, b), _falling_factorials(k, a)
+            columns.append(np.einsum("nji,j,i->n", size, rows_scale, columns_scale))
         return np.stack([*columns, np.where(self._linear, 0.0, size).sum(axis=(1, 2))], axis=1)
 
     @property
@@ -151,7 +154,7 @@ def _moved(count: int, middle: float, half: float) -> Floats:
     )
 
 
-def _falling(count: int, times: int) -> Floats:
+def _falling_factorials(count: int, times: int) -> Floats:
     """i (i - 1) … for every power i."""
     return np.array([perm(i, times) for i in range(count)], np.float64)
 

@@ -8,22 +8,22 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.distances.pieces import CORNERS
 
 
-def least(corners: int, bend: Floats, slope: Floats) -> Floats:
-    """(n, 2) the points of a domain (see `pieces`) where slope . w + w . bend w / 2 is least.
+def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
+    """(n, 2) the points of a domain (see `pieces`) where gradient . w + w . bend w / 2 is least.
 
-    bend   (n, 3)  its entries ss, st, tt
-    slope  (n, 2)
+    bend (n, 3)      its entries ss, st, tt
+    gradient (n, 2)
     Where the function is not convex, the least of all points on the sides.
     """
-    result, lowest = np.zeros_like(slope), np.full(len(slope), np.inf)
+    result, lowest = np.zeros_like(gradient), np.full(len(gradient), np.inf)
     own = CORNERS[corners]
     for first, last in zip(own[: 1 if corners == 2 else None], np.roll(own, -1, axis=0), strict=False):
         way = last - first
-        straight, curved = slope @ way + _times(bend, first) @ way, _times(bend, way) @ way
+        straight, curved = gradient @ way + _times(bend, first) @ way, _times(bend, way) @ way
         with np.errstate(divide="ignore", invalid="ignore"):
             part = np.where(curved > 0, np.clip(-straight / curved, 0.0, 1.0), straight + curved / 2 < 0)
         point = first + np.nan_to_num(part)[:, None] * way
-        value = ((slope + _times(bend, point) / 2) * point).sum(axis=1)
+        value = ((gradient + _times(bend, point) / 2) * point).sum(axis=1)
         better = value < lowest
         result[better], lowest[better] = point[better], value[better]
     if corners == 2:
@@ -34,7 +34,9 @@ def least(corners: int, bend: Floats, slope: Floats) -> Floats:
     determinant = ss * tt - st**2
     convex = (ss > 0) & (tt > 0) & (determinant > 1e-14 * ss * tt)
     with np.errstate(divide="ignore", invalid="ignore"):
-        inner = np.stack([st * slope[:, 1] - tt * slope[:, 0], st * slope[:, 0] - ss * slope[:, 1]]) / determinant
+        # Cramer's rule for the stationary point
+        gs, gt = gradient.T
+        inner = np.stack([st * gt - tt * gs, st * gs - ss * gt]) / determinant
         inside = convex & _holds(corners, inner.T)
     result[inside] = inner.T[inside]
     return result

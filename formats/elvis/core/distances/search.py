@@ -160,7 +160,7 @@ class _Search:
                 break
             parts, here = model.parts.taken(moving), result[moving]
             there = Model.of(pieces, parts.moved(here), model.goal[moving])
-            result[moving] = least(parts.corners, there.bend, there.slope - _times(there.bend, here))
+            result[moving] = least(parts.corners, there.bend, there.gradient - _times(there.bend, here))
             moving = moving[np.abs(result[moving] - here).max(axis=1) > 1e-10]
         return result
 

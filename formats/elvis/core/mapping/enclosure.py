@@ -161,12 +161,12 @@ class _Search:
 def _contraction(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
     """Where in each cell, from 0 to 1 in each direction, roots can be: ``lower`` to ``upper`` (c, d), none if reversed.
 
-    With the inverse A of the mean slope, A times the net is t + e(t); a root has t = -e(t), in the range of -e.  The
+    With the inverse A of the mean Jacobian, A times the net is t + e(t); a root has t = -e(t), in the range of -e.  The
     map is called nearly linear, the third result (c,), where e varies by half the cell at most.
     """
     axes = tuple(range(2, cells.net.ndim))
-    slopes = np.stack([span.mean(axis=axes[:-1]) for span in _spans(cells)], axis=2)
-    inverse = duals(slopes)
+    jacobians = np.stack([span.mean(axis=axes[:-1]) for span in _spans(cells)], axis=2)
+    inverse = duals(jacobians)
     with np.errstate(invalid="ignore", over="ignore"):
         rest = np.einsum("cai,ca...->ci...", inverse, cells.net)
         for i in range(len(axes)):

@@ -157,9 +157,9 @@ class _Elements:
 
         # the linear part of the map at the centre, and the net seen through it
         self.centre = patch.shape.vertices.mean(axis=0)
-        modes, slopes = values_and_gradients(patch.geometry, self.centre[None])
+        modes, gradients = values_and_gradients(patch.geometry, self.centre[None])
         self.image = coefficients @ modes[0]
-        self.duals = duals(coefficients @ slopes[0].T)
+        self.duals = duals(coefficients @ gradients[0].T)
         seen = self._seen(net - self.image[:, :, None])
         above = heights(patch.shape, seen.reshape(-1, patch.shape.dimension))
         room = heights_rounding(patch.shape, self.duals, self.rounding)

@@ -91,8 +91,8 @@ def heights_rounding(shape: Shape, duals: Floats, rounding: Floats) -> Floats:
     duals  (n, 3, d)  derivatives of reference coordinates with respect to world coordinates
     """
     normals, _ = facets(shape)
-    slopes = np.einsum("ki,nci->nkc", normals, duals)
-    return np.asarray(np.abs(slopes).sum(axis=2) * rounding[:, None])
+    gradients = np.einsum("ki,nci->nkc", normals, duals)
+    return np.asarray(np.abs(gradients).sum(axis=2) * rounding[:, None])
 
 
 class _State:
@@ -121,22 +121,22 @@ class _State:
         active = self.active
         trial = self._near(self.best[active] + self.damping[active, None] * self.step[active])
         patch, targets = self.targets.patch, self.targets.part(active)
-        world, slopes = evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, targets.rows, trial)
+        world, jacobians = evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, targets.rows, trial)
         gap = targets.points - world
         distance = np.linalg.norm(gap, axis=1)
         nearer = distance < self.distance[active]
-        self._accept(active[nearer], trial[nearer], gap[nearer], distance[nearer], slopes[nearer])
+        self._accept(active[nearer], trial[nearer], gap[nearer], distance[nearer], jacobians[nearer])
         self.damping[active[~nearer]] /= 4
         near = (self.change[active] <= targets.precision) | (self.distance[active] <= targets.precision / 4)
         self.active = active[~near & (self.damping[active] > 1e-4) & (self.idle[active] < 4)]
 
-    def _accept(self, rows: Ints, trial: Floats, gap: Floats, distance: Floats, slopes: Floats) -> None:
+    def _accept(self, rows: Ints, trial: Floats, gap: Floats, distance: Floats, jacobians: Floats) -> None:
         hardly = distance > 0.8 * self.distance[rows]
         self.idle[rows] = np.where(hardly, self.idle[rows] + 1, 0)
         self.best[rows], self.distance[rows], self.damping[rows] = trial, distance, 1.0
         with np.errstate(invalid="ignore", over="ignore"):
-            self.duals[rows] = duals(slopes)
+            self.duals[rows] = duals(jacobians)
             step = np.einsum("nci,nc->ni", self.duals[rows], gap)
-            self.change[rows] = np.linalg.norm(np.einsum("nci,ni->nc", slopes, step), axis=1)
+            self.change[rows] = np.linalg.norm(np.einsum("nci,ni->nc", jacobians, step), axis=1)
             longest = np.abs(step).max(axis=1, keepdims=True, initial=1.0)
             self.step[rows] = step / longest

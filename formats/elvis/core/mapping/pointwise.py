@@ -38,9 +38,9 @@ def positions_and_jacobians(patch: Patch, rows: Ints, points: Floats) -> tuple[F
     """World coordinates (n, 3) and their derivatives in the reference coordinates (n, 3, D)."""
     own = patch.shape.dimension
     plane = np.asarray(points, np.float64)[:, :own]
-    world, slopes = evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, rows, plane)
-    result = np.zeros((*slopes.shape[:2], patch.dimension))
-    result[:, :, :own] = slopes
+    world, jacobians = evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, rows, plane)
+    result = np.zeros((*jacobians.shape[:2], patch.dimension))
+    result[:, :, :own] = jacobians
     for i, (axis, length) in enumerate(patch.periods):
         world[:, axis] = length * (1 + points[:, own + i]) / 2
         result[:, axis, own + i] = length / 2
@@ -68,9 +68,9 @@ def gradients(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
     """
     expansion, coefficients = _field(patch, field)
     own = points[:, : dimension(expansion)]
-    slopes = evaluate_at_with_gradients(expansion, coefficients, rows, own)[1]
-    duals = tangents.duals(jacobians(patch, rows, points))[:, :, : slopes.shape[1]]
-    return np.asarray(np.einsum("nci,ni->nc", duals, slopes))
+    gradients = evaluate_at_with_gradients(expansion, coefficients, rows, own)[1]
+    duals = tangents.duals(jacobians(patch, rows, points))[:, :, : gradients.shape[1]]
+    return np.asarray(np.einsum("nci,ni->nc", duals, gradients))
 
 
 def _field(patch: Patch, field: int) -> tuple[Expansion, Floats]:

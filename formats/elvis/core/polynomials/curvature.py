@@ -42,9 +42,9 @@ def _of_net(space: BernsteinSpace, net: Floats, points: Floats) -> Floats:
     d = space.shape.dimension
     result = np.empty((*net.shape[:-1], d, d))
     for i in range(d):
-        lower, slope = differentiate(space, net, i)
+        lower, derivative = differentiate(space, net, i)
         for j in range(i, d):
-            result[..., i, j] = result[..., j, i] = _values(*differentiate(lower, slope, j), points)
+            result[..., i, j] = result[..., j, i] = _values(*differentiate(lower, derivative, j), points)
     return result
 
 
@@ -55,7 +55,7 @@ def _values(space: BernsteinSpace, net: Floats, points: Floats) -> Floats:
 def _of_pyramid(space: BernsteinSpace, net: Floats, points: Floats) -> Floats:
     """The chain rule with eta_1 = (1 + xi_1) / w - 1 and w = (1 - xi_3) / 2, likewise eta_2; eta_3 = xi_3."""
     w, eta = (1 - points[:, 2]) / 2, collapse(space.shape, points)
-    slopes = [_values(*differentiate(space, net, i), points) for i in range(2)]
+    derivatives = [_values(*differentiate(space, net, i), points) for i in range(2)]
     inner = np.zeros((len(points), 3, 3))
     bends = np.zeros((2, len(points), 3, 3))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -66,6 +66,6 @@ def _of_pyramid(space: BernsteinSpace, net: Floats, points: Floats) -> Floats:
             bends[i, :, i, 2] = bends[i, :, 2, i] = 1 / (2 * w**2)
             bends[i, :, 2, 2] = (1 + eta[:, i]) / (2 * w**2)
         result = np.einsum("n...ij,nik,njl->n...kl", _of_net(space, net, points), inner, inner)
-        for slope, bend in zip(slopes, bends, strict=True):
-            result += np.einsum("n...,nkl->n...kl", slope, bend)
+        for derivative, bend in zip(derivatives, bends, strict=True):
+            result += np.einsum("n...,nkl->n...kl", derivative, bend)
     return np.asarray(result)

@@ -28,13 +28,14 @@ def evaluate(expansion: Expansion, coefficients: Floats, points: Floats) -> Floa
 def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: Floats) -> tuple[Floats, Floats]:
     """Values (e, ..., n) and gradients in xi (e, ..., n, d) of e elements, all at the same points xi (n, d)."""
     shape = (*coefficients.shape[:-1], len(points))
-    result, slopes = np.empty(shape), np.empty((*shape, dimension(expansion)))
+    values = np.empty(shape)
+    gradients = np.empty((*shape, dimension(expansion)))
     for batch in _batches(len(points), mode_count(expansion)):
-        modes, gradients = values_and_gradients(expansion, points[batch])
-        result[..., batch] = coefficients @ modes.T
-        for i in range(slopes.shape[-1]):
-            slopes[..., batch, i] = coefficients @ gradients[:, i].T
-    return result, slopes
+        modes, mode_gradients = values_and_gradients(expansion, points[batch])
+        values[..., batch] = coefficients @ modes.T
+        for i in range(gradients.shape[-1]):
+            gradients[..., batch, i] = coefficients @ mode_gradients[:, i].T
+    return values, gradients
 
 
 def evaluate_at(expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats) -> Floats:
@@ -50,14 +51,14 @@ def evaluate_at_with_gradients(
     expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats
 ) -> tuple[Floats, Floats]:
     """Values (n, ...) and gradients in xi (n, ..., d) at the points xi (n, d), point i in element ``rows[i]``."""
-    result = np.empty((len(points), *coefficients.shape[1:-1]))
-    slopes = np.empty((*result.shape, dimension(expansion)))
+    values = np.empty((len(points), *coefficients.shape[1:-1]))
+    gradients = np.empty((*values.shape, dimension(expansion)))
     for batch in _batches(len(points), _width(coefficients)):
-        modes, gradients = values_and_gradients(expansion, points[batch])
+        modes, mode_gradients = values_and_gradients(expansion, points[batch])
         own = coefficients[rows[batch]]
-        result[batch] = np.einsum("n...m,nm->n...", own, modes)
-        slopes[batch] = np.einsum("n...m,ndm->n...d", own, gradients)
-    return result, slopes
+        values[batch] = np.einsum("n...m,nm->n...", own, modes)
+        gradients[batch] = np.einsum("n...m,ndm->n...d", own, mode_gradients)
+    return values, gradients
 
 
 def _width(coefficients: Floats) -> int:

@@ -234,14 +234,14 @@ def values_and_gradients(expansion: Expansion, points: Floats) -> tuple[Floats, 
     eta = collapse(expansion.shape, xi)
     tables = [part.tables(eta[:, i]) for i, part in enumerate(plan.factors)]
     v, s, w = ([_take(table[k], index) for table, index in zip(tables, plan.index, strict=True)] for k in range(3))
-    spatial, slopes = _product(*v), np.stack(_GRADIENTS[expansion.shape]((1 + eta) / 2, v, s, w), axis=1)
+    spatial, gradients = _product(*v), np.stack(_GRADIENTS[expansion.shape]((1 + eta) / 2, v, s, w), axis=1)
     if expansion.homogeneous is None:
-        return spatial, slopes
+        return spatial, gradients
 
     # product rule with the Fourier factors
     waves = _waves(expansion.homogeneous, zeta)
     plane = _product(*(pair[0] for pair in waves))
-    columns = [_outer(plane, slopes[:, i]) for i in range(slopes.shape[1])]
+    columns = [_outer(plane, gradients[:, i]) for i in range(gradients.shape[1])]
     for i in range(len(waves)):
         columns.append(_outer(_product(*(pair[int(i == j)] for j, pair in enumerate(waves))), spatial))
     return _outer(plane, spatial), np.stack(columns, axis=1)

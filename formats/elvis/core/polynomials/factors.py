@@ -2,7 +2,7 @@
 
 Every function of the Modified and Ortho families, collapsed directions included, has one form,
 
-    f(z) = scale c^power u^rise P_degree^{alpha,beta}(z),    c = (1 - z)/2,  u = (1 + z)/2,
+    f(z) = scale c^power u^exponent P_degree^{alpha,beta}(z),    c = (1 - z)/2,  u = (1 + z)/2,
 
 so a list of factors is a table of integers, and f/c, which the chain rule of collapsed coordinates asks for, is known
 without a division.  The families of tensor shapes that are not of this form are `LineFactors`.
@@ -30,7 +30,7 @@ class Tables(NamedTuple):
     """
 
     values: Floats
-    slopes: Floats
+    derivatives: Floats
     divided: Floats
 
 
@@ -44,9 +44,9 @@ class Factors(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class JacobiFactors:
-    """Factors scale c^power u^rise P_degree^{alpha,beta}.
+    """Factors scale c^power u^exponent P_degree^{alpha,beta}.
 
-    rows  (k, 6) ints: power, rise (0 or 1), alpha, beta, degree, twice the square of scale
+    rows  (k, 6) ints: power, exponent (0 or 1), alpha, beta, degree, twice the square of scale
     """
 
     rows: Ints
@@ -64,26 +64,26 @@ class JacobiFactors:
 
     def tables(self, points: Floats) -> Tables:
         """Values, derivatives and values over c; exact at z = 1 too."""
-        power, rise = self.rows[:, 0], self.rows[:, 1]
+        power, exponent = self.rows[:, 0], self.rows[:, 1]
         c, u = (1 - points) / 2, ((1 + points) / 2)[:, None]
         powers = c[:, None] ** np.arange(power.max(initial=0) + 1)
-        jacobis, slopes = self._jacobis(points)
+        jacobis, derivatives = self._jacobis(points)
 
-        # f = c^power g with g = u^rise P; then f' = c^power g' - power/2 c^(power - 1) g
-        g = self.scales * np.where(rise, u * jacobis, jacobis)
-        dg = self.scales * np.where(rise, u * slopes + jacobis / 2, slopes)
+        # f = c^power g with g = u^exponent P; then f' = c^power g' - power/2 c^(power - 1) g
+        g = self.scales * np.where(exponent, u * jacobis, jacobis)
+        dg = self.scales * np.where(exponent, u * derivatives + jacobis / 2, derivatives)
         divided = np.where(power > 0, powers[:, np.maximum(power - 1, 0)] * g, 0.0)
         return Tables(powers[:, power] * g, powers[:, power] * dg - power / 2 * divided, divided)
 
     def _jacobis(self, points: Floats) -> tuple[Floats, Floats]:
         """(n, k) values and derivatives of the Jacobi polynomials; one recurrence for each pair (alpha, beta)."""
-        values, slopes = np.empty((2, len(points), len(self.rows)))
+        values, derivatives = np.empty((2, len(points), len(self.rows)))
         for alpha, beta in np.unique(self.rows[:, 2:4], axis=0):
             chosen = np.flatnonzero((self.rows[:, 2] == alpha) & (self.rows[:, 3] == beta))
             degrees = self.rows[chosen, 4]
             table = jacobi_with_derivative(int(degrees.max()), float(alpha), float(beta), points)
-            values[:, chosen], slopes[:, chosen] = table[0][degrees].T, table[1][degrees].T
-        return values, slopes
+            values[:, chosen], derivatives[:, chosen] = table[0][degrees].T, table[1][degrees].T
+        return values, derivatives
 
 
 def constant(count: int) -> Ints:
@@ -100,10 +100,10 @@ def modified_b(p: Ints, q: Ints) -> Ints:
     """(m, 6) rows of Modified_B factors; p = 0 is Modified_A_q, whose bubbles are those of p = 1, q - 1."""
     bubble = (p == 0) & (q >= 2)
     p, q = np.where(bubble, 1, p), np.where(bubble, q - 1, q)
-    rise = (q >= 1).astype(np.int64)
+    exponent = (q >= 1).astype(np.int64)
     power = np.where((p == 0) & (q == 0), 1, p)
-    inner = (rise == 1) & (p >= 1)
-    return _rows(power, rise, np.where(inner, 2 * p - 1, 0), np.where(inner, 1, 0), np.where(inner, q - 1, 0))
+    inner = (exponent == 1) & (p >= 1)
+    return _rows(power, exponent, np.where(inner, 2 * p - 1, 0), np.where(inner, 1, 0), np.where(inner, q - 1, 0))
 
 
 def modified_c(p: Ints, q: Ints, r: Ints) -> Ints:
@@ -157,19 +157,19 @@ class LineFactors:
     def tables(self, points: Floats) -> Tables:
         """Values and derivatives; nothing is divided on a tensor shape."""
         if self.basis in (Basis.GLL_LAGRANGE, Basis.GAUSS_LAGRANGE):
-            values, slopes = _lagrange(self.basis, self.count, points)
+            values, derivatives = _lagrange(self.basis, self.count, points)
         elif self.basis is Basis.CHEBYSHEV:
             ends = jacobi(self.count - 1, -0.5, -0.5, np.ones(1))
-            values, slopes = (
+            values, derivatives = (
                 table.T / ends[:, 0] for table in jacobi_with_derivative(self.count - 1, -0.5, -0.5, points)
             )
         elif self.basis is Basis.MONOMIAL:
             degrees = np.arange(self.count)
             values = points[:, None] ** degrees
-            slopes = degrees * points[:, None] ** np.maximum(degrees - 1, 0)
+            derivatives = degrees * points[:, None] ** np.maximum(degrees - 1, 0)
         else:
-            values, slopes = fourier(self.basis, range(self.count), points)
-        return Tables(values, slopes, np.zeros_like(values))
+            values, derivatives = fourier(self.basis, range(self.count), points)
+        return Tables(values, derivatives, np.zeros_like(values))
 
 
 def lagrange_nodes(basis: Basis, count: int) -> Floats:
@@ -179,9 +179,9 @@ def lagrange_nodes(basis: Basis, count: int) -> Floats:
 
 def _lagrange(basis: Basis, count: int, points: Floats) -> tuple[Floats, Floats]:
     """(n, count) values and derivatives, summed in Legendre polynomials."""
-    values, slopes = jacobi_with_derivative(count - 1, 0, 0, points)
+    values, derivatives = jacobi_with_derivative(count - 1, 0, 0, points)
     matrix = _legendre_of_lagrange(basis, count)
-    return values.T @ matrix, slopes.T @ matrix
+    return values.T @ matrix, derivatives.T @ matrix
 
 
 @cache

@@ -37,10 +37,10 @@ def forms(factors: Factors) -> list[Form]:
 
 
 def _jacobi_form(row: Ints) -> list[int]:
-    """c^power u^rise P_n^{a,b}, by P_n^{a,b} = sum_s (-1)^s C(n+a, n-s) C(n+b, s) u^(n-s) c^s (DLMF 18.5.8)."""
-    power, rise, a, b, n = (int(entry) for entry in row[:5])
+    """c^power u^exponent P_n^{a,b}, by P_n^{a,b} = sum_s (-1)^s C(n+a, n-s) C(n+b, s) u^(n-s) c^s (DLMF 18.5.8)."""
+    power, exponent, a, b, n = (int(entry) for entry in row[:5])
     jacobi = [(-1) ** s * comb(n + a, n - s) * comb(n + b, s) for s in range(n, -1, -1)]
-    return [0] * rise + jacobi + [0] * power
+    return [0] * exponent + jacobi + [0] * power
 
 
 def _lagrange_forms(nodes: Floats) -> list[Form]:

@@ -21,26 +21,26 @@ def jacobi_with_derivative(degree: int, alpha: float, beta: float, points: Float
     Three-term recurrence of DLMF 18.9.2 and its derivative; stable on [-1, 1].
     """
     x = np.asarray(points, np.float64)
-    values, slopes = np.zeros((2, degree + 1, len(x)))
+    values, derivatives = np.zeros((2, degree + 1, len(x)))
     values[0] = 1.0
     if degree > 0:
         values[1] = ((alpha + beta + 2) * x + alpha - beta) / 2
-        slopes[1] = (alpha + beta + 2) / 2
+        derivatives[1] = (alpha + beta + 2) / 2
 
-    # P_{n+1} = (slope x + shift) P_n - weight P_{n-1}, and the same differentiated
+    # P_{n+1} = (factor x + shift) P_n - weight P_{n-1}, and the same differentiated
     for n in range(1, degree):
-        slope, shift, weight = _recurrence(n, alpha, beta)
-        line = slope * x + shift
+        factor, shift, weight = _recurrence(n, alpha, beta)
+        line = factor * x + shift
         values[n + 1] = line * values[n] - weight * values[n - 1]
-        slopes[n + 1] = line * slopes[n] + slope * values[n] - weight * slopes[n - 1]
-    return values, slopes
+        derivatives[n + 1] = line * derivatives[n] + factor * values[n] - weight * derivatives[n - 1]
+    return values, derivatives
 
 
 def _recurrence(n: int, alpha: float, beta: float) -> tuple[float, float, float]:
     """Coefficients of the step from degrees n - 1 and n to n + 1, n >= 1."""
     total = 2 * n + alpha + beta
     divisor = 2 * (n + 1) * (n + alpha + beta + 1) * total
-    slope = total * (total + 1) * (total + 2) / divisor
+    factor = total * (total + 1) * (total + 2) / divisor
     shift = (total + 1) * (alpha * alpha - beta * beta) / divisor
     weight = 2 * (n + alpha) * (n + beta) * (total + 2) / divisor
-    return slope, shift, weight
+    return factor, shift, weight

@@ -26,8 +26,8 @@ def jacobi_roots(count: int, alpha: float, beta: float) -> Floats:
         return np.empty(0)
     roots = np.linalg.eigvalsh(_jacobi_matrix(count, alpha, beta)).astype(np.float64)
     for _ in range(3):
-        values, slopes = jacobi_with_derivative(count, alpha, beta, roots)
-        roots = roots - values[-1] / slopes[-1]
+        values, derivatives = jacobi_with_derivative(count, alpha, beta, roots)
+        roots = roots - values[-1] / derivatives[-1]
     return 0.5 * (roots - roots[::-1]) if alpha == beta else roots
 
 
@@ -46,9 +46,9 @@ def _jacobi_matrix(count: int, alpha: float, beta: float) -> Floats:
 def gauss(count: int, alpha: float = 0, beta: float = 0) -> Rule:
     """``count`` >= 1 inner nodes, exact to degree 2 count - 1."""
     nodes = jacobi_roots(count, alpha, beta)
-    slopes = jacobi_with_derivative(count, alpha, beta, nodes)[1][-1]
+    derivatives = jacobi_with_derivative(count, alpha, beta, nodes)[1][-1]
     scale = (count + 1 + alpha + beta) * _scale(count + 1, alpha, beta)
-    return nodes, scale / ((1 - nodes**2) * slopes**2)
+    return nodes, scale / ((1 - nodes**2) * derivatives**2)
 
 
 def radau_minus(count: int, alpha: float = 0, beta: float = 0) -> Rule:

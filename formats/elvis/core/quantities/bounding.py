@@ -53,7 +53,7 @@ class _Search:
 
     def __init__(self, evaluator: Evaluator, expression: Expression) -> None:
         self.evaluator, self.expression = evaluator, expression
-        self.sloped = expression.order > 0 or any("jacobian" in name for name in expression.attributes)
+        self.with_gradients = expression.order > 0 or any("jacobian" in name for name in expression.attributes)
         self.least, self.greatest = np.inf, -np.inf
         self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._pieces(patch)]
         for patch, rows in self.whole:
@@ -109,7 +109,7 @@ class _Search:
         return forgotten
 
     def _cells(self, patch: Patch, rows: Ints) -> Cells:
-        return Cells.of(patch, self.evaluator.names, self.evaluator.attributes, rows, self.sloped)
+        return Cells.of(patch, self.evaluator.names, self.evaluator.attributes, rows, self.with_gradients)
 
     def _refined(self, root: Node, cells: Cells, attained: float) -> float:
         """The greatest bound of boxes that are no longer worth halving."""

@@ -44,15 +44,15 @@ class Cells:
     nets: Nets
 
     @staticmethod
-    def of(patch: Patch, names: Sequence[str], attributes: Attributes, rows: Ints, sloped: bool) -> Cells:
-        """Whole elements ``rows`` (n,); with derivatives if ``sloped``."""
+    def of(patch: Patch, names: Sequence[str], attributes: Attributes, rows: Ints, with_gradients: bool) -> Cells:
+        """Whole elements ``rows`` (n,); with derivatives if ``with_gradients``."""
         nets: Nets = {}
         for axis in range(3):
-            _add(nets, ("x", axis), patch.geometry, patch.geometry_coefficients[rows, axis], sloped)
+            _add(nets, ("x", axis), patch.geometry, patch.geometry_coefficients[rows, axis], with_gradients)
         for number, expansion in enumerate(patch.fields):
             coefficients = patch.coefficients[number]
             if expansion is not None and coefficients is not None:
-                _add(nets, ("field", number), expansion, coefficients[rows], sloped)
+                _add(nets, ("field", number), expansion, coefficients[rows], with_gradients)
         low = np.full((len(rows), patch.shape.dimension), -1.0)
         return Cells(patch, names, attributes, rows, low, -low, nets)
 
@@ -146,8 +146,8 @@ class Cells:
             return i.ENTIRE
         if number not in self._gradients:
             inverse, _, rest = self._frame
-            slopes = [self.nets["field", number, direction] for direction in range(d)]
-            first = [_combined(inverse[:, j], slopes) for j in range(d)]
+            gradients = [self.nets["field", number, direction] for direction in range(d)]
+            first = [_combined(inverse[:, j], gradients) for j in range(d)]
             size = np.max([np.maximum(np.abs(low), np.abs(high)) for low, high in first], axis=0)
             norm = np.max([sum(np.maximum(np.abs(x), np.abs(y)) for x, y in row) for row in rest], axis=0)
             reach = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
@@ -195,26 +195,26 @@ def _expanded(t: list[list[Interval]]) -> Interval:
     return total
 
 
-def _add(nets: Nets, key: tuple[object, ...], expansion: Expansion, coefficients: Floats, sloped: bool) -> None:
+def _add(nets: Nets, key: tuple[object, ...], expansion: Expansion, coefficients: Floats, with_gradients: bool) -> None:
     """The net of a polynomial, and those of its derivatives in xi, all of the same degrees."""
     space = bernstein_space(expansion)
     net = bernstein_coefficients(expansion, coefficients)
     nets[key] = box_nets(space, net)
-    if not sloped:
+    if not with_gradients:
         return
     raised = []
     for direction in range(space.shape.dimension):
-        slope = differentiate(space, net, direction)
+        derivative = differentiate(space, net, direction)
         if space.shape is Shape.PYRAMID and direction < 2:
-            slope = _shrunk(*slope)
-        raised.append(box_nets(*slope))
+            derivative = _shrunk(*derivative)
+        raised.append(box_nets(*derivative))
 
     # on a pyramid eta1 and eta2 change with xi3
     if space.shape is Shape.PYRAMID:
         for direction in range(2):
             raised[2] = _raised(raised[2], nets[key]) + _raised(_times_share(raised[direction], direction), nets[key])
-    for direction, slope_net in enumerate(raised):
-        nets[(*key, direction)] = _raised(slope_net, nets[key])
+    for direction, raised_net in enumerate(raised):
+        nets[(*key, direction)] = _raised(raised_net, nets[key])
 
 
 def _raised(net: Floats, like: Floats) -> Floats:

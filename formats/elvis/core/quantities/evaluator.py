@@ -136,10 +136,10 @@ def hessians(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
         raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found other ones")
     bent = hessians_at(expansion, coefficients, rows, points)
     maps = hessians_at(patch.geometry, patch.geometry_coefficients, rows, points)
-    slopes = pointwise.gradients(patch, field, rows, points)
+    gradients = pointwise.gradients(patch, field, rows, points)
     inverse = tangents.duals(pointwise.jacobians(patch, rows, points))[:, :, :d]
     with np.errstate(invalid="ignore"):
-        bent = bent - np.einsum("nc,ncij->nij", slopes, maps)
+        bent = bent - np.einsum("nc,ncij->nij", gradients, maps)
         return np.asarray(np.einsum("nai,nij,nbj->nab", inverse, bent, inverse))
 
 

@@ -104,8 +104,8 @@ def _turning(velocity: Sequence[Node], axis: int) -> Node:
 
 def _q_criterion(velocity: Sequence[Node]) -> Node:
     axes = range(len(velocity))
-    slopes = [[world_derivative(part, axis) for axis in axes] for part in velocity]
-    return call("*", number(-0.5), _total([call("*", slopes[i][j], slopes[j][i]) for i in axes for j in axes]))
+    gradients = [[world_derivative(part, axis) for axis in axes] for part in velocity]
+    return call("*", number(-0.5), _total([call("*", gradients[i][j], gradients[j][i]) for i in axes for j in axes]))
 
 
 def _pressure(density: Node, momentum: Sequence[Node], energy: Node, gamma: float) -> Node:

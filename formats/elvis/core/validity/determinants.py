@@ -118,12 +118,12 @@ def _tangents(expansion: Expansion, coefficients: Floats) -> list[list[Polynomia
 
 def _derivatives(space: BernsteinSpace, nets: Floats, errors: Floats, direction: int) -> list[Polynomials]:
     """The derivatives in one direction of nets (n, 3, count) with ``errors`` (n, 3)."""
-    lower, slopes = differentiate(space, nets, direction)
+    lower, derivatives = differentiate(space, nets, direction)
     top = max(lower.degrees) + 1
-    errors = top * errors + 2 * _UNIT * np.abs(slopes).max(axis=2)
+    errors = top * errors + 2 * _UNIT * np.abs(derivatives).max(axis=2)
     if space.shape is Shape.PYRAMID and direction < 2:
-        lower, slopes, errors = _divided(lower, slopes, errors)
-    return [Polynomials(lower, np.ascontiguousarray(slopes[:, i].T), errors[:, i]) for i in range(3)]
+        lower, derivatives, errors = _divided(lower, derivatives, errors)
+    return [Polynomials(lower, np.ascontiguousarray(derivatives[:, i].T), errors[:, i]) for i in range(3)]
 
 
 def _divided(space: BernsteinSpace, nets: Floats, errors: Floats) -> tuple[BernsteinSpace, Floats, Floats]:

@@ -59,7 +59,7 @@ def descended(net: Floats, start: Floats) -> Minimum:
 
 
 def _downwards(gradient: Floats, hessian: Floats) -> Floats:
-    """(k,) Newton's step, along which the value falls whatever the signs of the Hessian's eigenvalues."""
+    """(k,) Newton's step, along which the value decreases whatever the signs of the Hessian's eigenvalues."""
     curvature, axes = np.linalg.eigh(hessian)
     size = np.abs(curvature)
     size = np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300)
@@ -127,8 +127,8 @@ def _fitted(values: Floats, basis: Floats, roots: Floats, near: Floats) -> Float
     for radius in _RADII:
         at_nodes = basis @ roots.T
         rest = values - least - (at_nodes**2).sum(axis=1)
-        slopes = [2 * at_nodes[:, i, None] * basis for i in range(len(roots))]
-        matrix = np.concatenate([np.ones((len(values), 1)), *slopes], axis=1)
+        gradients = [2 * at_nodes[:, i, None] * basis for i in range(len(roots))]
+        matrix = np.concatenate([np.ones((len(values), 1)), *gradients], axis=1)
         weights = 1 / (1 + (near / radius) ** 4)
         normal = matrix.T @ (weights[:, None] * matrix)
         ridge = 1e-13 * np.trace(normal) * np.eye(len(normal))
@@ -146,9 +146,9 @@ def _start(net: Floats, values: Floats) -> tuple[Floats, Floats]:
     place = descended(net, nodes[list(best)]).place
     curvature, axes = np.linalg.eigh(_taylor(net, place)[2])
     chosen = curvature > _CURVED * np.abs(curvature).max()
-    slopes = np.sqrt(curvature[chosen] / 2)[:, None] * axes.T[chosen]
+    gradients = np.sqrt(curvature[chosen] / 2)[:, None] * axes.T[chosen]
     grid = np.stack(np.meshgrid(*[nodes] * net.ndim, indexing="ij"), axis=-1).reshape(-1, net.ndim)
-    return np.concatenate([-slopes @ place[:, None], slopes], axis=1), np.linalg.norm(grid - place, axis=1)
+    return np.concatenate([-gradients @ place[:, None], gradients], axis=1), np.linalg.norm(grid - place, axis=1)
 
 
 def _taylor(net: Floats, place: Floats) -> tuple[float, Floats, Floats]:

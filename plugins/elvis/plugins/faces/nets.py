@@ -81,7 +81,7 @@ class FaceSpace:
         return frozen_floats(self.fit @ basis)
 
     @cached_property
-    def slopes(self) -> Floats:
+    def derivatives(self) -> Floats:
         """(2, count', count) matrices from a net to those of its derivatives along the two coordinates."""
         return frozen_floats([matrix.T for _, matrix in gradient_nets(self.space)])
 

@@ -47,11 +47,11 @@ def bends(patch: Patch, rows: Ints) -> Bools:
     """
     result, space = np.empty(len(rows), bool), bernstein_space(patch.geometry)
     centre = patch.shape.vertices.mean(axis=0, keepdims=True)
-    slopes = values_and_gradients(patch.geometry, centre)[1][0]
+    gradients = values_and_gradients(patch.geometry, centre)[1][0]
     for part in chunks(len(rows), _CHUNK):
         coefficients = patch.geometry_coefficients[rows[part]]
         nets = bernstein_coefficients(patch.geometry, coefficients)
-        result[part] = bent(space, nets, np.einsum("ncm,dm->ncd", coefficients, slopes))
+        result[part] = bent(space, nets, np.einsum("ncm,dm->ncd", coefficients, gradients))
     return result
 
 
@@ -67,8 +67,8 @@ def bent(
         parts = np.einsum("nci,ncm->nim", duals(jacobians), nets)
         if space.shape is Shape.PYRAMID:
             return np.asarray(~(_pyramid_change(space, parts) <= _AFFINE))
-        change, slope = _rational(space, parts, weights) if weights is not None else changes(space, parts)
-        return np.asarray(~(change + unit * slope / 2 <= 1))
+        change, derivative = _rational(space, parts, weights) if weights is not None else changes(space, parts)
+        return np.asarray(~(change + unit * derivative / 2 <= 1))
 
 
 def changes(space: BernsteinSpace, parts: Floats, beyond: float = BEYOND) -> tuple[Floats, Floats]:
@@ -79,8 +79,8 @@ def changes(space: BernsteinSpace, parts: Floats, beyond: float = BEYOND) -> tup
     axes = range(space.shape.dimension)
     parts = parts - net_of_xi(space).T
     change = sum(np.abs(derived(space, parts, (j,), beyond)) for j in axes)
-    slope = sum(np.abs(derived(space, parts, pair, beyond)) for pair in product(axes, axes))
-    return np.max(change, axis=(1, 2)), np.max(slope, axis=(1, 2))
+    derivative = sum(np.abs(derived(space, parts, pair, beyond)) for pair in product(axes, axes))
+    return np.max(change, axis=(1, 2)), np.max(derivative, axis=(1, 2))
 
 
 def _rational(space: BernsteinSpace, parts: Floats, weights: Floats) -> tuple[Floats, Floats]:
@@ -99,12 +99,12 @@ def _rational(space: BernsteinSpace, parts: Floats, weights: Floats) -> tuple[Fl
         own = derived(space, parts, (j,))
         own[:, j] -= derived(space, weights, ())[:, 0]
         changes.append((np.abs(own).max(axis=2) + size * first[j]) / least)
-    slopes = [change + np.eye(len(axes))[j] for j, change in zip(axes, changes, strict=True)]
-    slope = np.zeros_like(size)
+    derivatives = [change + np.eye(len(axes))[j] for j, change in zip(axes, changes, strict=True)]
+    derivative = np.zeros_like(size)
     for j, k in product(axes, axes):
         own, second = (np.abs(derived(space, some, (j, k))).max(axis=2) for some in (parts, weights))
-        slope += (own + slopes[j] * first[k] + slopes[k] * first[j] + size * second) / least
-    return np.sum(changes, axis=0).max(axis=1), slope.max(axis=1)
+        derivative += (own + derivatives[j] * first[k] + derivatives[k] * first[j] + size * second) / least
+    return np.sum(changes, axis=0).max(axis=1), derivative.max(axis=1)
 
 
 def _pyramid_change(space: BernsteinSpace, parts: Floats) -> Floats:
@@ -140,8 +140,8 @@ def _matrix(space: BernsteinSpace, directions: tuple[int, ...], beyond: float) -
     centre, places = space.shape.vertices.mean(axis=0), net_of_xi(space)
     to_net = np.linalg.inv(bernstein_values(space, places))
     larger = (to_net @ bernstein_values(space, centre + beyond * (places - centre))).T
-    slopes = [(lower, gradient_nets(space)[i][1]) for i in directions for lower in (gradient_nets(space)[i][0],)]
-    raised = [matrix @ (to_net @ bernstein_values(lower, places)).T / beyond for lower, matrix in slopes]
+    derivatives = [(lower, gradient_nets(space)[i][1]) for i in directions for lower in (gradient_nets(space)[i][0],)]
+    raised = [matrix @ (to_net @ bernstein_values(lower, places)).T / beyond for lower, matrix in derivatives]
     return frozen_floats(reduce(np.matmul, raised, larger))
 
 

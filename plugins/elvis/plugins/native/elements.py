@@ -175,7 +175,10 @@ class Elements:
         return field_rounding(patch, number, space, plain)
 
     def _degree(self, leaf: Node, space: BernsteinSpace) -> int | None:
-        """The degree of what an expression is made of, where that is a polynomial: slopes are on straight simplices."""
+        """The degree of what an expression is made of, where that is a polynomial.
+
+        Derivatives in the world are polynomials on straight simplices.
+        """
         if leaf.op == "attribute":
             return 0 if is_constant(leaf.name) else None
         if leaf.axes and leaf.op == "field":

@@ -84,9 +84,9 @@ def _central_jacobians(space: BernsteinSpace, nets: Floats) -> Floats:
     centre = np.zeros((1, 3))
     middle = nets @ bernstein_values(space, centre)[0]
     lower = gradient_nets(space)
-    slopes = np.stack([nets @ matrix @ bernstein_values(some, centre)[0] for some, matrix in lower], axis=2)
+    jacobians = np.stack([nets @ matrix @ bernstein_values(some, centre)[0] for some, matrix in lower], axis=2)
     place, weight = middle[:, :3] / middle[:, 3:], middle[:, 3, None, None]
-    return np.asarray((slopes[:, :3] - place[:, :, None] * slopes[:, 3:]) / weight)
+    return np.asarray((jacobians[:, :3] - place[:, :, None] * jacobians[:, 3:]) / weight)
 
 
 def inverted(matrices: Floats) -> Floats:

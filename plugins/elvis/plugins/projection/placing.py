@@ -36,8 +36,9 @@ def in_space(
             weights = jacobians[:, :inside] * (VOLUMES[block.shape] / inside)
             for tally, each in zip(tallies, fitted, strict=True):
                 values = sampler.values(block, rows, each.field, points)
-                ours, slopes = evaluate_with_gradients(block.expansion(each.modes[i]), each.coefficients[i][rows], own)
-                moved = ours + np.einsum("knd,knd->kn", slopes, shifts)
+                expansion = block.expansion(each.modes[i])
+                ours, gradients = evaluate_with_gradients(expansion, each.coefficients[i][rows], own)
+                moved = ours + np.einsum("knd,knd->kn", gradients, shifts)
                 with np.errstate(invalid="ignore"):
                     tally.add(block.ids[rows], np.abs(moved - values), weights, values)
     return tallies

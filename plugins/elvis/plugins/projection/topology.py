@@ -179,8 +179,8 @@ def _is_left_handed(shape: Shape, corners: Floats, is_planar: bool) -> bool:
     if shape is not Shape.HEXAHEDRON and shape is not Shape.QUADRILATERAL:
         centre = 0.5 * centre + 0.5 * shape.vertices[:1]
     linear = modified(shape, (2,) * shape.dimension)
-    slopes = values_and_gradients(linear, centre)[1][0][:, entities(shape, 2).vertices]
-    jacobians = np.einsum("evc,dv->ecd", corners[:, :, : shape.dimension], slopes)
+    gradients = values_and_gradients(linear, centre)[1][0][:, entities(shape, 2).vertices]
+    jacobians = np.einsum("evc,dv->ecd", corners[:, :, : shape.dimension], gradients)
     return bool((np.linalg.det(jacobians) < 0).mean() > 0.5)
 
 

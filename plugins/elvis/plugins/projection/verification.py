@@ -199,8 +199,8 @@ class Maps:
         """Positions (k, n, 3) and Jacobian matrices (k, n, 3, d) of elements ``ids`` at reference points (n, d)."""
         places, matrices = np.empty((len(ids), len(points), 3)), np.empty((len(ids), len(points), 3, points.shape[1]))
         for block, here, own in self._parts(ids):
-            found, slopes = evaluate_with_gradients(block.expansion, own, points)
-            places[here], matrices[here] = found.transpose(0, 2, 1), slopes.transpose(0, 2, 1, 3)
+            found, gradients = evaluate_with_gradients(block.expansion, own, points)
+            places[here], matrices[here] = found.transpose(0, 2, 1), gradients.transpose(0, 2, 1, 3)
         return places, matrices
 
     def _parts(self, ids: Ints) -> Iterator[tuple[GeometryBlock, Ints, Floats]]:

@@ -62,9 +62,9 @@ def check_volume(
 def _check_derivatives(
     service: EvaluationService, number: int, part: Part, elements: Ints, offsets: Floats, samples: Samples
 ) -> None:
-    """The Jacobian and the slope are the central differences of positions and values, where that stays inside."""
+    """The Jacobian and the gradient are the central differences of positions and values, where that stays inside."""
     inside = samples.margin > 10 * _STEP
-    size, steepest = (np.abs(some[inside]).max(initial=1e-300) for some in (samples.jacobian, samples.slope))
+    size, steepest = (np.abs(some[inside]).max(initial=1e-300) for some in (samples.jacobian, samples.gradient))
     for axis in range(3):
         step = _STEP * np.eye(3)[axis]
         high, low = (service.sample_elements(number, elements, offsets + sign * step) for sign in (1, -1))
@@ -74,10 +74,10 @@ def _check_derivatives(
             f"{part.type}: expected d(position)/d(r.{'xyz'[axis]}) to be that of the positions, "
             f"found a difference of {error / size:.3g} of its size"
         )
-        rise = (high.value - low.value) / (2 * _STEP)
-        error = np.nanmax(np.abs(rise - samples.slope[:, axis])[inside], initial=0.0)
+        difference = (high.value - low.value) / (2 * _STEP)
+        error = np.nanmax(np.abs(difference - samples.gradient[:, axis])[inside], initial=0.0)
         assert error <= _DIFFERENCE * max(steepest, 1.0), (
-            f"{part.type}: expected the slope along r.{'xyz'[axis]} to be that of the values, "
+            f"{part.type}: expected the gradient along r.{'xyz'[axis]} to be that of the values, "
             f"found a difference of {error / steepest:.3g} of its size"
         )
 

@@ -41,9 +41,9 @@ def _moved(quantities: Quantities, name: str, patch: Patch, mesh: LinearMesh, va
     start = mesh.reference[:, : patch.dimension]
     reference = start.copy()
     for _ in range(_STEPS):
-        found, slopes = quantities.values_and_slopes(name, patch, rows, reference)
+        found, gradients = quantities.values_and_gradients(name, patch, rows, reference)
         with np.errstate(invalid="ignore", divide="ignore"):
-            step = (found - value)[:, None] * slopes / np.einsum("nd,nd->n", slopes, slopes)[:, None]
+            step = (found - value)[:, None] * gradients / np.einsum("nd,nd->n", gradients, gradients)[:, None]
         reference -= np.where(np.isfinite(step), np.clip(step, -0.25, 0.25), 0.0)
     far = np.linalg.norm(reference - start, axis=1) > 4.0 / (1 << FINE)
     reference[far] = start[far]

@@ -92,8 +92,8 @@ def template(shape: Shape, level: int) -> Template:
 
 def drawn_out(cut: Template, layers: int) -> Template:
     """Cells of a plane shape along a third coordinate from -1 to 1, in so many layers: prisms and hexahedra."""
-    count, rise = len(cut.points), np.linspace(-1.0, 1.0, layers + 1)
-    points = np.column_stack([np.tile(cut.points, (layers + 1, 1)), np.repeat(rise, count)])
+    count, heights = len(cut.points), np.linspace(-1.0, 1.0, layers + 1)
+    points = np.column_stack([np.tile(cut.points, (layers + 1, 1)), np.repeat(heights, count)])
     starts = (np.arange(layers) * count)[:, None, None]
     cells: dict[Shape, Ints] = {}
     for kind, own in cut.cells.items():

@@ -57,8 +57,8 @@ class Tracer:
         corners = mesh.simplices[triangles].astype(np.int64)
         a, b, c = (mesh.points[corners[:, i]] for i in range(3))
         normal = np.cross(b - a, c - a)
-        slope = np.einsum("ni,ni->n", normal, direction)
-        depth = np.einsum("ni,ni->n", normal, a - origin) / np.where(slope == 0, np.nan, slope)
+        rate = np.einsum("ni,ni->n", normal, direction)
+        depth = np.einsum("ni,ni->n", normal, a - origin) / np.where(rate == 0, np.nan, rate)
         weights = _barycentric(origin + depth[:, None] * direction, a, b, c, normal)
 
         def mixed(column: Floats) -> Floats:

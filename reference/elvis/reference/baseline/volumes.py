@@ -89,14 +89,14 @@ def _segments(mesh: LinearMesh, names: Sequence[str], view: View) -> Iterator[Se
         row, column = np.divmod(pixel, view.width)
         origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
         base = 1.0 * (np.arange(4) == 0) + np.einsum("nki,ni->nk", gradients[cell], origins - corners[cell, 0])
-        slope = np.einsum("nki,ni->nk", gradients[cell], directions)
+        rate = np.einsum("nki,ni->nk", gradients[cell], directions)
 
-        # barycentric coordinates along the ray are base + depth slope, each positive inside
+        # barycentric coordinates along the ray are base + depth rate, each positive inside
         with np.errstate(invalid="ignore", divide="ignore"):
-            zero = -base / slope
-        near = np.maximum(np.where(slope > 0, zero, -np.inf).max(axis=1), 0.0)
-        far = np.where(slope < 0, zero, np.inf).min(axis=1)
+            zero = -base / rate
+        near = np.maximum(np.where(rate > 0, zero, -np.inf).max(axis=1), 0.0)
+        far = np.where(rate < 0, zero, np.inf).min(axis=1)
         here = np.flatnonzero((near < far) & np.isfinite(far))
-        ends = [base[here] + depth[here, None] * slope[here] for depth in (near, far)]
+        ends = [base[here] + depth[here, None] * rate[here] for depth in (near, far)]
         first, last = (np.einsum("nk,nkv->nv", end, values[cell[here]]) for end in ends)
         yield Segments(pixel[here], cell[here], near[here], far[here], first, last)

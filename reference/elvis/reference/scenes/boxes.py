@@ -77,10 +77,10 @@ class Boxes:
         series = np.einsum("kn,knc->kc", weights, self.series)
         value = series @ _middle(self.degrees) + constant
         first = self.powers.sum(axis=1) == 1
-        slope = series[:, first] @ self.powers[first]
+        gradient = series[:, first] @ self.powers[first]
         rest = self.beyond_linear(series).sum(axis=1)
         noise = _ROUNDING * ((np.abs(weights) * self.sizes).sum(axis=1) + np.abs(constant))
-        return Linear(value, slope, rest + noise)
+        return Linear(value, gradient, rest + noise)
 
     def beyond_linear(self, series: Floats) -> Floats:
         """(…, c) magnitudes of the products that aren't linear, those that don't vanish in the middle twice."""

@@ -116,7 +116,7 @@ class Search:
         place = self._place(boxes)
         possible &= self._is_near(*place.around)
         for own in equations:
-            possible &= ~(np.abs(own.value) > np.abs(own.slope).sum(axis=1) + own.rest)
+            possible &= ~(np.abs(own.value) > np.abs(own.gradient).sum(axis=1) + own.rest)
         kept = np.flatnonzero(possible)
         boxes = boxes.part(kept)
         equations = [_part(own, kept) for own in equations]
@@ -151,7 +151,7 @@ class Search:
         rows = np.concatenate([lead, self.view.to_pixel[:, :3]], axis=1)
         constants = self.view.to_pixel[:, 3]
         over = boxes.combined(rows[2], constants[2])
-        before = over.value > np.abs(over.slope).sum(axis=1) + over.rest
+        before = over.value > np.abs(over.gradient).sum(axis=1) + over.rest
         middle, lifted = np.zeros((len(boxes), 2)), []
         for k in range(2):
             above = boxes.combined(rows[k], constants[k]).value
@@ -215,13 +215,14 @@ class Place:
     def around(self) -> tuple[Floats, Floats, Floats]:
         """q0 (k, 2), steps (k, 2, d) and a bound (k, 2) of all else, on whole boxes."""
         weight = np.where(self.before, self.over.value, 1.0)
-        room = np.abs(self.over.slope).sum(axis=1) + self.over.rest
+        room = np.abs(self.over.gradient).sum(axis=1) + self.over.rest
         least = np.where(self.before, self.over.value - room, 1.0)
-        slope, rest = (np.stack([getattr(own, name) for own in self.lifted], axis=1) for name in ("slope", "rest"))
-        spread = np.abs(slope).sum(axis=2) + rest
+        gradient = np.stack([own.gradient for own in self.lifted], axis=1)
+        rest = np.stack([own.rest for own in self.lifted], axis=1)
+        spread = np.abs(gradient).sum(axis=2) + rest
         rest = (rest + spread * (room / least)[:, None]) / weight[:, None]
         rest = np.where(self.before[:, None], rest, np.inf)
-        return self.middle, np.where(self.before[:, None, None], slope / weight[:, None, None], 0.0), rest
+        return self.middle, np.where(self.before[:, None, None], gradient / weight[:, None, None], 0.0), rest
 
     def along(self, base: Floats, way: Floats, half: Floats, aside: Floats) -> tuple[Floats, Floats, Floats]:
         """q (k, 2) at base (k, d), its step (k, 2) for one along a way (k, d), and a bound (k, 2) of all else.
@@ -232,9 +233,9 @@ class Place:
         forms = (*self.lifted, self.over)
         value, step, rest = (np.empty((len(base), 3)) for _ in range(3))
         for k, own in enumerate(forms):
-            value[:, k] = own.value + np.einsum("ki,ki->k", own.slope, base)
-            step[:, k] = np.einsum("ki,ki->k", own.slope, way)
-            rest[:, k] = np.abs(np.einsum("ki,kim->km", own.slope, aside)).sum(axis=1) + own.rest
+            value[:, k] = own.value + np.einsum("ki,ki->k", own.gradient, base)
+            step[:, k] = np.einsum("ki,ki->k", own.gradient, way)
+            rest[:, k] = np.abs(np.einsum("ki,kim->km", own.gradient, aside)).sum(axis=1) + own.rest
         room = np.abs(step[:, 2]) * half + rest[:, 2]
         known = self.before & (value[:, 2] > room)
         weight, least = np.where(known, value[:, 2], 1.0)[:, None], np.where(known, value[:, 2] - room, 1.0)[:, None]
@@ -247,24 +248,24 @@ class Place:
 
 
 def _part(own: Linear, which: Ints) -> Linear:
-    return Linear(own.value[which], own.slope[which], own.rest[which])
+    return Linear(own.value[which], own.gradient[which], own.rest[which])
 
 
 def _solved(equations: list[Linear], place: Place) -> tuple[Pieces, Bools, Bools]:
     """Pieces of boxes; where the equations' directions tell them; and where a zero may be."""
-    size = [np.abs(own.slope).sum(axis=1) + 1e-300 for own in equations]
+    size = [np.abs(own.gradient).sum(axis=1) + 1e-300 for own in equations]
     value, rest = (
         np.stack([getattr(own, name) / weight for own, weight in zip(equations, size, strict=True)], axis=1)
         for name in ("value", "rest")
     )
-    slope = np.stack([own.slope / weight[:, None] for own, weight in zip(equations, size, strict=True)], axis=1)
-    unseen = np.cross(slope[:, 0], slope[:, 1]) if len(equations) == 2 else slope[:, 0, ::-1] * [-1.0, 1.0]
+    gradient = np.stack([own.gradient / weight[:, None] for own, weight in zip(equations, size, strict=True)], axis=1)
+    unseen = np.cross(gradient[:, 0], gradient[:, 1]) if len(equations) == 2 else gradient[:, 0, ::-1] * [-1.0, 1.0]
     greatest = np.abs(unseen).max(axis=1, keepdims=True)
     solved = (greatest[:, 0] > 1e-9) & np.isfinite(rest).all(axis=1)
     solved &= place.before
-    slope, rest = np.where(solved[:, None, None], slope, 0.0), np.where(solved[:, None], rest, 0.0)
+    gradient, rest = np.where(solved[:, None, None], gradient, 0.0), np.where(solved[:, None], rest, 0.0)
     unseen = np.where(solved[:, None], unseen / np.maximum(greatest, 1e-300), 0.0)
-    inverse = np.linalg.pinv(slope, rcond=1e-12)
+    inverse = np.linalg.pinv(gradient, rcond=1e-12)
     base = np.einsum("kim,km->ki", inverse, value)
     around = np.einsum("kim,km->ki", np.abs(inverse), rest)
     # a zero that is so near to a box's end that it isn't proved is farther inside of the next box

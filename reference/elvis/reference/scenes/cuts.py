@@ -12,7 +12,7 @@ from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings
-from elvis.reference.surfaces import slopes, triangles
+from elvis.reference.surfaces import gradients, triangles
 from elvis.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, unit
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -68,7 +68,7 @@ def surface_hits(surface: Surface, view: View) -> tuple[Ints, Floats, Floats]:
     depths = ray_depths(surface, origins, directions)
     pixel, which = np.nonzero(np.isfinite(depths) & (depths > 0))
     depth = depths[pixel, which]
-    return pixel, depth, slopes(surface, origins[pixel] + depth[:, None] * directions[pixel])
+    return pixel, depth, gradients(surface, origins[pixel] + depth[:, None] * directions[pixel])
 
 
 def ray_depths(surface: Surface, origins: Floats, directions: Floats) -> Floats:

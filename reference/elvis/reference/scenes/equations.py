@@ -27,15 +27,15 @@ _ROUNDING = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A function on each of k boxes, t in [-1, 1]^d: value + slope t + rest.
+    """A function on each of k boxes, t in [-1, 1]^d: value + gradient t + rest.
 
     value  (k,)    at the middle
-    slope  (k, d)
+    gradient  (k, d)
     rest   (k,)    greatest magnitude of all else, rounding included; infinite where nothing is known
     """
 
     value: Floats
-    slope: Floats
+    gradient: Floats
     rest: Floats
 
 
@@ -76,19 +76,19 @@ class Equation:
     def on(self, parts: list[Linear]) -> tuple[Linear, Bools]:
         """The equation on boxes, from its leaves there; and (k,) where bounds leave room for a zero."""
         count = len(parts[0].value)
-        spans = [np.abs(part.slope).sum(axis=1) + part.rest for part in parts]
+        spans = [np.abs(part.gradient).sum(axis=1) + part.rest for part in parts]
         ends = {
             leaf: (part.value - span, part.value + span)
             for leaf, part, span in zip(self.leaves, parts, spans, strict=True)
         }
         middle = self._value({leaf: part.value for leaf, part in zip(self.leaves, parts, strict=True)}, count)
-        slope, rest = np.zeros_like(parts[0].slope), np.zeros(count)
+        gradient, rest = np.zeros_like(parts[0].gradient), np.zeros(count)
         scale = np.abs(middle)
         for own, part, span in zip(self._partials, parts, spans, strict=True):
             low, high = (np.broadcast_to(end, count) for end in _bounds(own, ends)[0])
             with np.errstate(invalid="ignore"):
                 half, mean = 0.5 * (high - low), 0.5 * (low + high)
-            slope += mean[:, None] * part.slope
+            gradient += mean[:, None] * part.gradient
             rest += np.abs(mean) * part.rest + half * span
             scale = scale + np.maximum(np.abs(low), np.abs(high)) * (np.abs(part.value) + span)
         (low, high), broken = _bounds(self.root, ends)
@@ -97,11 +97,11 @@ class Equation:
             (least, most), torn = _bounds(node, ends)
             broken = broken | torn | ~((least > 0) | (most < 0))
         rest = rest + _ROUNDING * scale
-        unknown = broken | ~np.isfinite(middle) | ~np.isfinite(slope).all(axis=1) | ~np.isfinite(rest)
+        unknown = broken | ~np.isfinite(middle) | ~np.isfinite(gradient).all(axis=1) | ~np.isfinite(rest)
         rest = np.where(unknown, np.inf, rest)
-        slope = np.where(unknown[:, None], 0.0, slope)
+        gradient = np.where(unknown[:, None], 0.0, gradient)
         possible = ~(low > noise) & ~(high < -noise) & ~(np.isnan(low) & np.isnan(high))
-        return Linear(np.where(np.isfinite(middle), middle, 0.0), slope, rest), np.broadcast_to(possible, count)
+        return Linear(np.where(np.isfinite(middle), middle, 0.0), gradient, rest), np.broadcast_to(possible, count)
 
     def _value(self, known: dict[Node, Floats], count: int) -> Floats:
         """(k,) the left side where the leaves have these values."""

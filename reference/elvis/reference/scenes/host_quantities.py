@@ -14,7 +14,7 @@ from elvis.core.mapping.boxes import Boxes
 from elvis.core.patch import Patch
 from elvis.core.quantities import Expression
 from elvis.plugins.faces import Faces, faces_of
-from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, slopes_of
+from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of
 from elvis.reference.host_patch import HostPatch
@@ -59,13 +59,13 @@ class HostQuantities(Quantities):
         hosts = {field: HostEvaluation(volume.parts[number], patch.shape) for field, volume in self.volumes.items()}
         return evaluate_expression(self._expressions[name], hosts, rows, points)
 
-    def values_and_slopes(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+    def values_and_gradients(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Values (n,) and their derivatives (n, d) in the reference coordinates."""
 
         def values(rows: Ints, points: Floats) -> Floats:
             return self.values(name, patch, rows, points)
 
-        return values(rows, points), slopes_of(values, rows, points)
+        return values(rows, points), numerical_derivatives(values, rows, points)
 
     def outward(self, frame: Frame) -> Frame:
         """The frame with reference coordinates from 0 to 1 where the plugin has these."""

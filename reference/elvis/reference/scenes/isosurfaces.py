@@ -110,21 +110,21 @@ class _Search:
         """How far depths (n,) of zeros may be from the true ones, and steps (n, 3) of r for a unit of depth.
 
         The function is measured at places along the ray, as far from the zero as ``width`` (n,): a line through the
-        values has the function's rise, and they lie beside it by what rounding does to them.
+        values has the function's derivative, and they lie off it by what rounding does to them.
         """
-        _, slopes = placed(self.patch, rows, reference)
+        _, jacobians = placed(self.patch, rows, reference)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            along = np.einsum("nij,nj->ni", inverses(slopes), directions)
+            along = np.einsum("nij,nj->ni", inverses(jacobians), directions)
         shares = np.linspace(-1.0, 1.0, _PLACES)
         steps = width[:, None, None] * shares[:, None] * along[:, None]
         places, every = reference[:, None] + steps, np.repeat(rows, _PLACES)
         values = self.quantities.values(self.name, self.patch, every, places.reshape(-1, places.shape[2]))
         values = values.reshape(-1, _PLACES)
-        rise = (values - values.mean(axis=1, keepdims=True)) @ shares / (shares @ shares)
-        line = values.mean(axis=1, keepdims=True) + rise[:, None] * shares
+        derivative = (values - values.mean(axis=1, keepdims=True)) @ shares / (shares @ shares)
+        line = values.mean(axis=1, keepdims=True) + derivative[:, None] * shares
         beside = np.abs(values - line).max(axis=1) + np.spacing(np.abs(values).max(axis=1))
         with np.errstate(invalid="ignore", divide="ignore"):
-            uncertainty = width * _SAFETY * beside / np.abs(rise)
+            uncertainty = width * _SAFETY * beside / np.abs(derivative)
         return np.where(np.isnan(uncertainty), np.inf, uncertainty), along
 
 
@@ -132,7 +132,7 @@ def level_of(quantities: Quantities, name: str, patch: Patch, value: float) -> C
     """The function whose zeros are the surface."""
 
     def constraint(rows: Ints, points: Floats) -> tuple[Floats, Floats]:
-        values, slopes = quantities.values_and_slopes(name, patch, rows, points)
-        return values - value, slopes
+        values, gradients = quantities.values_and_gradients(name, patch, rows, points)
+        return values - value, gradients
 
     return constraint

@@ -66,14 +66,14 @@ def solve(
     active = np.arange(len(rows))
     for number in range(steps):
         own, ray = rows[active], directions[active]
-        world, slopes = placed(patch, own, reference[active])
+        world, jacobians = placed(patch, own, reference[active])
         held, gradient = constraint(own, reference[active])
         if number == 0:
             depth = np.einsum("ni,ni->n", world - origins, directions) / np.einsum("ni,ni->n", directions, directions)
             scale = np.maximum(np.abs(held), np.linalg.norm(gradient, axis=1))
         assert scale is not None
         away = world - origins[active] - depth[active, None] * ray
-        step, deeper, normal[active] = _step(slopes, gradient, ray, away, held)
+        step, deeper, normal[active] = _step(jacobians, gradient, ray, away, held)
         largest = np.maximum(np.abs(world), np.abs(origins[active])).max(axis=1)
         off = np.linalg.norm(away, axis=1) / (size + _ROUNDING / _SMALL * largest)
         error[active] = np.maximum(off, np.abs(held) / (scale[active] + 1e-300))
@@ -92,13 +92,15 @@ def solve(
     return Roots(reference, depth, normal, inside & (error < _SMALL))
 
 
-def _step(slopes: Floats, gradient: Floats, ray: Floats, away: Floats, held: Floats) -> tuple[Floats, Floats, Floats]:
+def _step(
+    jacobians: Floats, gradient: Floats, ray: Floats, away: Floats, held: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Steps of r (n, 3) and t (n,), and the constraint's gradient in the world (n, 3).
 
     With J = dPhi/dr and g = J^-T h': J dr = d dt - away, so that (g . d) dt = g . away - h.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        inverse = inverses(slopes)
+        inverse = inverses(jacobians)
         world = np.einsum("nij,ni->nj", inverse, gradient)
         deeper = (np.einsum("ni,ni->n", world, away) - held) / np.einsum("ni,ni->n", world, ray)
         step = np.einsum("nij,nj->ni", inverse, deeper[:, None] * ray - away)

@@ -172,9 +172,9 @@ def followed(patch: Patch, rows: Ints, start: Floats, points: Floats, enough: fl
     """
     reference, active = start.copy(), np.arange(len(rows))
     for _ in range(_STEPS):
-        world, slopes = placed(patch, rows[active], reference[active])
+        world, jacobians = placed(patch, rows[active], reference[active])
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            step = np.einsum("nij,nj->ni", inverses(slopes), points[active] - world)
+            step = np.einsum("nij,nj->ni", inverses(jacobians), points[active] - world)
         length = np.linalg.norm(step, axis=1)
         good = np.isfinite(length)
         part = np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))

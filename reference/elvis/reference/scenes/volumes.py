@@ -105,9 +105,9 @@ def _sampled(segments: Segments, along: Callable[[Segments, Floats], Floats]) ->
     """
     even = np.linspace(0.0, 1.0, _SIGNS)
     values = along(segments, np.tile(even, (len(segments), 1)))
-    rises = np.diff(values, axis=1)
-    segment, place = np.nonzero(rises[:, 1:] * rises[:, :-1] < 0.0)
-    before, after = rises[segment, place], rises[segment, place + 1]
+    differences = np.diff(values, axis=1)
+    segment, place = np.nonzero(differences[:, 1:] * differences[:, :-1] < 0.0)
+    before, after = differences[segment, place], differences[segment, place + 1]
     turn = even[place + 1] + 0.5 * (before + after) / (before - after) / (_SIGNS - 1)
     peaks = along(segments.part(segment), turn[:, None])[:, 0]
 

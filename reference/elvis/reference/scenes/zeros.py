@@ -119,7 +119,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
 def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
     """The zeros of series (k, n) on parts, right but for errors (k,).
 
-    A slope is that of the function where it is greater than what the error may add, n^2 times as much (Markov 1889);
+    A derivative is that of the function where it is greater than what the error may add, n^2 times it (Markov 1889);
     a part that has its zero at an end, to within the error, has it there, and so may the next one.
     """
     found: list[Zeros] = []
@@ -129,8 +129,8 @@ def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros
         sizes = np.abs(coefficients)
         kept = ~(sizes[:, 0] - sizes[:, 1:].sum(axis=1) > error)
         parts, coefficients, error = parts.some(kept), coefficients[kept], error[kept]
-        slopes = np.abs(coefficients @ _slopes(coefficients.shape[1] - 1))
-        single = 2 * slopes[:, 0] - slopes.sum(axis=1) > (len(signs) - 1) ** 2 * error
+        derivatives = np.abs(coefficients @ _derivatives(coefficients.shape[1] - 1))
+        single = 2 * derivatives[:, 0] - derivatives.sum(axis=1) > (len(signs) - 1) ** 2 * error
         flat = (np.abs(coefficients).sum(axis=1) <= error) | (depth == _HALVED)
         first, last = coefficients @ signs, coefficients.sum(axis=1)
         crossed = ((first > 0) != (last > 0)) & single & ~flat
@@ -173,7 +173,7 @@ def transform(degree: int) -> Floats:
 
 
 @cache
-def _slopes(degree: int) -> Floats:
+def _derivatives(degree: int) -> Floats:
     """(n, n - 1) from coefficients to those of the derivative, as rows."""
     return np.asarray(chebyshev.chebder(np.eye(degree + 1), axis=1))
 

@@ -26,7 +26,7 @@ def determinant(rng):
     near = Fraction(int(rng.choice([-1, 0, 1])), 2 ** int(rng.integers(2, 40)))
     where = Fraction(int(rng.integers(-8, 17)), 8)
     if rng.random() < 0.4:
-        # falls to zero, or nearly, at the place
+        # decreases to zero, or nearly, at the place
         sign = int(rng.choice([-1, 1]))
         return (near - sign * where, Fraction(sign), Fraction(0))
     factor = Fraction(3, 2 ** int(rng.integers(0, 6)))

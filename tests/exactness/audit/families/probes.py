@@ -62,7 +62,7 @@ def count_points(own, field, points, case, found):
     legal = (element >= 0) & (element < len(sides))
     elsewhere = ~legal | (margins(sides, np.where(legal, element, 0), straight) < -room.max())
     wanted = field(straight.astype(float))
-    allowed = tolerance(field, own) + field.slope() * rounding.max()
+    allowed = tolerance(field, own) + field.greatest_derivative() * rounding.max()
     reasons = {
         "outside but inside": (status == Status.MISS) & (away > room).all(axis=1),
         "inside but outside": hit & (away < -room).any(axis=1),

@@ -28,7 +28,7 @@ class Radius:
     def __call__(self, points):
         return np.hypot(points[:, 0], points[:, 1]) - 1.0
 
-    def slope(self):
+    def greatest_derivative(self):
         return 2.0
 
 

@@ -31,8 +31,8 @@ class Wave:
         p, q, r = (part(flat) for part in self.parts)
         return p + q * np.cos(angle) - r * np.sin(angle)
 
-    def slope(self):
-        return sum(part.slope() + 7 / self.length * part.size() for part in self.parts)
+    def greatest_derivative(self):
+        return sum(part.greatest_derivative() + 7 / self.length * part.size() for part in self.parts)
 
 
 def case(rng, size):

@@ -219,9 +219,9 @@ def _may_hold(points: Floats, ends: Floats, width: Floats, slack: Floats) -> Boo
 
     # the columns that they reach over, rows where they are steep
     first, last = np.ceil(turned.min(axis=0) - slack), np.floor(turned.max(axis=0) + slack)
-    slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
+    derivative = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
     x = first + np.arange(_COLUMNS)[:, None]
-    y = y0 + slope * (x - x0)
+    y = y0 + derivative * (x - x0)
     held = (np.abs(y - np.rint(y)) <= 1.5 * width + 2 * slack) & (x <= last)
     return np.asarray(held.any(axis=0) | (last - first >= _COLUMNS))
 
@@ -264,10 +264,10 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
     size = np.array([[view.width - 1.0], [view.height - 1.0]])
     low, high = np.where(front, batch.pixels[:, :2], np.stack([0.0 * size, size]))
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    slopes = [matrix @ batch.screen[[0, 1, 2, 4]] for matrix in space.slopes]
-    planes = [slope[:2] - middle[:, None] * slope[2] for slope in slopes]
+    derivatives = [matrix @ batch.screen[[0, 1, 2, 4]] for matrix in space.derivatives]
+    planes = [derivative[:2] - middle[:, None] * derivative[2] for derivative in derivatives]
     (xs, ys), (xt, yt) = (plane.mean(axis=1) for plane in planes)
-    weights = [slope[2].mean(axis=0) for slope in slopes]
+    weights = [derivative[2].mean(axis=0) for derivative in derivatives]
 
     with np.errstate(all="ignore"):
         # M, times vectors; the sums of what it makes of all changes
@@ -276,23 +276,23 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
         b, g = np.zeros((2, 2, len(xs)))
         for row, (u, v) in enumerate((first, second)):
             bent = np.abs(u) * half[0] + np.abs(v) * half[1]
-            for plane, slope, weight, mean in zip(planes, slopes, weights, ((xs, ys), (xt, yt)), strict=True):
+            for plane, derivative, weight, mean in zip(planes, derivatives, weights, ((xs, ys), (xt, yt)), strict=True):
                 own = np.abs(u * (plane[0] - mean[0]) + v * (plane[1] - mean[1]))
-                b[row] += (own + bent * np.abs(slope[2] - weight)).max(axis=0)
+                b[row] += (own + bent * np.abs(derivative[2] - weight)).max(axis=0)
                 g[row] += bent * np.abs(weight)
-        change = b.max(axis=0) + _weighted(batch.screen[4], [slope[3] for slope in slopes])
+        change = b.max(axis=0) + _weighted(batch.screen[4], [derivative[3] for derivative in derivatives])
         tame = front & ((change <= TAME * (1.0 - g.max(axis=0))) | (change <= 1e-9))
 
     # the greatest speed along each side, for any pixel
-    speeds = [(*plane, *(half[:, None] * slope[2])) for plane, slope in zip(planes, slopes, strict=True)]
+    speeds = [(*plane, *(half[:, None] * derivative[2])) for plane, derivative in zip(planes, derivatives, strict=True)]
     if len(space.halves) == 3:
         speeds.append(tuple(t - s for s, t in zip(*speeds, strict=True)))
     way = np.argmax([sum(part * part for part in side).max(axis=0) for side in speeds], axis=0)
     return tame, way, np.maximum(np.abs(first).sum(axis=0), np.abs(second).sum(axis=0))
 
 
-def _weighted(w: Floats, slopes: list[Floats]) -> Floats:
+def _weighted(w: Floats, derivatives: list[Floats]) -> Floats:
     """(n,) what dividing by the weights w (count, n) of rational maps adds to the change of their Jacobians."""
     least = w.min(axis=0)
-    total = 2.5 * sum(np.abs(slope).max(axis=0) for slope in slopes) + 0.5 * (w.max(axis=0) - least)
+    total = 2.5 * sum(np.abs(derivative).max(axis=0) for derivative in derivatives) + 0.5 * (w.max(axis=0) - least)
     return np.asarray(total / least)

@@ -327,7 +327,7 @@ class _Squares:
         elements = np.repeat(self._items.element[some], len(x))
         found = self._proof.sampled(self._number, elements, places.reshape(-1, 3))
         step = np.linalg.solve(found.jacobian, (target - found.position)[..., None])[..., 0]
-        values = found.value + np.einsum("ni,ni->n", found.slope, step)
+        values = found.value + np.einsum("ni,ni->n", found.gradient, step)
         length = np.abs(step).max(axis=1).reshape(len(some), -1).max(axis=1)
         row = self._row[some]
         curve = self._bounds.curve[row] + self._bounds.rise[row] * self._turn[some]

@@ -1,4 +1,4 @@
-"""Slopes of fields in the kernels against NumPy's, for every shape and order."""
+"""Gradients of fields in the kernels against NumPy's, for every shape and order."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +13,8 @@ from elvis.formats import Dataset
 from elvis.plugins.native import NativeVolume
 
 NEKTAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
-#: of the greatest slope
-SLOPE = 1e-11
+#: of the greatest gradient
+GRADIENT = 1e-11
 
 
 def wild(dataset, modes):
@@ -36,24 +36,24 @@ def asked(part, count=40):
 
 
 def compare(drawing, volume):
-    """Values and slopes on the device are NumPy's; returns the shapes seen."""
+    """Values and gradients on the device are NumPy's; returns the shapes seen."""
     drawing.show(volume)
     shapes = set()
     for number, part in enumerate(volume.parts):
         for patch, rows, reference, elements, offsets in asked(part):
             centre = drawing.sample_elements(number, elements[:1], offsets[:1]).center
             found = drawing.sample_elements(number, elements, offsets - centre)
-            value, slope = evaluate_at_with_gradients(patch.fields[0], patch.coefficients[0], rows, reference)
+            value, gradient = evaluate_at_with_gradients(patch.fields[0], patch.coefficients[0], rows, reference)
             apart = np.abs(reference[:, -1] - 1) > 1e-6 if patch.shape is Shape.PYRAMID else np.full(len(rows), True)
-            assert np.abs(found.value - value).max() < SLOPE * np.ptp(value)
-            error = np.abs(found.slope[:, : slope.shape[1]] - slope)[apart]
-            assert error.max() < SLOPE * np.abs(slope).max(), part.type
+            assert np.abs(found.value - value).max() < GRADIENT * np.ptp(value)
+            error = np.abs(found.gradient[:, : gradient.shape[1]] - gradient)[apart]
+            assert error.max() < GRADIENT * np.abs(gradient).max(), part.type
             shapes.add(patch.shape)
     return shapes
 
 
 @pytest.mark.parametrize("modes", [2, 3, 5, 9])
-def test_native_slopes_are_what_numpy_gives(renderer, modes):
+def test_native_gradients_are_what_numpy_gives(renderer, modes):
     solid = wild(Dataset(curved(mixed_volume(seed=1), ripple(0.02), n=3)), modes)
     plane = wild(Dataset(curved(mixed_plane(seed=1), ripple(0.02), n=3)), modes)
     drawing = renderer("vulkan")
