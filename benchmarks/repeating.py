@@ -23,8 +23,8 @@ from elvis.formats import Dataset, Shape
 from elvis.renderer import Camera, Faces, Isosurface, Plane, Renderer, Scene, render
 
 KINDS = {"new": "a new renderer for each picture", "kept": "one renderer for all pictures"}
-#: how often it is looked at what the process holds
-LOOKS = 10
+#: how often it is read what the process holds
+READINGS = 10
 _VIEW: dict[str, Any] = {"camera": Camera((2.9, -2.1, 1.9), (0.5, 0.5, 0.5), height=1.8), "size": (60, 50)}
 SCENES = (
     Scene(FIELD, objects=(Faces(),), **_VIEW),
@@ -57,7 +57,7 @@ def drawing(kind: str, dataset: Dataset, device: str) -> Iterator[Callable[[Scen
 def pictures(kind: str, count: int, device: str) -> dict[str, Any]:
     """Draw the scenes in turn, without the garbage collector; what the process holds after some of the pictures."""
     dataset = Case("small", Shape.TETRAHEDRON, 2, 2, 3, mild).dataset()
-    looks = {round(count * k / LOOKS) for k in range(1, LOOKS + 1)}
+    readings = {round(count * k / READINGS) for k in range(1, READINGS + 1)}
     rows = []
     with drawing(kind, dataset, device) as draw:
         # what is compiled and loaded once
@@ -69,7 +69,7 @@ def pictures(kind: str, count: int, device: str) -> dict[str, Any]:
         start = perf_counter()
         for number in range(1, count + 1):
             draw(SCENES[number % len(SCENES)])
-            if number in looks:
+            if number in readings:
                 rows.append({"pictures": number, **held()})
         each = (perf_counter() - start) / count
     return {"rows": rows, "seconds": each}
@@ -83,7 +83,7 @@ def held() -> dict[str, int]:
 
 
 def table(numbers: dict[str, Any]) -> Table:
-    """First and last look, and the most of all, for each kind."""
+    """First and last reading, and the most of all, for each kind."""
     columns = ["", "s a picture", "MiB before", "MiB after", "most", "threads", "after", "descriptors", "after"]
     shown = Table(f"{numbers['count']} small pictures in one process", columns)
     for kind, words in KINDS.items():

@@ -30,7 +30,7 @@ Vector = tuple[float, float, float]
 class Shown:
     """A dataset of examples/cases.py with what is drawn of it.
 
-    cut, value, fog  the plane that cuts, the value of the isosurface, the transfer function of the volume
+    cut, value, volume  the plane that cuts, the value of the isosurface, the transfer function of the volume
     faces            names of boundaries
     across           views straight at the plane: name, centre, height
     along            views of surfaces and volumes: name, centre, height, all from the direction ``eye``
@@ -41,7 +41,7 @@ class Shown:
     cut: Plane
     faces: tuple[str, ...]
     value: float
-    fog: Transfer
+    volume: Transfer
     eye: Vector
     across: tuple[tuple[str, Vector, float], ...]
     along: tuple[tuple[str, Vector, float], ...]
@@ -69,7 +69,7 @@ class Shown:
         eye = (at[0] + 4 * away[0], at[1] + 4 * away[1], at[2] + 4 * away[2])
         cut = CutSurface(self.cut, Style(contours=LINES))
         faces = Faces(self.faces, Style(contours=LINES))
-        isosurface, volume = Isosurface((self.value,)), VolumeRendering(self.fog, error=1e-2)
+        isosurface, volume = Isosurface((self.value,)), VolumeRendering(self.volume, error=1e-2)
         objects = {
             "cut": (cut,),
             "faces": (faces,),
@@ -87,7 +87,7 @@ DELTA = Shown(
     cut=Plane((1.2, 0.0, 0.0), (1.0, 0.0, 0.0)),
     faces=("wing", "symmetry"),
     value=-0.8,
-    fog=Transfer((-1.5, -0.5, -0.3), (8.0, 1.0, 0.0)),
+    volume=Transfer((-1.5, -0.5, -0.3), (8.0, 1.0, 0.0)),
     eye=(-0.55, 0.7, 0.45),
     across=(("overview", (1.2, 0.55, 0.1), 1.9), ("detail", (1.2, 0.18, 0.12), 0.25)),
     along=(("overview", (0.75, 0.1, 0.1), 1.9), ("detail", (0.5, 0.1, 0.05), 0.3)),
@@ -98,7 +98,7 @@ WING = Shown(
     cut=Plane((0.0, 0.6, 0.0), (0.0, 1.0, 0.0)),
     faces=("wing", "symmetry"),
     value=-0.4,
-    fog=Transfer((-0.8, -0.3, -0.1), (6.0, 1.5, 0.0)),
+    volume=Transfer((-0.8, -0.3, -0.1), (6.0, 1.5, 0.0)),
     eye=(-0.4, 0.6, 0.7),
     across=(("overview", (0.6, 0.6, 0.0), 3.0), ("detail", (0.4, 0.6, 0.0), 0.15)),
     along=(("overview", (0.6, 0.5, 0.0), 2.4), ("detail", (0.35, 0.5, 0.03), 0.2)),

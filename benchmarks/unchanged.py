@@ -76,13 +76,13 @@ def solid_pictures(name: str) -> Iterator[tuple[str, list[str]]]:
     levels = low + (high - low) * np.array([0.2, 0.5, 0.6, 0.9])
     size = ["--size", SIZE, "--field", field["name"]]
     place = ",".join(f"{number:.6g}" for number in middle)
-    fog = f"{levels[0]:.6g}:0,{levels[2]:.6g}:{5 / np.ptp([box['lower'], box['upper']]):.6g},{levels[3]:.6g}:0"
+    transfer = f"{levels[0]:.6g}:0,{levels[2]:.6g}:{5 / np.ptp([box['lower'], box['upper']]):.6g},{levels[3]:.6g}:0"
 
     drawn = {
         "cut": ["--plane", f"{place}:0.1,0.2,1"],
         "faces": ["--faces", "all", "--mesh-lines", "--contours", "5", *ISO],
         "isosurface": [f"--isosurface={levels[1]:.6g},{levels[2]:.6g}", *ISO],
-        "volume": [f"--volume={fog}", *ISO],
+        "volume": [f"--volume={transfer}", *ISO],
     }
     for kind in KINDS:
         yield f"{name}-{kind}", [*files, *size, *drawn[kind]]

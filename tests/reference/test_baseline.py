@@ -260,8 +260,8 @@ def test_volumes_are_exact_for_linear_fields_and_converge_for_others():
     """Light along rays through straight elements: of a linear field as the reference has it, else of second order."""
     from elvis.scene import Transfer, VolumeRendering
 
-    fog = VolumeRendering(Transfer((-1.0, 3.0), (0.0, 5.0), ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
-    scene = Scene("u", camera=VIEW.camera, size=(24, 18), objects=(fog,), range=(0.0, 1.0))
+    volume = VolumeRendering(Transfer((-1.0, 3.0), (0.0, 5.0), ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
+    scene = Scene("u", camera=VIEW.camera, size=(24, 18), objects=(volume,), range=(0.0, 1.0))
     view = View.through(VIEW.camera, (24, 18))
     for function, levels, tolerance in ((lambda x: x[:, 0] + x[:, 2], (0,), 1e-4), (smooth, (0, 1, 2), None)):
         mesh = grid(Shape.PRISM, 2)

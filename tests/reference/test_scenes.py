@@ -239,8 +239,8 @@ def test_what_it_cannot_draw_is_said():
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
 def test_even_fog_takes_up_light_by_its_length(shape):
     """A constant density s over a chord L hides 1 - exp(-s L)."""
-    fog = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.2, 0.4, 0.6), (0.2, 0.4, 0.6))))
-    frame = render(solid(shape, bend=0.05), Scene("u", camera=NEAR, size=(24, 20), objects=(fog,)))
+    volume = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.2, 0.4, 0.6), (0.2, 0.4, 0.6))))
+    frame = render(solid(shape, bend=0.05), Scene("u", camera=NEAR, size=(24, 20), objects=(volume,)))
     origins, directions = rays(frame)
     near, far = cube_depths(origins, directions)
     length = np.nan_to_num((far - near) * np.linalg.norm(directions, axis=-1))
@@ -252,13 +252,13 @@ def test_even_fog_takes_up_light_by_its_length(shape):
 
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
 def test_rays_may_begin_within_elements(shape):
-    """The eye is in the cube: fog hides by the length from there on, and the nearer sheet behind it is not seen."""
-    fog = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    """The eye is in the cube: volume hides by the length from there on, and the nearer sheet behind it is not seen."""
+    volume = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
     for camera in (
         Camera((0.4, 0.3, 0.45), (0.9, 0.8, 0.6), fov=70.0),
         Camera((0.3, 0.45, 0.4), (0.9, 0.8, 0.6), height=0.2),
     ):
-        scene = Scene("u", camera=camera, size=(24, 20), objects=(fog,))
+        scene = Scene("u", camera=camera, size=(24, 20), objects=(volume,))
         data = solid(shape, function=lambda x: x[:, 0])
         frame = render(data, scene)
         origins, directions = rays(frame)
@@ -274,9 +274,9 @@ def test_rays_may_begin_within_elements(shape):
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
 def test_fog_of_a_linear_field(shape):
     """Density x and colour black: what is hidden follows from the middle of each chord."""
-    fog = VolumeRendering(Transfer((-1.0, 2.0), (0.0, 6.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    volume = VolumeRendering(Transfer((-1.0, 2.0), (0.0, 6.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
     data = solid(shape, function=lambda x: x[:, 0])
-    frame = render(data, Scene("u", camera=PARALLEL, size=(24, 20), objects=(fog,)))
+    frame = render(data, Scene("u", camera=PARALLEL, size=(24, 20), objects=(volume,)))
     origins, directions = rays(frame)
     near, far = cube_depths(origins, directions)
     middle = (origins + (0.5 * (near + far))[..., None] * directions)[..., 0]
@@ -285,13 +285,13 @@ def test_fog_of_a_linear_field(shape):
 
 
 def test_surfaces_end_the_fog_before_them():
-    """An opaque plane within even fog: only what lies before it takes up light; a half transparent one lets half in."""
-    fog = VolumeRendering(Transfer((-1.0, 2.0), (1.5, 1.5), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    """An opaque plane within even volume: only what lies before it takes up light; a half transparent one lets half in."""
+    volume = VolumeRendering(Transfer((-1.0, 2.0), (1.5, 1.5), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
     data = solid(Shape.HEXAHEDRON)
     plane = Plane((0.5, 0.5, 0.6), (0.1, 0.3, 1.0))
     for opacity in (1.0, 0.5):
         cut = CutSurface(plane, Style(color=(1.0, 1.0, 1.0), opacity=opacity))
-        scene = Scene("u", camera=NEAR, size=SIZE, objects=(fog, cut), background=(1.0, 0.0, 0.0))
+        scene = Scene("u", camera=NEAR, size=SIZE, objects=(volume, cut), background=(1.0, 0.0, 0.0))
         frame = render(data, scene)
         origins, directions = rays(frame)
         near, far = cube_depths(origins, directions)

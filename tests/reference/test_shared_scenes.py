@@ -58,9 +58,9 @@ def test_faces_isosurfaces_and_volumes_of_real_data(data):
     behind = surface.seen & faces.seen
     assert (surface.depth[behind] - faces.depth[behind] > -1e-9).all()
 
-    # even fog is there where the faces are
-    fog = VolumeRendering(Transfer((0.0, 1.0), (1.0, 1.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
-    dim = render(data, Scene(name, camera=faces.view.camera, size=(12, 12), objects=(fog,)))
+    # even volume is there where the faces are
+    volume = VolumeRendering(Transfer((0.0, 1.0), (1.0, 1.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    dim = render(data, Scene(name, camera=faces.view.camera, size=(12, 12), objects=(volume,)))
     clear = render(data, Scene(name, camera=faces.view.camera, size=(12, 12), objects=(Faces(),)))
     certain = clear.status != 2
     assert np.array_equal((dim.color[..., 0] < 1.0)[certain], clear.seen[certain])

@@ -118,8 +118,10 @@ def test_walls_and_lids_are_chosen_by_name():
 
 
 def test_fog_in_quasi_3d_data_takes_up_light_by_its_length():
-    fog = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
-    frame = render(channel(), Scene("u", camera=replace(CAMERA, fov=None, height=1.8), size=(20, 16), objects=(fog,)))
+    volume = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    frame = render(
+        channel(), Scene("u", camera=replace(CAMERA, fov=None, height=1.8), size=(20, 16), objects=(volume,))
+    )
     rows, columns = np.indices(frame.status.shape)
     origins, directions = frame.view.rays(columns.ravel().astype(float), rows.ravel().astype(float))
     with np.errstate(divide="ignore"):

@@ -336,13 +336,13 @@ def test_fog_lies_before_and_behind_surfaces(draw, linear):
     """Density 2 all over the cube, seen along y, with a half opaque plane in its middle: closed form."""
     camera = Camera((0.507, -3.0, 0.5), (0.507, 0.5, 0.5), height=0.6)
     straight = linear(grid(Shape.TETRAHEDRON, 1))
-    fog = VolumeRendering(Transfer((-9.0, 9.0), (2.0, 2.0), ((0.0, 1.0, 0.0),) * 2), error=1e-6)
+    volume = VolumeRendering(Transfer((-9.0, 9.0), (2.0, 2.0), ((0.0, 1.0, 0.0),) * 2), error=1e-6)
     left = np.exp(-2.0)
-    alone = draw(straight, objects=(fog,), camera=camera, size=(16, 12))
+    alone = draw(straight, objects=(volume,), camera=camera, size=(16, 12))
     assert np.allclose(alone.color, [left, 1.0, left], atol=1e-5)
     assert (alone.status == Status.CERTAIN).all()
     half = CutSurface(Plane((0.5, 0.5, 0.5), (0, 1, 0)), Style(color=(1.0, 0.0, 0.0), opacity=0.5))
-    both = draw(straight, objects=(half, fog), camera=camera, size=(16, 12))
+    both = draw(straight, objects=(half, volume), camera=camera, size=(16, 12))
     first = np.exp(-1.0)
     red = first * (0.5 + 0.5 * first)
     green = (1 - first) + first * 0.5 * (1 - first) + first * 0.5 * first

@@ -39,7 +39,7 @@ def cube():
 
 
 def test_surfaces_isosurfaces_and_volume_share_one_depth(draw, cube):
-    """Occlusion: each pixel shows what is nearest of the single pictures; fog adds nothing behind an opaque surface."""
+    """Occlusion: each pixel shows what is nearest of the single pictures; a volume adds nothing behind an opaque surface."""
     camera = Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0)
     plane = CutSurface(Plane((0.5, 0.5, 0.5), (1.0, 0.2, 0.4)), Style(color=(1.0, 0.0, 0.0), lit=False))
     level = Isosurface((0.09,), style=Style(color=(0.0, 0.0, 1.0), lit=False))
@@ -52,10 +52,10 @@ def test_surfaces_isosurfaces_and_volume_share_one_depth(draw, cube):
     nearer = one.seen & (one.depth <= np.where(other.seen, other.depth, np.inf))
     assert np.array_equal(both.color[..., 0] > both.color[..., 2], nearer)
 
-    # green fog: what is seen is dimmed by the fog before it alone, never by that behind
-    fog = VolumeRendering(Transfer((-9.0, 9.0), (0.7, 0.7), ((0.0, 1.0, 0.0),) * 2), error=1e-6)
-    dim = draw(cube, objects=(plane, level, fog), **look)
-    whole = draw(cube, objects=(fog,), **look)
+    # green volume: what is seen is dimmed by the volume before it alone, never by that behind
+    volume = VolumeRendering(Transfer((-9.0, 9.0), (0.7, 0.7), ((0.0, 1.0, 0.0),) * 2), error=1e-6)
+    dim = draw(cube, objects=(plane, level, volume), **look)
+    whole = draw(cube, objects=(volume,), **look)
     assert (dim.color[..., 1] <= whole.color[..., 1] + 1e-5)[both.seen].all()
     front = both.seen & (both.depth < np.nanmin(both.depth[both.seen]) + 0.05)
     assert (dim.color[front][:, 1] < 0.5).all()

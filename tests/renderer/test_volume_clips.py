@@ -206,9 +206,9 @@ def test_curved_elements_are_cut_and_mixed_too(gather):
 def test_a_scene_cuts_its_volumes(draw, linear):
     """From the scene to the picture: clips of all kinds at once."""
     data = linear(grid(Shape.TETRAHEDRON, 2))
-    fog = VolumeRendering(Transfer((0.0,), (1.0,), (WHITE,)), error=1e-6)
+    volume = VolumeRendering(Transfer((0.0,), (1.0,), (WHITE,)), error=1e-6)
     clips = (Clip(SURFACES["plane"], "outside"), Clip(Implicit("x - 0.4"), "inside"))
-    frame = draw(data, camera=VIEWS["parallel"], size=SIZE, objects=(fog,), clip=clips, background=(0, 0, 0))
+    frame = draw(data, camera=VIEWS["parallel"], size=SIZE, objects=(volume,), clip=clips, background=(0, 0, 0))
     view = View.through(VIEWS["parallel"], SIZE)
     expected = 1 - np.exp(-overlap(box_spans(view, low=(0.4, 0, 0)), spans(view, "plane")))
     assert expected.max() > 0.2

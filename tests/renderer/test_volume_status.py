@@ -19,7 +19,7 @@ from elvis.scene.view import View
 
 CAMERA = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 SIZE = (36, 30)
-FOG = VolumeRendering(Transfer((0.0,), (1.0,), ((1.0, 1.0, 1.0),)))
+VOLUME = VolumeRendering(Transfer((0.0,), (1.0,), ((1.0, 1.0, 1.0),)))
 
 
 def rising(mesh, modes=2):
@@ -37,7 +37,7 @@ def without_numbers(data, count):
 
 def test_elements_without_numbers_are_marked_counted_and_told(draw):
     data = without_numbers(rising(grid(Shape.TETRAHEDRON, 2)), 6)
-    whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(FOG,)) for own in (rising(data.mesh), data))
+    whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(VOLUME,)) for own in (rising(data.mesh), data))
     marked = holed.status == Status.AMBIGUOUS
     assert not (whole.status == Status.AMBIGUOUS).any()
     assert 20 < marked.sum() < (whole.status == Status.CERTAIN).sum()
@@ -78,7 +78,7 @@ def test_inverted_elements_are_drawn_and_told(draw, bent):
     rows = np.array([[0, 1, 2, 3], [5, 4, 6, 7], [9, 8, 10, 11]])
     mesh = connected(points, {Shape.TETRAHEDRON: rows})
     mesh = curved(mesh, lambda p: p + 0.05 * p**2, 3) if bent else mesh
-    frame = draw(rising(mesh, 4 if bent else 2), camera="iso", size=SIZE, objects=(FOG,))
+    frame = draw(rising(mesh, 4 if bent else 2), camera="iso", size=SIZE, objects=(VOLUME,))
     assert frame.stats["volume"]["inverted_elements"] == 2
     assert frame.stats["remarks"] == ["elements that are inverted, all or in part, and drawn nonetheless: 2"]
     assert frame.counts()["failed"] == 0
@@ -96,7 +96,7 @@ def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
         return pieces, view
 
     monkeypatch.setattr(FaceDrawer, "seen", fewer)
-    frame = draw(data, camera=CAMERA, size=SIZE, objects=(FOG,))
+    frame = draw(data, camera=CAMERA, size=SIZE, objects=(VOLUME,))
     failed = frame.status == Status.FAILED
     assert failed[:, 18:].sum() > 50
     assert not failed[:, :18].any()
@@ -112,7 +112,7 @@ def test_the_time_limit_ends_a_march(draw, monkeypatch):
     monkeypatch.setattr(_March, "band", lambda *some: bands.append(some))
     data = rising(grid(Shape.TETRAHEDRON, 2))
     with pytest.raises(SceneError, match="the time limit: nothing is written"):
-        draw(data, camera=CAMERA, size=SIZE, objects=(FOG,), timeout=1e-9)
+        draw(data, camera=CAMERA, size=SIZE, objects=(VOLUME,), timeout=1e-9)
     assert not bands
 
 

@@ -35,11 +35,11 @@ class Layer:
 
 
 @dataclass(frozen=True, eq=False)
-class Fog:
-    """What volumes add along rays, in pieces between surfaces.
+class Fragments:
+    """Colours along rays: what surfaces show, and what volumes add between surfaces.
 
     pixel  (k,)
-    depth  (k,)    of the middle of a piece
+    depth  (k,)    of a surface, or of the middle of a segment
     color  (k, 3)  times alpha
     alpha  (k,)    part in [0, 1] of what lies behind that is hidden
     """
@@ -51,9 +51,9 @@ class Fog:
 
 
 def record(
-    layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float, float], fogs: Sequence[Fog] = ()
+    layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float, float], volumes: Sequence[Fragments] = ()
 ) -> Record:
-    """The picture of some layers over the background; the channels are those of the nearest of the most opaque ones."""
+    """The picture of layers and volumes over the background; the channels are those of the nearest of the most opaque ones."""
     shape = (view.height, view.width)
     nearest, opacity = Hits.none(view.count, ("shown",)), np.zeros(view.count)
     for layer in layers:
@@ -62,8 +62,8 @@ def record(
         named = Hits(**{**vars(layer.hits), "values": {"shown": layer.hits.values[layer.quantity]}})
         nearest.put(better, named, better)
         opacity[better] = layer.style.opacity
-    pieces = [_piece(layer, *painted(layer, scene, view, ends)) for layer in layers]
-    colors = blended([*pieces, *fogs], scene, view)
+    surfaces = [_fragments_of(layer, *painted(layer, scene, view, ends)) for layer in layers]
+    colors = blended([*surfaces, *volumes], scene, view)
     return Record(
         colors.reshape(*shape, 3),
         nearest.depth.reshape(shape),
@@ -98,31 +98,32 @@ def painted(layer: Layer, scene: Scene, view: View, ends: tuple[float, float]) -
 
 
 def _light(hits: Hits, scene: Scene, view: View) -> Floats:
-    """(n,) factors of light on the side that is seen: the ambient part, Lambert's cosine for each lamp; at most 1."""
+    """(n,) factors of light on the side that is seen: the ambient part, Lambert's cosine for each light; at most 1."""
     rows, columns = np.divmod(np.arange(view.count), view.width)
     rays = view.rays(columns.astype(np.float64), rows.astype(np.float64))[1]
     factor = np.full(view.count, scene.ambient)
     for light in scene.lights:
-        lamps = -rays if light.direction is None else np.broadcast_to(np.asarray(light.direction), rays.shape)
-        lamps = lamps / np.linalg.norm(lamps, axis=1, keepdims=True)
-        factor += light.intensity * np.nan_to_num(np.maximum(np.einsum("ni,ni->n", lamps, hits.normal), 0.0))
+        directions = -rays if light.direction is None else np.broadcast_to(np.asarray(light.direction), rays.shape)
+        directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        factor += light.intensity * np.nan_to_num(np.maximum(np.einsum("ni,ni->n", directions, hits.normal), 0.0))
     return np.asarray(np.minimum(factor, 1.0))
 
 
-def _piece(layer: Layer, colors: Floats, opacity: Floats) -> Fog:
-    """A layer's hits as pieces without length."""
+def _fragments_of(layer: Layer, colors: Floats, opacity: Floats) -> Fragments:
+    """A layer's hits as fragments."""
     here = np.flatnonzero(layer.hits.seen)
-    return Fog(here, layer.hits.depth[here], opacity[here, None] * colors[here], opacity[here])
+    return Fragments(here, layer.hits.depth[here], opacity[here, None] * colors[here], opacity[here])
 
 
-def blended(pieces: Sequence[Fog], scene: Scene, view: View) -> Floats:
-    """(n, 3) colours of pieces over one another by depth, over the background."""
+def blended(fragments: Sequence[Fragments], scene: Scene, view: View) -> Floats:
+    """(n, 3) colours of fragments over one another by depth, over the background."""
     result = np.tile(np.asarray(scene.background, np.float64), (view.count, 1))
-    if not pieces:
+    if not fragments:
         return result
-    pixel, depth, color, alpha = (
-        np.concatenate([getattr(own, name) for own in pieces]) for name in ("pixel", "depth", "color", "alpha")
-    )
+    pixel = np.concatenate([own.pixel for own in fragments])
+    depth = np.concatenate([own.depth for own in fragments])
+    color = np.concatenate([own.color for own in fragments])
+    alpha = np.concatenate([own.alpha for own in fragments])
     order = np.lexsort([-depth, pixel])
     pixel, color, alpha = pixel[order], color[order], alpha[order]
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)

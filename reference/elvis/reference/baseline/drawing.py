@@ -16,9 +16,9 @@ from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_m
 from elvis.reference.baseline.probing import Probe
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.tracing import Tracer
-from elvis.reference.baseline.volumes import fogs
+from elvis.reference.baseline.volumes import volume_fragments
 from elvis.reference.clipping import clipped
-from elvis.reference.composing import Fog, Layer, colored, is_lit, record
+from elvis.reference.composing import Fragments, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities
@@ -131,7 +131,8 @@ class Baseline:
                 tracer = self._tracer(shown, scene.field)
                 self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
                 layers += layers_of(tracer, shown, scene, view, ends)
-        picture = record(layers, scene, view, ends, self._fogs(scene, view, [own.hits.depth for own in layers], ends))
+        depths = [own.hits.depth for own in layers]
+        picture = record(layers, scene, view, ends, self._volume_fragments(scene, view, depths, ends))
         self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
         return picture
 
@@ -141,14 +142,19 @@ class Baseline:
             return Probe(self.whole, triangles(shown.surface.file))
         return Tracer(self.triangles(shown, field))
 
-    def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ends: tuple[float, float]) -> list[Fog]:
-        """What the volumes add, in pieces between the depths (n,) of surfaces."""
-        looks = []
+    def _volume_fragments(
+        self, scene: Scene, view: View, cuts: Sequence[Floats], ends: tuple[float, float]
+    ) -> list[Fragments]:
+        """What the volumes add between the depths (n,) of surfaces."""
+        media = []
         for shown in scene.every_object:
             if isinstance(shown, VolumeRendering):
                 name = shown.quantity or scene.field
-                looks.append((name, colored(shown.transfer, scene, ends if name == scene.field else None)))
-        return [fog for part in self._solid() for fog in fogs(part, looks, scene.clip, view, cuts)] if looks else []
+                media.append((name, colored(shown.transfer, scene, ends if name == scene.field else None)))
+        fragments: list[Fragments] = []
+        for part in self._solid() if media else ():
+            fragments += volume_fragments(part, media, scene.clip, view, cuts)
+        return fragments
 
 
 def affordable(patches: Sequence[Patch], level: int, quantities: int, limit: int) -> tuple[bool, int]:

@@ -9,11 +9,11 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.clipping import clipped
-from elvis.reference.composing import Fog
+from elvis.reference.composing import Fragments
 from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
 from elvis.reference.scenes.segments import Segments, points_of
-from elvis.reference.scenes.volumes import Look, depths_by_pixel, integrated, lengths, points_along
+from elvis.reference.scenes.volumes import Medium, depths_by_pixel, integrated, lengths, points_along
 from elvis.scene import Clip, Implicit, Transfer
 from elvis.scene.view import View
 
@@ -21,35 +21,35 @@ from elvis.scene.view import View
 _PARTS = 8
 
 
-def fogs(
-    mesh: LinearMesh, looks: Sequence[Look], clips: Sequence[Clip], view: View, cuts: Sequence[Floats]
-) -> list[Fog]:
-    """What volumes, mixed, add along rays where no clip takes them away, in pieces between the depths (n,) of surfaces.
+def volume_fragments(
+    mesh: LinearMesh, media: Sequence[Medium], clips: Sequence[Clip], view: View, cuts: Sequence[Floats]
+) -> list[Fragments]:
+    """What volumes, blended, add along rays where no clip takes them away, between the depths (n,) of surfaces.
 
-    looks  of each volume, with colours
+    media  of each volume, with colours
     """
     found, places = [], points_along(_PARTS)
     surfaces = [clip.surface for clip in clips]
-    names = [*(name for name, _ in looks), *(own.expression for own in surfaces if isinstance(own, Implicit))]
+    names = [*(name for name, _ in media), *(own.expression for own in surfaces if isinstance(own, Implicit))]
     walls = [
         depth
         for own in surfaces
         if not isinstance(own, Implicit)
         for depth in depths_by_pixel(*surface_hits(own, view)[:2], view.count)
     ]
-    glowing = ~np.all([_dark(mesh.values[name][mesh.simplices], transfer) for name, transfer in looks], axis=0)
-    for segments in _segments(mesh.part(glowing), names, view):
+    emitting = ~np.all([_dark(mesh.values[name][mesh.simplices], transfer) for name, transfer in media], axis=0)
+    for segments in _segments(mesh.part(emitting), names, view):
         parted = segments.between([*cuts, *walls])
-        for column in range(len(looks), len(names)):
+        for column in range(len(media), len(names)):
             parted = _parted(parted, column)
         parted = parted.part(~_gone(parted, clips, names, view, mesh.size))
         values = [
-            parted.first[:, None, i] + places * (parted.last - parted.first)[:, None, i] for i in range(len(looks))
+            parted.first[:, None, i] + places * (parted.last - parted.first)[:, None, i] for i in range(len(media))
         ]
-        color, alpha = integrated(values, lengths(parted, view), [transfer for _, transfer in looks])
+        color, alpha = integrated(values, lengths(parted, view), [transfer for _, transfer in media])
         shown = alpha > 0
         depth = 0.5 * (parted.near + parted.far)
-        found.append(Fog(parted.pixel[shown], depth[shown], color[shown], alpha[shown]))
+        found.append(Fragments(parted.pixel[shown], depth[shown], color[shown], alpha[shown]))
     return found
 
 

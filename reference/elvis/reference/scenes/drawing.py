@@ -17,7 +17,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch
 from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped, unsure
-from elvis.reference.composing import Fog, Layer, colored, is_lit, record
+from elvis.reference.composing import Fragments, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.locating import Locator
 from elvis.reference.pixel_lines import beside_unseen, contour_values, lines
@@ -29,7 +29,7 @@ from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.host_quantities import HostQuantities
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
-from elvis.reference.scenes.volumes import between_kinks, gathered, visible
+from elvis.reference.scenes.volumes import between_kinks, ray_integrals, visible
 from elvis.reference.selection import chosen_faces
 from elvis.scene import (
     Camera,
@@ -187,14 +187,14 @@ class Scenery:
             for (shown, hits), own in zip(stacks, lines, strict=True)
             for layer in self._layers(shown, hits, scene, view, ranges, own)
         ]
-        fogs = self._fogs(scene, view, [layer.hits.depth for layer in layers], ranges)
+        fragments = self._volume_fragments(scene, view, [layer.hits.depth for layer in layers], ranges)
         ends = ranges.get(scene.field) or _ends(scene)
-        made = record(layers, scene, view, ends, fogs)
+        made = record(layers, scene, view, ends, fragments)
         status = made.status.astype(np.uint8)
         status[doubt.reshape(status.shape) & (made.element < 0)] = Status.AMBIGUOUS
-        for fog in fogs:
-            glowing = fog.pixel[fog.alpha > 0]
-            status.ravel()[glowing[status.ravel()[glowing] == Status.MISS]] = Status.CERTAIN
+        for part in fragments:
+            covered = part.pixel[part.alpha > 0]
+            status.ravel()[covered[status.ravel()[covered] == Status.MISS]] = Status.CERTAIN
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.named(scene.palette, *ends)
         legends = (Legend(scene.field, palette),)
@@ -202,14 +202,14 @@ class Scenery:
         stats = {} if line_status is None else {"contours": counted(line_status)}
         return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)
 
-    def _fogs(self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges) -> list[Fog]:
-        """What the volumes add, in pieces between the depths (n,) of surfaces."""
+    def _volume_fragments(self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges) -> list[Fragments]:
+        """What the volumes add between the depths (n,) of surfaces."""
         shown = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
         if not shown:
             return []
         self._check_solid("volumes")
         names = [item.quantity or scene.field for item in shown]
-        looks = [
+        media = [
             (name, colored(item.transfer, scene, ranges.get(name))) for name, item in zip(names, shown, strict=True)
         ]
         found, begun = [], beginnings(lambda: self.locator, view, self.box)
@@ -217,9 +217,9 @@ class Scenery:
         every = [segments_through(number, patch, view, self.size, begun) for number, patch in enumerate(patches)]
         for patch, own in zip(patches, without_overlaps(every, self.size), strict=True):
             segments = visible(own.between(cuts), patch, self.quantities, scene.clip, view, self.size)
-            segments = between_kinks(segments, patch, self.quantities, looks, view)
-            color, alpha = gathered(segments, patch, self.quantities, looks, view, self.size)
-            found.append(Fog(segments.pixel, 0.5 * (segments.near + segments.far), color, alpha))
+            segments = between_kinks(segments, patch, self.quantities, media, view)
+            color, alpha = ray_integrals(segments, patch, self.quantities, media, view, self.size)
+            found.append(Fragments(segments.pixel, 0.5 * (segments.near + segments.far), color, alpha))
         return found
 
     def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:

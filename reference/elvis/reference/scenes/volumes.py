@@ -1,6 +1,6 @@
 """Light along rays through the volume: what elements send out and take up, by fine quadrature in every element.
 
-Along a ray the colour gathered is the integral of T s c, T = exp(-integral of s), with density s and colour c piecewise
+Along a ray the colour is the integral of T s c, T = exp(-integral of s), with density s and colour c piecewise
 linear in the quantity; of several volumes s c and s are sums.  Each segment in an element is parted where these have
 kinks, then evenly; within a part s is integrated by Gauss's rule and c is its mean weighted by s (Max, Optical Models
 for Direct Volume Rendering, 1995, section 4).
@@ -31,7 +31,7 @@ _AT_ONCE = 1 << 13
 #: places along a segment between which an expression of a clip, or a quantity less a kink's value, changes sign once
 _SIGNS = 33
 #: name of a quantity, and its transfer function with colours
-Look: TypeAlias = tuple[str, Transfer]
+Medium: TypeAlias = tuple[str, Transfer]
 
 
 def visible(
@@ -63,10 +63,10 @@ def depths_by_pixel(pixel: Ints, depth: Floats, count: int) -> Floats:
 
 
 def between_kinks(
-    segments: Segments, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View
+    segments: Segments, patch: Patch, quantities: Quantities, media: Sequence[Medium], view: View
 ) -> Segments:
     """Segments parted at the kinks of densities and colours, so that no thin layer falls between places."""
-    for name, transfer in looks:
+    for name, transfer in media:
         along = partial(_values, patch=patch, quantities=quantities, name=name, view=view)
         segments = _parted(segments, along, transfer.values)
     return segments
@@ -117,8 +117,8 @@ def _sampled(segments: Segments, along: Callable[[Segments, Floats], Floats]) ->
     return owner[order], share[order], value[order]
 
 
-def gathered(
-    segments: Segments, patch: Patch, quantities: Quantities, looks: Sequence[Look], view: View, size: float
+def ray_integrals(
+    segments: Segments, patch: Patch, quantities: Quantities, media: Sequence[Medium], view: View, size: float
 ) -> tuple[Floats, Floats]:
     """Colours (k, 3) times alpha, and alphas (k,), of each segment; ``size`` of the scene in world units."""
     colors, alphas = np.zeros((len(segments.pixel), 3)), np.zeros(len(segments.pixel))
@@ -129,8 +129,8 @@ def gathered(
         for chunk in np.array_split(here, -(-len(here) // _AT_ONCE)) if len(here) else ():
             some = segments.part(chunk)
             shares = np.tile(points_along(count), (len(chunk), 1))
-            values = [_values(some, shares, patch, quantities, name, view) for name, _ in looks]
-            transfers = [transfer for _, transfer in looks]
+            values = [_values(some, shares, patch, quantities, name, view) for name, _ in media]
+            transfers = [transfer for _, transfer in media]
             colors[chunk], alphas[chunk] = integrated(values, lengths(some, view), transfers)
     return colors, alphas
 

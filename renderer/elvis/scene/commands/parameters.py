@@ -129,7 +129,7 @@ def color(text: str) -> scene.Vector:
 
 
 def light(text: str) -> scene.Light:
-    """``x,y,z`` towards the lamp or ``eye``, then ``:intensity`` where it is not the usual one."""
+    """``x,y,z`` towards the light or ``eye``, then ``:intensity`` where it is not the usual one."""
     direction, _, intensity = text.partition(":")
     towards = None if direction == "eye" else _point(direction)
     return scene.Light(towards, *map(_number, [intensity] if intensity else []))
