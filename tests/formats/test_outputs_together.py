@@ -37,7 +37,7 @@ def state(folder):
     return {str(path.relative_to(folder)): path.read_text() for path in folder.rglob("*") if path.is_file()}
 
 
-def settled(folder):
+def finished(folder):
     """What stands there once another run has written beside it."""
     write_text(folder / "later", "")
     (folder / "later").unlink()
@@ -137,7 +137,7 @@ def test_an_interrupt_while_names_change(tmp_path, monkeypatch, swapping, number
     monkeypatch.undo()
     assert interrupted == (left[0] <= 0)
     assert state(tmp_path) in (BEFORE, AFTER)
-    assert settled(tmp_path) == state(tmp_path)
+    assert finished(tmp_path) == state(tmp_path)
 
 
 KILLED = """
@@ -145,7 +145,7 @@ import json, os, signal, sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 sys.path.insert(0, {tests!r})
-from test_outputs_together import prepare, settled, state, write_all
+from test_outputs_together import prepare, finished, state, write_all
 
 def run(folder, number):
     child = os.fork()
@@ -176,7 +176,7 @@ while killed:
         prepare(folder)
         killed = run(folder, number)
         at_once = {{name: text for name, text in state(folder).items() if ".elvis-" not in name}}
-        found.append((at_once, settled(folder), os.listdir(folder)))
+        found.append((at_once, finished(folder), os.listdir(folder)))
 print(json.dumps(found))
 """
 

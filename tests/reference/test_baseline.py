@@ -231,13 +231,13 @@ def test_clips_take_away_what_is_inside():
 
 
 def test_volumes_are_clipped_and_mixed():
-    """Linear fields on straight elements: two fogs in one another, cut by a plane, a sphere and an expression."""
+    """Linear fields on straight elements: two volumes in one another, cut by a plane, a sphere and an expression."""
     mesh = grid(Shape.TETRAHEDRON, 2)
     ways = {"u": (1.0, 0.5, 0.2), "v": (-0.3, 0.4, 1.0)}
     data = Dataset(
         mesh, tuple(approximated(Dataset(mesh), name, lambda x, w=w: x @ np.array(w), 2) for name, w in ways.items())
     )
-    fogs = tuple(
+    volumes = tuple(
         VolumeRendering(Transfer((-0.5, 0.4, 1.8), (0.0, most, 1.0), (color, color, (0.1, 0.2, 0.3))), quantity=name)
         for name, most, color in (("u", 3.0, (1.0, 0.0, 0.0)), ("v", 1.5, (0.0, 0.0, 1.0)))
     )
@@ -246,7 +246,7 @@ def test_volumes_are_clipped_and_mixed():
         Clip(Sphere((0.6, 0.4, 0.4), 0.25), "inside"),
         Clip(Implicit("u-1.1"), "outside"),
     )
-    scene = Scene("u", camera=VIEW.camera, size=(40, 30), objects=fogs, clip=clips, range=(0.0, 1.7))
+    scene = Scene("u", camera=VIEW.camera, size=(40, 30), objects=volumes, clip=clips, range=(0.0, 1.7))
     exact = render(data, scene)
     made = Baseline.of(data, Quantities(data, names_of(scene)), 0).draw(scene, exact.view, (0.0, 1.7))
     assert (exact.color.min(axis=2) < 0.8).mean() > 0.1

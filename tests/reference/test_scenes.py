@@ -284,8 +284,8 @@ def test_fog_of_a_linear_field(shape):
     assert np.abs(frame.color[..., 0] - np.exp(-depth)).max() < 1e-9
 
 
-def test_surfaces_end_the_fog_before_them():
-    """An opaque plane within even volume: only what lies before it takes up light; a half transparent one lets half in."""
+def test_surfaces_end_the_volume_before_them():
+    """An opaque plane within even volume: only what lies before it absorbs; a half transparent one lets half in."""
     volume = VolumeRendering(Transfer((-1.0, 2.0), (1.5, 1.5), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
     data = solid(Shape.HEXAHEDRON)
     plane = Plane((0.5, 0.5, 0.6), (0.1, 0.3, 1.0))

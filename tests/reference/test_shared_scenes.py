@@ -92,8 +92,8 @@ def test_the_device_passes_the_bars(nektar, objects):
     shown = tuple(scaled(item, span) for item in OBJECTS[objects])
     scene = Scene(name, camera="iso", size=(60, 60), objects=shown, range=span)
     found = draw(data, scene)
-    settled = Scene(name, camera=found.view.camera, size=(60, 60), objects=shown, range=span)
-    true = render(data, settled)
+    completed = Scene(name, camera=found.view.camera, size=(60, 60), objects=shown, range=span)
+    true = render(data, completed)
     assert (true.status > 0).sum() > 100
     pictures = Record.of(true), Record.of(found)
     if true.seen.any():

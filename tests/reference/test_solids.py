@@ -172,9 +172,9 @@ def test_triangles_from_a_file_cut_linear_meshes_where_they_are(ball):
     """A linear field on straight elements is exact after no refinement, place by place."""
     scene = Scene("u", camera=CAMERA, size=SIZE, objects=(CutSurface(ball),))
     exact = render(cube(), scene)
-    settled = replace(exact.scene, camera=exact.view.camera)
-    made = Baseline.of(cube(), Quantities(cube(), names_of(settled)), 0)
-    drawn = made.draw(settled, exact.view, (0.0, 1.0))
+    completed = replace(exact.scene, camera=exact.view.camera)
+    made = Baseline.of(cube(), Quantities(cube(), names_of(completed)), 0)
+    drawn = made.draw(completed, exact.view, (0.0, 1.0))
     assert exact.seen.sum() > 150
     assert np.array_equal(drawn.seen, exact.seen)
     assert np.abs(drawn.position - exact.position)[exact.seen].max() < 1e-12

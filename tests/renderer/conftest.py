@@ -90,12 +90,12 @@ def draw(renderer):
     """A frame of a dataset, with the scene's parts as keywords; ``device`` is vulkan, cpu or reference."""
 
     def draw(dataset, device="vulkan", **scene):
-        settled = completed(dataset, Scene(**{"field": dataset.fields[0].name, **scene}))
+        whole = completed(dataset, Scene(**{"field": dataset.fields[0].name, **scene}))
         if device == "reference":
-            return render_reference(dataset, settled)
+            return render_reference(dataset, whole)
         drawing = renderer(device)
-        drawing.load(dataset, *quantities(settled))
-        return drawing.render(settled)
+        drawing.load(dataset, *quantities(whole))
+        return drawing.render(whole)
 
     return draw
 

@@ -39,7 +39,7 @@ def cube():
 
 
 def test_surfaces_isosurfaces_and_volume_share_one_depth(draw, cube):
-    """Occlusion: each pixel shows what is nearest of the single pictures; a volume adds nothing behind an opaque surface."""
+    """Occlusion: each pixel shows what is nearest of the single pictures; volumes add nothing behind those."""
     camera = Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0)
     plane = CutSurface(Plane((0.5, 0.5, 0.5), (1.0, 0.2, 0.4)), Style(color=(1.0, 0.0, 0.0), lit=False))
     level = Isosurface((0.09,), style=Style(color=(0.0, 0.0, 1.0), lit=False))

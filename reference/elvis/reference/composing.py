@@ -51,9 +51,16 @@ class Fragments:
 
 
 def record(
-    layers: Sequence[Layer], scene: Scene, view: View, ends: tuple[float, float], volumes: Sequence[Fragments] = ()
+    layers: Sequence[Layer],
+    scene: Scene,
+    view: View,
+    ends: tuple[float, float],
+    volumes: Sequence[Fragments] = (),
 ) -> Record:
-    """The picture of layers and volumes over the background; the channels are those of the nearest of the most opaque ones."""
+    """The picture of layers and volumes over the background.
+
+    The channels are those of the nearest of the most opaque layers.
+    """
     shape = (view.height, view.width)
     nearest, opacity = Hits.none(view.count, ("shown",)), np.zeros(view.count)
     for layer in layers:

@@ -17,7 +17,7 @@ from elvis.plugins.host_evaluation import HostEvaluation
 from elvis.reference.baseline.templates import template
 
 #: cuts of elements in the search for points, and how many radii of a small cell a point may be away from its middle
-_LEVEL, _REACH = 2, 1.5
+_LEVEL, _RADII = 2, 1.5
 #: small cells that a search starts from, steps of Newton's method, how far it may go beyond an element
 _STARTS, _STEPS, _SLACK = 4, 20, 0.05
 #: distance of the points of rough derivatives; steps so short that they only lead along the border
@@ -74,7 +74,7 @@ class HostPatch(Patch):
         status = np.full(len(rows), Status.OUTSIDE, np.uint8)
         for number in range(order.shape[1]):
             cell = order[:, number]
-            due = (status != Status.INSIDE) & (away[np.arange(len(rows)), cell] <= _REACH)
+            due = (status != Status.INSIDE) & (away[np.arange(len(rows)), cell] <= _RADII)
             here = np.flatnonzero(due)
             found, root = self._newton(rows[here], self.cells[cell[here]].mean(axis=1), points[here])
             margin = margins(self.shape, found) + self._blur(rows[here], found)

@@ -84,7 +84,7 @@ class Validation:
 class Study:
     """All that a report tells.
 
-    scene      settled: with camera and size
+    scene      completed: with camera and size
     exact      the picture that is held for true
     ends       of the colour range
     contours   values whose displacement is measured
@@ -157,22 +157,22 @@ def compare_scene(
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
     seconds = {"exact": perf_counter() - start}
-    exact, settled = Record.of(frame), _settled(frame)
-    names = names_of(settled)
-    values = _contours(settled, exact, frame.range)
+    exact, completed = Record.of(frame), _completed(frame)
+    names = names_of(completed)
+    values = _contours(completed, exact, frame.range)
     quantities, allowed = Quantities(dataset, names), memory_limit() if limit is None else limit
-    surfaces = exact_surfaces(dataset, settled, quantities, allowed)
-    rivals = Rivals(dataset, settled, frame.view, exact, frame.range, values, quantities, surfaces, meshes)
+    surfaces = exact_surfaces(dataset, completed, quantities, allowed)
+    rivals = Rivals(dataset, completed, frame.view, exact, frame.range, values, quantities, surfaces, meshes)
     fine = max(levels) + 1
     return Study(
         exact,
         [*(rivals.at(level, allowed) for level in levels), *rivals.others()],
         frame.range,
         values,
-        settled,
+        completed,
         dataset,
         quantities.patches,
-        _validate(dataset, settled, draw, validation_size),
+        _validate(dataset, completed, draw, validation_size),
         str(frame.stats.get("device", {}).get("label", "")),
         sum(map(_stored, quantities.patches)),
         (fine, estimate(quantities.patches, fine, len(names))[2]),
@@ -280,7 +280,7 @@ def _renderer() -> Callable[..., Frame]:
     return cast(Callable[..., Frame], load("elvis.devices", "auto"))
 
 
-def _settled(frame: Frame) -> Scene:
+def _completed(frame: Frame) -> Scene:
     """The scene with the camera, size and field that the frame was drawn with."""
     return replace(frame.scene, camera=frame.view.camera, size=(frame.view.width, frame.view.height))
 

@@ -18,21 +18,21 @@ MOST = 1e-8
 _NEAR = 1e-6
 
 
-def misplaced(view: View, reach: float) -> float:
+def misplaced(view: View, extent: float) -> float:
     """How far places may be from where they are computed to be, in world units.
 
-    reach  the greatest coordinate of the data, in magnitude
+    extent  the greatest coordinate of the data, in magnitude
     """
-    return _ROUNDINGS * EPSILON * (reach + float(np.abs(view.camera.eye).max()))
+    return _ROUNDINGS * EPSILON * (extent + float(np.abs(view.camera.eye).max()))
 
 
-def uncertainties(view: View, pixel: Ints, depth: Floats, normal: Floats, reach: float) -> Floats:
+def uncertainties(view: View, pixel: Ints, depth: Floats, normal: Floats, extent: float) -> Floats:
     """(n,) how far the depths (n,) of hits in pixels (n,) may be from those of the surface, whose normals (n, 3) are
     given: a place beside it is that much over the cosine farther along the ray.  Without a normal the cosine is 1."""
     directions = view.rays(pixel % view.width, pixel // view.width)[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         cosine = np.abs(np.einsum("ni,ni->n", directions, normal)) / np.linalg.norm(directions, axis=1)
-        own = misplaced(view, reach) / np.where(np.isnan(cosine), 1.0, cosine)
+        own = misplaced(view, extent) / np.where(np.isnan(cosine), 1.0, cosine)
     return np.asarray(own + EPSILON * np.abs(depth))
 
 
@@ -41,16 +41,16 @@ def doubted(status: NDArray[np.uint8], uncertain: Bools) -> NDArray[np.uint8]:
     return np.where(uncertain & (status == Status.CERTAIN), np.uint8(Status.AMBIGUOUS), status)
 
 
-def slanted(view: PlaneView, reach: float) -> Bools | None:
+def slanted(view: PlaneView, extent: float) -> Bools | None:
     """(n,) pixels whose rays run so nearly along the plane that places on it are uncertain; None: none do.
 
     From an eye that isn't near the plane such rays meet it far off.
     """
-    greatest = reach + float(np.abs(view.camera.eye).max())
+    greatest = extent + float(np.abs(view.camera.eye).max())
     height = abs(float(np.subtract(view.camera.eye, view.plane.point) @ view.across))
     tilt = abs(float(view.camera.basis()[2] @ view.across))
     if (height > _NEAR * greatest) if view.perspective else (tilt > _NEAR):
         return None
     directions = view.every_ray()[1]
     cosine = np.abs(directions @ view.across) / np.linalg.norm(directions, axis=1)
-    return np.asarray(misplaced(view, reach) > MOST * greatest * cosine)
+    return np.asarray(misplaced(view, extent) > MOST * greatest * cosine)

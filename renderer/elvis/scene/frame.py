@@ -30,7 +30,7 @@ class Status(IntEnum):
     MISS = 0
     CERTAIN = 1
     AMBIGUOUS = 2  # its point is within tolerance of an element border
-    FAILED = 3  # an element may hold its point, but the search for it did not settle
+    FAILED = 3  # an element may hold its point, but the search for it did not converge
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,8 @@ class Frame:
         rest = np.flatnonzero(self.seen & np.isnan(result))
         places = self.position.reshape(-1, 3)[rest]
         depth, normal = self.depth.reshape(-1)[rest], self.normal.reshape(-1, 3)[rest]
-        reach = float(np.abs(places).max(initial=0.0))
-        result.reshape(-1)[rest] = uncertainties(self.view, rest, depth, normal, reach)
+        extent = float(np.abs(places).max(initial=0.0))
+        result.reshape(-1)[rest] = uncertainties(self.view, rest, depth, normal, extent)
         return result
 
     @property

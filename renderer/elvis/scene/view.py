@@ -160,7 +160,7 @@ class PlaneView(View):
 
 
 def seen(scene: Scene) -> View:
-    """The view of a scene whose camera and size are settled (see fitting.automatic); a plane alone is in it.
+    """The view of a scene whose camera and size are known (see fitting.automatic); a plane alone is in it.
 
     Raises SceneError where the camera looks along the plane.
     """

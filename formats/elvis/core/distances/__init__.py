@@ -1,13 +1,13 @@
 """Distances to surfaces: curved boundaries of a dataset, and triangle meshes from files.
 
-pieces          parts of faces as polynomials, cut until they are nearly flat
-quadratic       the least value of a quadratic function on a triangle, square or line
-boundaries      faces of a dataset's boundaries
-triangle_files  triangle meshes
-sides           which side of a closed surface is inside
-surface         a surface with all that its distance takes
-parts           parts of pieces, and the squared distance to them with its derivatives
-search          the nearest places, proved by bounds
+surface_patches  parts of faces as polynomials, cut until they are nearly flat
+quadratic        the least value of a quadratic function on a triangle, square or line
+boundaries       faces of a dataset's boundaries
+triangle_files   triangle meshes
+sides            which side of a closed surface is inside
+surface          a surface with all that its distance takes
+parts            parts of patches, and the squared distance to them with its derivatives
+search           the nearest places, proved by bounds
 """
 
 from __future__ import annotations

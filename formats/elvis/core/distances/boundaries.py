@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.distances.pieces import WHOLE, Pieces
+from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.orientation import local_vertices
@@ -29,11 +29,11 @@ _KINDS = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}
 class Faces:
     """Faces of one kind and degree.
 
-    pieces    each face as one piece, numbered from 0
-    vertices  (n, corners) rows of the mesh's vertices at the corners of `pieces`
+    patches    each face as one patch, numbered from 0
+    vertices  (n, corners) rows of the mesh's vertices at the corners of `surface_patches`
     """
 
-    pieces: Pieces
+    patches: SurfacePatches
     vertices: Ints
 
 
@@ -97,11 +97,13 @@ def _taken(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> It
         wanted[members[rows, number]] = False
         if len(rows):
             coefficients, outer = _coefficients(block, rows, local), np.full(len(rows), WHOLE[len(local)])
-            yield Faces(Pieces(len(local), coefficients, np.arange(len(rows)), outer), vertices[rows][:, list(local)])
+            yield Faces(
+                SurfacePatches(len(local), coefficients, np.arange(len(rows)), outer), vertices[rows][:, list(local)]
+            )
 
 
 def _coefficients(block: GeometryBlock, rows: Ints, local: tuple[int, ...]) -> Floats:
-    """(n, m, k, 3) the maps of elements ``rows`` on one of their sides, as in Pieces."""
+    """(n, m, k, 3) the maps of elements ``rows`` on one of their sides, as in SurfacePatches."""
     kind, shape = _KINDS[len(local)], block.expansion.shape
     degree = max(1, *bernstein_space(block.expansion).degrees)
     nodes = gauss(degree + 1)[0]

@@ -1,6 +1,6 @@
-"""Parts of pieces, and the squared distance from a point to them.
+"""Parts of patches, and the squared distance from a point to them.
 
-With X a piece and p a point, D = |X - p|^2 / 2 has the derivatives D_a = (X - p) . X_a and D_ab = X_a . X_b +
+With X a patch and p a point, D = |X - p|^2 / 2 has the derivatives D_a = (X - p) . X_a and D_ab = X_a . X_b +
 (X - p) . X_ab, of which D_ab changes along c by X_ac . X_b + X_a . X_bc + X_c . X_ab + (X - p) . X_abc.
 """
 
@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.distances.pieces import CORNERS, Pieces, divided
 from elvis.core.distances.quadratic import least
+from elvis.core.distances.surface_patches import CORNERS, SurfacePatches, divided
 
 #: column of the bounds that belongs to how many derivatives along the second coordinate, by order
 _COLUMNS = (np.array([0, 1]), np.array([2, 3, 4]), np.array([5, 6, 7, 8]))
@@ -20,13 +20,13 @@ _COLUMNS = (np.array([0, 1]), np.array([2, 3, 4]), np.array([5, 6, 7, 8]))
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """Parts of pieces, or of their sides: points middle + frame r, with r in a domain of `pieces`.
+    """Parts of patches, or of their sides: points middle + frame r, with r in a domain of `surface_patches`.
 
     corners  of the domain, 2 for sides
-    row      (n,) of the pieces
+    row      (n,) of the patches
     middle   (n, 2)
     frame    (n, 2, 2) columns along both coordinates of the domain
-    depth    how often pieces have been divided; sides count as divided once
+    depth    how often patches have been divided; sides count as divided once
     """
 
     corners: int
@@ -40,7 +40,7 @@ class Parts:
 
     @staticmethod
     def whole(corners: int, row: Ints) -> Parts:
-        """Pieces themselves."""
+        """Whole patches."""
         return Parts(corners, row, np.zeros((len(row), 2)), np.tile(np.eye(2), (len(row), 1, 1)))
 
     def taken(self, which: Ints) -> Parts:
@@ -48,7 +48,7 @@ class Parts:
         return replace(self, row=self.row[which], middle=self.middle[which], frame=self.frame[which])
 
     def places(self, points: Floats) -> Floats:
-        """(n, 2) points (n, 2) of the parts as points of the pieces."""
+        """(n, 2) points (n, 2) of the parts as points of the patches."""
         return np.asarray(self.middle + np.einsum("nij,nj->ni", self.frame, points))
 
     def moved(self, points: Floats) -> Parts:
@@ -62,11 +62,11 @@ class Parts:
         frame = np.concatenate([self.frame * size for _, size in kinds])
         return Parts(self.corners, np.tile(self.row, len(kinds)), middle, frame, self.depth + 1)
 
-    def sides(self, pieces: Pieces) -> tuple[Parts, Ints]:
-        """The sides of whole pieces that lie on the border of their face, and which of these parts each belongs to."""
+    def sides(self, patches: SurfacePatches) -> tuple[Parts, Ints]:
+        """The sides of whole patches that lie on the border of their face, and which of these parts each belongs to."""
         corners, row, owner, middle, frame = CORNERS[self.corners], [], [], [], []
         for k, (first, last) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
-            own = np.flatnonzero(pieces.outer[self.row] >> k & 1)
+            own = np.flatnonzero(patches.outer[self.row] >> k & 1)
             row.append(self.row[own])
             owner.append(own)
             middle.append(np.tile((first + last) / 2, (len(own), 1)))
@@ -93,12 +93,12 @@ class Model:
     bend: Floats
 
     @staticmethod
-    def of(pieces: Pieces, parts: Parts, goal: Floats) -> Model:
+    def of(patches: SurfacePatches, parts: Parts, goal: Floats) -> Model:
         """The model of each part, for a point of its own."""
         row, middle, frame = parts.row, parts.middle, parts.frame
-        gap = pieces.at(middle, row) - goal
-        own = np.stack([pieces.at(middle, row, *times) for times in ((1, 0), (0, 1))], axis=1)
-        ss, st, tt = (_dot(gap, pieces.at(middle, row, *times)) for times in ((2, 0), (1, 1), (0, 2)))
+        gap = patches.at(middle, row) - goal
+        own = np.stack([patches.at(middle, row, *times) for times in ((1, 0), (0, 1))], axis=1)
+        ss, st, tt = (_dot(gap, patches.at(middle, row, *times)) for times in ((2, 0), (1, 1), (0, 2)))
         first = np.einsum("nia,nix->nax", frame, own)
         bent = np.einsum("nia,nij,njb->nab", frame, np.array([[ss, st], [st, tt]]).transpose(2, 0, 1), frame)
         bent += np.einsum("nax,nbx->nab", first, first)
@@ -113,7 +113,7 @@ class Model:
     def nearest_linear(self, bounds: Floats) -> tuple[Floats, Floats]:
         """(n, 2) the point of each part where its linear part is nearest, and (n,) what its distance is not less than.
 
-        bounds  of the pieces, by row
+        bounds  of the patches, by row
         """
         s, t = self.first[:, 0], self.first[:, 1]
         where = least(self.parts.corners, np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1), self.gradient)
@@ -152,14 +152,14 @@ class Model:
         return np.asarray(own)
 
 
-def linear_distance(pieces: Pieces, row: Ints, goal: Floats) -> Floats:
-    """(n,) distances from points (n, 3) to the linear parts of pieces."""
-    own = pieces.coefficients
+def linear_distance(patches: SurfacePatches, row: Ints, goal: Floats) -> Floats:
+    """(n,) distances from points (n, 3) to the linear parts of patches."""
+    own = patches.coefficients
     gap, s = own[row, 0, 0] - goal, own[row, 0, 1]
-    t = own[row, 1, 0] if pieces.corners > 2 else np.zeros_like(s)
+    t = own[row, 1, 0] if patches.corners > 2 else np.zeros_like(s)
     bend = np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1)
     gradient = np.stack([_dot(gap, s), _dot(gap, t)], axis=1)
-    where = least(pieces.corners, bend, gradient)
+    where = least(patches.corners, bend, gradient)
     return np.asarray(np.linalg.norm(gap + where[:, :1] * s + where[:, 1:] * t, axis=1))
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats
-from elvis.core.distances.pieces import CORNERS
+from elvis.core.distances.surface_patches import CORNERS
 
 
 def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
-    """(n, 2) the points of a domain (see `pieces`) where gradient . w + w . bend w / 2 is least.
+    """(n, 2) the points of a domain (see `surface_patches`) where gradient . w + w . bend w / 2 is least.
 
     bend (n, 3)      its entries ss, st, tt
     gradient (n, 2)

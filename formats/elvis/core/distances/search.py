@@ -1,8 +1,9 @@
 """The distance from points to a surface.
 
-Where a point w of a piece X is nearest to p, D(w) = |X(w) - p|^2 / 2 is least.  Pieces, and parts of them, are left out
-where their linear part, less what they bend by, is farther than what has been found; where D is convex all over a part,
-which bounds of its third derivatives prove, Newton's method finds the one least value on it; else the part is cut.
+Where a point w of a patch X is nearest to p, D(w) = |X(w) - p|^2 / 2 is least.  Patches, and parts of them, are
+left out where their linear part, less what they bend by, is farther than what has been found; where D is convex all
+over a part, which bounds of its third derivatives prove, Newton's method finds the one least value on it; else
+the part is cut.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.distances.parts import Model, Parts, linear_distance
-from elvis.core.distances.pieces import CORNERS, Pieces
 from elvis.core.distances.quadratic import least
 from elvis.core.distances.surface import LEAF, Surface
+from elvis.core.distances.surface_patches import CORNERS, SurfacePatches
 
 #: parts of the surface's scale within which distances are equal
 EQUAL = 1e-12
@@ -63,18 +64,18 @@ class _Search:
         self._bounds = [group.bounds for group in surface.groups]
         self._found: list[tuple[Ints, Floats, Floats, Ints, Ints]] = []
         first = self._closest_corners()
-        self._look(np.arange(len(points)), first)
-        for point, piece in self._candidates(self._unsettled()):
-            others = np.flatnonzero(first[point] != piece)
-            self._look(point[others], piece[others])
+        self._search_pairs(np.arange(len(points)), first)
+        for point, patch in self._candidates(self._undecided()):
+            others = np.flatnonzero(first[point] != patch)
+            self._search_pairs(point[others], patch[others])
 
     def signed(self) -> Floats:
         """(n,) the distances; of equally near places the signs are weighed together (Baerentzen and Aanaes 2005)."""
         if not self.surface.is_closed:
             return self.distance
-        point, distance, side, piece, face = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
+        point, distance, side, patch, face = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
         equal = np.flatnonzero(distance <= self.distance[point] + self.equal)
-        equal = equal[np.unique(np.stack([point[equal], piece[equal]]), axis=1, return_index=True)[1]]
+        equal = equal[np.unique(np.stack([point[equal], patch[equal]]), axis=1, return_index=True)[1]]
         sides = self.surface.sides[face[equal]]
         total = np.bincount(point[equal], side[equal] * (sides[:, 0] - sides[:, 1]), len(self.points))
         sign = np.where(total >= 0, 1.0, -1.0)
@@ -83,91 +84,91 @@ class _Search:
         return np.asarray(self.distance * sign)
 
     def _closest_corners(self) -> Ints:
-        """(n,) for each point the piece whose corners' triangles are nearest: of flat pieces, the nearest one."""
+        """(n,) for each point the patch whose corners' triangles are nearest: of flat patches, the nearest one."""
         import igl
 
-        corners, piece = self.surface.corners
+        corners, patch = self.surface.corners
         ends = np.arange(len(corners)).reshape(-1, 3)
         found = np.asarray(igl.point_mesh_squared_distance(self.points, corners, ends)[1])
-        return np.asarray(piece[found])
+        return np.asarray(patch[found])
 
-    def _unsettled(self) -> Ints:
-        """Points that other pieces have to be looked at for: not those within the flat piece that is nearest."""
+    def _undecided(self) -> Ints:
+        """Points that other patches have to be looked at for: not those within the flat patch that is nearest."""
         if not all(group.is_flat for group in self.surface.groups):
             return np.arange(len(self.points))
         border = [point[np.abs(side) < _WITHIN / 2] for point, _, side, _, _ in self._found]
         return np.concatenate([np.empty(0, np.int64), *border])
 
     def _candidates(self, point: Ints) -> list[tuple[Ints, Ints]]:
-        """Pairs of a point and a piece whose box is as near as what has been found."""
+        """Pairs of a point and a patch whose box is as near as what has been found."""
         tree, node = self.surface.tree, np.zeros_like(point)
         while node[0] < tree.leaves - 1 if len(node) else False:
-            near = self._reaches(point, tree.nodes[node])
+            near = self._may_be_nearer(point, tree.nodes[node])
             point, node = np.repeat(point[near], 2), (2 * node[near, None] + np.array([1, 2])).reshape(-1)
         slots = (node[:, None] - (tree.leaves - 1)) * LEAF + np.arange(LEAF)
         point, slots = np.repeat(point, LEAF), slots.reshape(-1)
         point, slots = point[slots < len(tree.order)], slots[slots < len(tree.order)]
-        piece = tree.order[slots].astype(np.int64)
-        near = self._reaches(point, tree.boxes[piece])
-        point, piece = point[near], piece[near]
-        return [(point[k : k + _MOST], piece[k : k + _MOST]) for k in range(0, len(point), _MOST)]
+        patch = tree.order[slots].astype(np.int64)
+        near = self._may_be_nearer(point, tree.boxes[patch])
+        point, patch = point[near], patch[near]
+        return [(point[k : k + _MOST], patch[k : k + _MOST]) for k in range(0, len(point), _MOST)]
 
-    def _reaches(self, point: Ints, boxes: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> Bools:
+    def _may_be_nearer(self, point: Ints, boxes: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> Bools:
         """(n,) whether boxes (n, 6) are as near to points as what has been found."""
         own, corners = self.points[point], boxes.astype(np.float64)
         gap = np.maximum(np.maximum(corners[:, :3] - own, own - corners[:, 3:]), 0.0)
         return np.asarray(np.sqrt((gap**2).sum(axis=1)) <= self.distance[point] + self.equal)
 
-    def _look(self, point: Ints, piece: Ints) -> None:
-        """Find the least distances between pairs of points and pieces."""
-        group = np.searchsorted(self._first, piece, side="right") - 1
+    def _search_pairs(self, point: Ints, patch: Ints) -> None:
+        """Find the least distances between pairs of points and patches."""
+        group = np.searchsorted(self._first, patch, side="right") - 1
         for number in np.unique(group):
             here = group == number
-            self._search(number, point[here], piece[here] - self._first[number])
+            self._search(number, point[here], patch[here] - self._first[number])
 
     def _search(self, number: int, point: Ints, row: Ints) -> None:
-        """The same with pieces of one group: all parts that are not settled are cut, round by round."""
-        pieces, bounds = self.surface.groups[number], self._bounds[number]
-        linear = linear_distance(pieces, row, self.points[point])
+        """The same with patches of one group: all parts that are not decided are cut, round by round."""
+        patches, bounds = self.surface.groups[number], self._bounds[number]
+        linear = linear_distance(patches, row, self.points[point])
         near = np.flatnonzero(linear - bounds[row, 9] <= self.distance[point] + self.equal)
         point, row = point[near], row[near]
-        waiting = [(point, Parts.whole(pieces.corners, row))]
+        waiting = [(point, Parts.whole(patches.corners, row))]
         while waiting:
             point, parts = waiting.pop()
-            model = Model.of(pieces, parts, self.points[point])
-            start, reach = model.nearest_linear(bounds)
-            worth = np.flatnonzero(reach <= self.distance[point] + self.equal)
+            model = Model.of(patches, parts, self.points[point])
+            start, lower = model.nearest_linear(bounds)
+            worth = np.flatnonzero(lower <= self.distance[point] + self.equal)
             point, model, start = point[worth], model.taken(worth), start[worth]
             parts, convex = model.parts, model.is_convex(bounds)
-            start[convex] = self._polished(pieces, model.taken(np.flatnonzero(convex)), start[convex])
+            start[convex] = self._polished(patches, model.taken(np.flatnonzero(convex)), start[convex])
             self._keep(number, point, parts.row, parts.places(start))
 
-            # where D has no stationary point it is least on the sides; those within the face are other pieces', too
+            # where D has no stationary point it is least on the sides; those within the face are other patches', too
             cut = np.flatnonzero(~convex & ~model.is_steady(bounds))
             whole = np.flatnonzero(~convex) if parts.depth == 0 and parts.corners > 2 else cut[:0]
             if len(cut) and parts.depth < _ROUNDS and len(cut) <= _MOST:
                 made = parts.taken(cut).divided()
                 waiting.append((np.tile(point[cut], len(made) // len(cut)), made))
             if len(whole):
-                sides, owner = parts.taken(whole).sides(pieces)
+                sides, owner = parts.taken(whole).sides(patches)
                 waiting.append((point[whole[owner]], sides))
 
-    def _polished(self, pieces: Pieces, model: Model, start: Floats) -> Floats:
+    def _polished(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
         """(n, 2) where the distance is least in parts where it is convex."""
         result, moving = start.copy(), np.arange(len(start))
-        for _ in range(0 if pieces.is_flat else _STEPS):
+        for _ in range(0 if patches.is_flat else _STEPS):
             if not len(moving):
                 break
             parts, here = model.parts.taken(moving), result[moving]
-            there = Model.of(pieces, parts.moved(here), model.goal[moving])
+            there = Model.of(patches, parts.moved(here), model.goal[moving])
             result[moving] = least(parts.corners, there.bend, there.gradient - _times(there.bend, here))
             moving = moving[np.abs(result[moving] - here).max(axis=1) > 1e-10]
         return result
 
     def _keep(self, number: int, point: Ints, row: Ints, where: Floats) -> None:
-        """Note the distances to points ``where`` (n, 2) of pieces of a group."""
-        pieces, first = self.surface.groups[number], self._first[number]
-        place = pieces.at(where, row)
+        """Note the distances to points ``where`` (n, 2) of patches of a group."""
+        patches, first = self.surface.groups[number], self._first[number]
+        place = patches.at(where, row)
         away = self.points[point] - place
         distance = np.sqrt((away**2).sum(axis=1))
         np.minimum.at(self.distance, point, distance)
@@ -175,34 +176,34 @@ class _Search:
         self.place[point[best]] = place[best]
         near = np.flatnonzero(distance <= self.distance[point] + self.equal)
         if self.surface.is_closed and len(near):
-            side = _side(pieces, row[near], where[near], away[near], distance[near])
-            self._found.append((point[near], distance[near], side, first + row[near], pieces.face[row[near]]))
+            side = _side(patches, row[near], where[near], away[near], distance[near])
+            self._found.append((point[near], distance[near], side, first + row[near], patches.face[row[near]]))
 
 
-def _side(pieces: Pieces, row: Ints, where: Floats, away: Floats, distance: Floats) -> Floats:
-    """(n,) positive before the piece, negative behind; weighed by the angle that the face has at its border."""
-    s, t = pieces.at(where, row, 1, 0), pieces.at(where, row, 0, 1)
-    normal = np.cross(s, t) if pieces.corners > 2 else s[:, [1, 0, 2]] * (1, -1, 0)
+def _side(patches: SurfacePatches, row: Ints, where: Floats, away: Floats, distance: Floats) -> Floats:
+    """(n,) positive before the patch, negative behind; weighed by the angle that the face has at its border."""
+    s, t = patches.at(where, row, 1, 0), patches.at(where, row, 0, 1)
+    normal = np.cross(s, t) if patches.corners > 2 else s[:, [1, 0, 2]] * (1, -1, 0)
     size = np.linalg.norm(normal, axis=1) * distance
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(size > 0, _dot(normal, away) / size, 1.0) * _angle(pieces, row, where, s, t))
+        return np.asarray(np.where(size > 0, _dot(normal, away) / size, 1.0) * _angle(patches, row, where, s, t))
 
 
 #: how near to a side points lie on it, and what points within a face weigh, more than any angles
 _ON, _WITHIN = 1e-9, 100.0
 
 
-def _angle(pieces: Pieces, row: Ints, where: Floats, s: Floats, t: Floats) -> Floats:
-    """(n,) the angle at which a face leaves a point of its border, or the piece's part of it; `_WITHIN` elsewhere."""
-    angle, corners = np.full(len(row), _WITHIN), CORNERS[pieces.corners]
-    on = np.stack([_beside(pieces.corners, k, where) for k in range(pieces.corners)], axis=1)
-    sides, ends = ((pieces.outer[row, None] >> (shift + np.arange(pieces.corners))) & 1 == 1 for shift in (0, 4))
+def _angle(patches: SurfacePatches, row: Ints, where: Floats, s: Floats, t: Floats) -> Floats:
+    """(n,) the angle at which a face leaves a point of its border, or the patch's part of it; `_WITHIN` elsewhere."""
+    angle, corners = np.full(len(row), _WITHIN), CORNERS[patches.corners]
+    on = np.stack([_beside(patches.corners, k, where) for k in range(patches.corners)], axis=1)
+    sides, ends = ((patches.outer[row, None] >> (shift + np.arange(patches.corners))) & 1 == 1 for shift in (0, 4))
     angle[(on & sides).any(axis=1)] = np.pi
-    if pieces.corners == 2:
+    if patches.corners == 2:
         return angle
     for k, corner in enumerate(corners):
         here = np.flatnonzero(on[:, k] & on[:, k - 1] & ends[:, k])
-        ahead, back = corners[(k + 1) % pieces.corners] - corner, corners[k - 1] - corner
+        ahead, back = corners[(k + 1) % patches.corners] - corner, corners[k - 1] - corner
         a, b = (way[:1] * s[here] + way[1:] * t[here] for way in (ahead, back))
         angle[here] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), _dot(a, b))
     return angle

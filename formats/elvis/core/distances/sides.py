@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.distances.pieces import Pieces
+from elvis.core.distances.surface_patches import SurfacePatches
 from elvis.core.mapping.orientation import chunks
 
 #: part of a triangle's size by which a point lies before it
@@ -48,21 +48,21 @@ def _agree(triangles: Ints) -> bool:
     return len(np.unique(ways, axis=0)) == len(ways)
 
 
-def sides_of_faces(loops: Sequence[Ints], pieces: Sequence[Pieces]) -> Ints:
+def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> Ints:
     """(faces, 2) the sign of distances before and behind the faces of a closed surface: -1 inside, 1 outside.
 
     loops   for each kind of face the vertices (n, k) around them
-    pieces  for each kind of face their pieces, nearly flat; faces are numbered through all kinds
+    patches  for each kind of face their patches, nearly flat; faces are numbered through all kinds
     A point is inside where the surface winds around it an odd number of times, whichever way its parts turn.
     """
-    if pieces[0].corners == 2:
-        ends = np.concatenate([each.vertices for each in pieces])
-        own = np.unique(np.concatenate([each.face for each in pieces]), return_index=True)[1]
+    if patches[0].corners == 2:
+        ends = np.concatenate([each.vertices for each in patches])
+        own = np.unique(np.concatenate([each.face for each in patches]), return_index=True)[1]
         way = ends[own, 1] - ends[own, 0]
         places = ends[own].mean(axis=1) + _BEFORE * way[:, [1, 0, 2]] * (1, -1, 0)
         odd = _crossings(ends, places) % 2 == 1
     else:
-        turned, corners, face = _turned(loops), *map(np.concatenate, zip(*map(_fans, pieces), strict=True))
+        turned, corners, face = _turned(loops), *map(np.concatenate, zip(*map(_fans, patches), strict=True))
         own = np.unique(face, return_index=True)[1]
         places = corners[own].mean(axis=1) + _ahead(corners[own])
         corners[turned[face]] = corners[turned[face]][:, ::-1]
@@ -83,11 +83,11 @@ def _turned(loops: Sequence[Ints]) -> Bools:
     return found
 
 
-def _fans(pieces: Pieces) -> tuple[Floats, Ints]:
-    """Triangles (n, 3, 3) between the corners of pieces, and the face (n,) that each belongs to."""
-    vertices = pieces.vertices
-    fans = [vertices[:, [0, k, k + 1]] for k in range(1, pieces.corners - 1)]
-    return np.concatenate(fans), np.tile(pieces.face, len(fans))
+def _fans(patches: SurfacePatches) -> tuple[Floats, Ints]:
+    """Triangles (n, 3, 3) between the corners of patches, and the face (n,) that each belongs to."""
+    vertices = patches.vertices
+    fans = [vertices[:, [0, k, k + 1]] for k in range(1, patches.corners - 1)]
+    return np.concatenate(fans), np.tile(patches.face, len(fans))
 
 
 def _ahead(corners: Floats) -> Floats:

@@ -11,18 +11,18 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, boundaries, faces_of
-from elvis.core.distances.pieces import WHOLE, Pieces
 from elvis.core.distances.sides import is_closed, sides_of_faces, sides_of_triangles
+from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
 from elvis.core.distances.triangle_files import SUFFIXES, triangles_of
 from elvis.core.mapping.boxes import BoxTree, outward
 
-#: pieces in a leaf of the tree
+#: patches in a leaf of the tree
 LEAF = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Pieces of faces.
+    """Surface patches of faces.
 
     groups     by kind and degree; faces are numbered through all groups
     sides      (faces, 2) the signs that distances have before and behind each face: both 1 where it is not closed
@@ -31,7 +31,7 @@ class Surface:
     is_planar  whether it is made of curves in the plane z = 0, the third coordinate of points being of no account
     """
 
-    groups: Sequence[Pieces]
+    groups: Sequence[SurfacePatches]
     sides: Ints
     is_closed: bool
     encloses: bool = False
@@ -44,19 +44,19 @@ class Surface:
 
     @cached_property
     def boxes(self) -> Floats:
-        """(n, 6) low and high corners of boxes that hold the pieces, group after group."""
+        """(n, 6) low and high corners of boxes that hold the patches, group after group."""
         return frozen_floats(np.concatenate([group.boxes for group in self.groups]))
 
     @cached_property
     def corners(self) -> tuple[Floats, Ints]:
-        """Triangles (3 n, 3) between the corners of all pieces, and the piece (n,) that each belongs to."""
+        """Triangles (3 n, 3) between the corners of all patches, and the patch (n,) that each belongs to."""
         triangles: list[Floats] = []
-        pieces: list[Ints] = []
+        patches: list[Ints] = []
         for group, first in zip(self.groups, np.cumsum([0, *map(len, self.groups)]), strict=False):
             for k in range(1, max(group.corners - 1, 2)):
                 triangles.append(group.vertices[:, [0, k, min(k + 1, group.corners - 1)]])
-                pieces.append(first + np.arange(len(group)))
-        return frozen_floats(np.concatenate(triangles).reshape(-1, 3)), frozen_ints(np.concatenate(pieces))
+                patches.append(first + np.arange(len(group)))
+        return frozen_floats(np.concatenate(triangles).reshape(-1, 3)), frozen_ints(np.concatenate(patches))
 
     @cached_property
     def scale(self) -> float:
@@ -87,18 +87,18 @@ def _from_file(name: str) -> Surface:
     coefficients[:, 0, 0] = (corners[:, 1] + corners[:, 2]) / 2
     coefficients[:, 0, 1] = (corners[:, 1] - corners[:, 0]) / 2
     coefficients[:, 1, 0] = (corners[:, 2] - corners[:, 0]) / 2
-    pieces = Pieces(3, coefficients, np.arange(len(triangles)), np.full(len(triangles), WHOLE[3]))
+    patches = SurfacePatches(3, coefficients, np.arange(len(triangles)), np.full(len(triangles), WHOLE[3]))
     closed = is_closed([triangles])
     sides = sides_of_triangles(points, triangles) if closed else np.ones((len(triangles), 2), np.int64)
-    return Surface((pieces,), frozen_ints(sides), closed)
+    return Surface((patches,), frozen_ints(sides), closed)
 
 
 def _from_boundary(dataset: Dataset, name: str) -> Surface:
     found = faces_of(dataset, name)
     first = np.cumsum([0, *(len(faces.vertices) for faces in found)])
-    pieces = [faces.pieces.flattened(start) for faces, start in zip(found, first, strict=False)]
+    patches = [faces.patches.flattened(start) for faces, start in zip(found, first, strict=False)]
     loops = [faces.vertices for faces in found]
     planar = dataset.mesh.space == 2
     closed = (planar or dataset.mesh.dimension == 3) and is_closed(loops)
-    sides = sides_of_faces(loops, pieces) if closed else np.ones((first[-1], 2), np.int64)
-    return Surface(tuple(pieces), frozen_ints(sides), closed, closed and name == ALL, planar)
+    sides = sides_of_faces(loops, patches) if closed else np.ones((first[-1], 2), np.int64)
+    return Surface(tuple(patches), frozen_ints(sides), closed, closed and name == ALL, planar)

@@ -117,8 +117,8 @@ class _Search:
         lower, upper, linear = _contraction(cells, self._slack(cells))
         possible = np.asarray((lower <= upper).all(axis=1))
         if self.shape in _SIMPLEX:
-            reach = cells.low + lower * (cells.high - cells.low)
-            possible &= reach[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
+            ends = cells.low + lower * (cells.high - cells.low)
+            possible &= ends[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
         large: Bools = ((upper - lower).max(axis=1) > 0.5)[possible]
         cells = _cut(cells.part(possible), lower[possible], upper[possible])
         going = self._sought(cells, linear[possible])

@@ -23,7 +23,7 @@ from elvis.core.quantities.tree import Node, negative
 from elvis.core.ranges import Range, field_range, finite_rows
 
 _ROUNDS = 6
-#: part of what is known of the range, within which an end is settled
+#: part of what is known of the range, within which an end is decided
 _TOLERANCE = 5e-3
 _NUMBERS = 1 << 20
 #: elements that are looked at closely
@@ -55,14 +55,14 @@ class _Search:
         self.evaluator, self.expression = evaluator, expression
         self.with_gradients = expression.order > 0 or any("jacobian" in name for name in expression.attributes)
         self.least, self.greatest = np.inf, -np.inf
-        self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._pieces(patch)]
+        self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._batches(patch)]
         for patch, rows in self.whole:
             middle = patch.shape.vertices.mean(axis=0, keepdims=True)
             for place in np.concatenate([middle, middle + 0.999 * (patch.shape.vertices - middle)]):
                 self._attain(patch, rows, np.tile(place, (len(rows), 1)))
 
-    def _pieces(self, patch: Patch) -> Iterator[Ints]:
-        """Rows of elements with all fields, numbers in all, a piece at a time."""
+    def _batches(self, patch: Patch) -> Iterator[Ints]:
+        """Rows of elements with all fields, numbers in all, a batch at a time."""
         needed = [(e, c) for e, c in zip(patch.fields, patch.coefficients, strict=True)]
         if any(expansion is None for expansion, _ in needed):
             return

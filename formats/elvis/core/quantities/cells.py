@@ -108,10 +108,10 @@ class Cells:
     def _distance(self, surface: Surface) -> Interval:
         """What is known of distances: they grow no faster than the way that one goes from a box's middle."""
         low, high = np.stack([i.ends(self.nets["x", axis]) for axis in range(3)], axis=2)
-        reach = np.linalg.norm((high - low)[:, : 2 if surface.is_planar else 3], axis=1) / 2
+        radius = np.linalg.norm((high - low)[:, : 2 if surface.is_planar else 3], axis=1) / 2
         middle = nearest(surface, (low + high) / 2).distance
         least, greatest = 0.0 if not surface.is_closed else -np.inf, 0.0 if surface.encloses else np.inf
-        return np.maximum(middle - reach, least), np.minimum(middle + reach, greatest)
+        return np.maximum(middle - radius, least), np.minimum(middle + radius, greatest)
 
     @property
     def _is_solid(self) -> bool:
@@ -150,8 +150,8 @@ class Cells:
             first = [_combined(inverse[:, j], gradients) for j in range(d)]
             size = np.max([np.maximum(np.abs(low), np.abs(high)) for low, high in first], axis=0)
             norm = np.max([sum(np.maximum(np.abs(x), np.abs(y)) for x, y in row) for row in rest], axis=0)
-            reach = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
-            found: list[Interval] = [(-reach, reach)] * d
+            radius = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
+            found: list[Interval] = [(-radius, radius)] * d
             for _ in range(2):
                 found = [_corrected(first[j], rest[j], found) for j in range(d)]
             self._gradients[number] = found

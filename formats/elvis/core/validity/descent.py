@@ -103,7 +103,7 @@ class _Descent:
 
     def _kept(self, boxes: _Boxes) -> _Boxes:
         """The boxes that may yet lower what is known, after a look at their corners; the bounds of others count."""
-        self._look(boxes)
+        self._bound_boxes(boxes)
         value = self.result.value
         aim = np.where(value > self._goal, self._goal, value - np.maximum(self._error, TOLERANCE * np.abs(value)))
         many = np.bincount(boxes.owner, minlength=len(aim)) > _MOST_BOXES
@@ -111,7 +111,7 @@ class _Descent:
         self._forget(boxes.part(~kept))
         return boxes.part(kept)
 
-    def _look(self, boxes: _Boxes) -> None:
+    def _bound_boxes(self, boxes: _Boxes) -> None:
         """Take note of lower values at corners."""
         values = corners(boxes.net)
         best = np.argmin(values, axis=1)

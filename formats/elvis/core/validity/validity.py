@@ -144,7 +144,7 @@ def _nothing() -> Validity:
 
 
 def _chunks(block: GeometryBlock, space: int) -> Iterator[GeometryBlock]:
-    """The block in pieces whose determinants fit into memory."""
+    """The block in batches whose determinants fit into memory."""
     if not len(block):
         return
     count = determinant(block.expansion, block.coefficients[:1], space).space.count
@@ -163,12 +163,12 @@ def _checked(block: GeometryBlock, space: int) -> Validity:
     with np.errstate(invalid="ignore", over="ignore"):
         found = determinant(block.expansion, block.coefficients, space)
     finite = np.isfinite(found.net).all(axis=0) & np.isfinite(found.error)
-    facts = _first_look(found, finite)
+    facts = _first_bound_boxes(found, finite)
 
     # halve what the coefficients leave in doubt; once the sign is proved to be bad, find the extremes
     doubtful = np.flatnonzero(finite & ~(facts.lower > found.error))
     if len(doubtful):
-        facts.settle(doubtful, found)
+        facts.decide(doubtful, found)
     facts.sharpen(found)
     status = np.where(facts.lower > found.error, ValidityStatus.POSITIVE, ValidityStatus.UNDECIDED)
     status[facts.least < -found.error] = ValidityStatus.NOT_POSITIVE
@@ -210,7 +210,7 @@ class _Facts:
     greatest: Floats
     reference: Floats
 
-    def settle(self, rows: Ints, found: Polynomials) -> None:
+    def decide(self, rows: Ints, found: Polynomials) -> None:
         """Halve the elements ``rows`` until their sign is certain; where it is bad, until the extremes are close."""
         nets, error, shape = box_nets(found.space, found.net[:, rows].T), found.error[rows], found.space.shape
         below = _subtracting_squares(nets, error, least(nets, error, goal=2 * error))
@@ -259,7 +259,7 @@ def _rivals(lower: Floats, value: Floats) -> tuple[Ints, float]:
     return rows[np.argsort(lower[rows], kind="stable")][:_RIVALS], goal
 
 
-def _first_look(found: Polynomials, finite: Bools) -> _Facts:
+def _first_bound_boxes(found: Polynomials, finite: Bools) -> _Facts:
     """What coefficients tell: their extremes bound the determinant, and some are its values at the vertices."""
     shape, net = found.space.shape, np.where(finite, found.net, np.nan)
     at_vertices = net[np.argmax(bernstein_values(found.space, shape.vertices), axis=1)]

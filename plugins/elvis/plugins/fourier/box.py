@@ -98,8 +98,8 @@ class FourierBox(VolumeSource):
 
 def _bounds(amplitudes: Floats) -> tuple[Floats, Floats]:
     """(1,) a value that the series is never below, and one that it is never above: functions are at most 1."""
-    mean, reach = amplitudes[0, 0, 0], (1 + 1e-12) * np.abs(amplitudes).sum()
-    return np.array([mean - (reach - abs(mean))]), np.array([mean + (reach - abs(mean))])
+    mean, radius = amplitudes[0, 0, 0], (1 + 1e-12) * np.abs(amplitudes).sum()
+    return np.array([mean - (radius - abs(mean))]), np.array([mean + (radius - abs(mean))])
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -121,8 +121,8 @@ def write_box(
 def series(bases: Sequence[str], amplitudes: Floats, points: Floats) -> Floats:
     """(n,) values of a tensor product series at points (n, 3) of [-1, 1]^3."""
     step = max(1, _BATCH // amplitudes.size)
-    pieces = [_series(bases, amplitudes, points[k : k + step]) for k in range(0, len(points), step)]
-    return np.concatenate([np.empty(0), *pieces])
+    batches = [_series(bases, amplitudes, points[k : k + step]) for k in range(0, len(points), step)]
+    return np.concatenate([np.empty(0), *batches])
 
 
 def _series(bases: Sequence[str], amplitudes: Floats, points: Floats) -> Floats:

@@ -88,7 +88,7 @@ def _ranges(
     """Least and greatest finite value of each field; zeros where it has none."""
     low, high = np.full(len(fields), np.inf), np.full(len(fields), -np.inf)
     for block in blocks:
-        for rows, points in sampler.pieces(block, check_points(block.shape, _INSIDE, block.is_collapsed)):
+        for rows, points in sampler.batches(block, check_points(block.shape, _INSIDE, block.is_collapsed)):
             for i, field in enumerate(fields):
                 values = sampler.values(block, rows, field, points)
                 finite = values[np.isfinite(values)]
@@ -128,10 +128,10 @@ def _errors(sampler: Sampler, block: NativeBlock, field: SourceField) -> Floats:
     assert block.modes is not None
     which, own = operator(block, field, block.modes), check_points(block.shape, _INSIDE, block.is_collapsed)
     coefficients = np.empty((len(block), which.matrix.shape[1]))
-    for rows, points in sampler.pieces(block, which.points):
+    for rows, points in sampler.batches(block, which.points):
         coefficients[rows] = sampler.values(block, rows, field, points) @ which.matrix
     errors = np.empty(len(block))
-    for rows, points in sampler.pieces(block, own):
+    for rows, points in sampler.batches(block, own):
         values = sampler.values(block, rows, field, points)
         differences = np.abs(evaluate(block.expansion(block.modes), coefficients[rows], own) - values)
         errors[rows] = np.where(np.isnan(differences), 0.0, differences).max(axis=1)

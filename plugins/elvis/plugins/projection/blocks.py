@@ -85,7 +85,7 @@ class NativeBlock:
         own = np.asarray(np.linalg.solve(matrix, (own - offset).T).T, np.float64)
         return collapse(Shape.PYRAMID, own) if self.is_collapsed else own
 
-    def pieces(self, size: int) -> Iterator[tuple[int, slice | Ints]]:
+    def batches(self, size: int) -> Iterator[tuple[int, slice | Ints]]:
         """Rows of this block, of one vertex order and ``size`` at most, with the number of the order."""
         size, numbers = max(1, size), np.unique(self.order).tolist()
         for number in numbers:

@@ -82,7 +82,7 @@ def _work(
             own = operator(block, field, field_modes(block, field))
             groups.setdefault(id(own.points), []).append((i, own))
         for group in groups.values():
-            for rows, points in sampler.pieces(block, group[0][1].points):
+            for rows, points in sampler.batches(block, group[0][1].points):
                 yield number, rows, points, group
 
 
@@ -98,13 +98,13 @@ def fit_positions(sampler: Sampler, blocks: Sequence[NativeBlock], in_own_space:
 def mapped(
     sampler: Sampler, blocks: Sequence[NativeBlock], in_own_space: bool = False
 ) -> Iterator[tuple[int, slice | Ints, Floats]]:
-    """Block, rows and coefficients (k, 3, m) of the coordinates there, a piece at a time.
+    """Block, rows and coefficients (k, 3, m) of the coordinates there, a batch at a time.
 
     in_own_space  in the block's own expansion; else in the Modified one, whose edges and faces a mesh file holds
     """
     for number, block in enumerate(blocks):
         which = position_operator(block, in_own_space)
-        for rows, points in track(list(sampler.pieces(block, which.points)), "mapping"):
+        for rows, points in track(list(sampler.batches(block, which.points)), "mapping"):
             yield number, rows, sampler.positions(block, rows, points).transpose(0, 2, 1) @ which.matrix
 
 

@@ -31,7 +31,7 @@ def in_space(
     inside = inside_count(sum(map(len, blocks)))
     for i, block in track(list(enumerate(blocks)), "checking places"):
         own = check_points(block.shape, inside, block.is_collapsed)
-        for rows, points in sampler.pieces(block, own):
+        for rows, points in sampler.batches(block, own):
             shifts, jacobians = _shifts(maps, block.ids[rows], own, sampler.positions(block, rows, points))
             weights = jacobians[:, :inside] * (VOLUMES[block.shape] / inside)
             for tally, each in zip(tallies, fitted, strict=True):

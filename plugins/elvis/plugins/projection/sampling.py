@@ -1,4 +1,4 @@
-"""Samples of a source at native reference points: in its own frame, a piece at a time, checked."""
+"""Samples of a source at native reference points: in its own frame, a batch at a time, checked."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Sampler:
     def __init__(self, source: Converter) -> None:
         self.source = source
 
-    def pieces(self, block: NativeBlock, points: Floats) -> Iterator[tuple[slice | Ints, Floats]]:
-        """Rows of the block in pieces of bounded size, each with the source's points for native ``points`` (n, d)."""
+    def batches(self, block: NativeBlock, points: Floats) -> Iterator[tuple[slice | Ints, Floats]]:
+        """Rows of the block in batches of bounded size, each with the source's points for native ``points`` (n, d)."""
         cache: dict[int, Floats] = {}
-        for order, part in block.pieces(BATCH // max(1, len(points))):
+        for order, part in block.batches(BATCH // max(1, len(points))):
             if order not in cache:
                 cache[order] = np.ascontiguousarray(block.points(order, points))
             yield part, cache[order]

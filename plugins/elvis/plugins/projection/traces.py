@@ -112,11 +112,11 @@ class Traces:
         """The coefficients of all vertices, edges and faces, from those (n, c, m) of each block."""
         skins = Skins(self, next((coefficients[i].shape[1] for i in self._by_order), 1))
         for number in self._by_order:
-            for rows in self._pieces(skins, number):
+            for rows in self._batches(skins, number):
                 self.take(skins, number, rows, coefficients[number][rows])
         return skins
 
-    def _pieces(self, skins: Skins, number: int) -> Iterator[slice]:
+    def _batches(self, skins: Skins, number: int) -> Iterator[slice]:
         """Rows of a block, so many that their faces fit in one batch."""
         return chunks(len(self.blocks[number]), max(1, _BATCH // (skins.width * self.most**2)))
 
@@ -152,7 +152,7 @@ class Traces:
             ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows]
             yield np.arange(len(block)), np.arange(2), skins.vertices[ends].transpose(0, 2, 1)
             return
-        for rows in self._pieces(skins, number):
+        for rows in self._batches(skins, number):
             for face, link in enumerate(self._links[number]):
                 for turn, here in _by_turn(link.turns[rows], np.arange(rows.stop - rows.start)):
                     carried, places, signs = self._view(block.shape, face, modes, turn)

@@ -39,7 +39,7 @@ _FLAT = 1e-12
 
 @dataclass(eq=False)
 class Tally:
-    """Differences of one quantity, summed up piece by piece.
+    """Differences of one quantity, summed up batch by batch.
 
     worst    the largest, and ``element`` the global id of the element where it is; -1 where there is none
     square   integral of the squared difference
@@ -125,7 +125,7 @@ def check(
     work = [
         (i, rows, points)
         for i, block in enumerate(blocks)
-        for rows, points in sampler.pieces(block, check_points(block.shape, inside, block.is_collapsed))
+        for rows, points in sampler.batches(block, check_points(block.shape, inside, block.is_collapsed))
     ]
     for i, rows, points in track(work, "checking"):
         block = blocks[i]

@@ -35,14 +35,14 @@ def check(
 ) -> Conversion:
     """Convert ``files``; AssertionError, in a sentence, where the converter or the conversion breaks a promise.
 
-    It must open the files and no others; answer for pieces of a block as for the whole; and the converted data,
-    written and read back, must agree with its own samples to 1.5 times the error that the report announces.
+    It must open the files and no others; give for batches of a block what it gives for the whole; and the converted
+    data, written and read back, must agree with its own samples to 1.5 times the error that the report announces.
     """
     paths = [Path(file) for file in files]
     _check_opens(converter, paths)
     source = converter(paths, **with_defaults(converter, options))
     for block in source.blocks:
-        _check_pieces(source, block)
+        _check_batches(source, block)
     conversion = convert(source, settings, files)
     with TemporaryDirectory() as folder:
         again = read(*write(conversion.dataset, Path(folder) / "converted.xml"))
@@ -69,7 +69,7 @@ def _points(block: Elements) -> Floats:
     return own @ matrix.T + offset
 
 
-def _check_pieces(source: Converter, block: Elements) -> None:
+def _check_batches(source: Converter, block: Elements) -> None:
     """Every other element, asked for by number, gets the same samples as in the whole block."""
     points, rows = _points(block), np.arange(0, len(block), 2)[:_ELEMENTS]
     whole = block.take(slice(0, len(block)))
@@ -82,7 +82,7 @@ def _check_pieces(source: Converter, block: Elements) -> None:
         # sums may round otherwise for fewer elements, by parts of their largest terms
         rounding = 1e-12 * float(np.abs(expected).max(initial=0.0, where=np.isfinite(expected)))
         same = expected.shape == found.shape and np.allclose(expected, found, 1e-12, rounding, equal_nan=True)
-        assert same, f"{what} of a piece of a block differ from those of the whole: is block.rows used?"
+        assert same, f"{what} of a batch of a block differ from those of the whole: is block.rows used?"
 
 
 def _compare(source: Converter, conversion: Conversion, again: Dataset, number: int, block: Elements) -> None:
@@ -91,14 +91,14 @@ def _compare(source: Converter, conversion: Conversion, again: Dataset, number: 
     points = _points(block)
     some = np.sort(rng.choice(len(block), min(_ELEMENTS, len(block)), replace=False))
     rows, places = np.repeat(some, len(points)), np.tile(points, (len(some), 1))
-    piece = block.take(some)
+    batch = block.take(some)
     wanted = np.zeros((len(rows), 3))
-    given = source.positions(piece, points).reshape(len(rows), -1)
+    given = source.positions(batch, points).reshape(len(rows), -1)
     wanted[:, : given.shape[1]] = given
     found = positions_at(conversion, number, rows, places, again)
     _assert_near(conversion.report.geometry, wanted, found, rows)
     for measure, field in zip(conversion.report.fields, _chosen(source, conversion), strict=True):
-        samples = source.sample(piece, field, points).reshape(-1)
+        samples = source.sample(batch, field, points).reshape(-1)
         _assert_near(measure, samples, values_at(conversion, field.name, number, rows, places, again), rows)
 
 

@@ -20,8 +20,8 @@ class SurfaceDistance:
 
     hausdorff   greatest distance of a point of either from the other
     chamfer     mean of the two mean distances
-    components  pieces of the exact surface, of the other
-    handles     of the exact surface, of the other; over all pieces
+    components  connected components of the exact surface, of the other
+    handles     of the exact surface, of the other; over all components
     """
 
     hausdorff: float
@@ -35,11 +35,11 @@ def surface_distance(exact: LinearMesh, other: LinearMesh) -> SurfaceDistance | 
     if not len(exact) or not len(other):
         return None
     away, back = _distances(exact, other), _distances(other, exact)
-    (pieces, handles), (own_pieces, own_handles) = topology(exact), topology(other)
+    (components, handles), (own_components, own_handles) = topology(exact), topology(other)
     return SurfaceDistance(
         float(max(away.max(), back.max())),
         float(0.5 * (away.mean() + back.mean())),
-        (pieces, own_pieces),
+        (components, own_components),
         (handles, own_handles),
     )
 
@@ -59,9 +59,9 @@ def topology(mesh: LinearMesh) -> tuple[int, int]:
         return 0, 0
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     distinct, uses = np.unique(edges, axis=0, return_counts=True)
-    pieces = _components(distinct, int(triangles.max()) + 1)
+    labels = _components(distinct, int(triangles.max()) + 1)
     used = np.unique(triangles)
-    components = len(np.unique(pieces[used]))
+    components = len(np.unique(labels[used]))
     characteristic = len(used) - len(distinct) + len(triangles)
     rims = distinct[uses == 1]
     borders = len(np.unique(_components(rims, int(triangles.max()) + 1)[np.unique(rims)])) if len(rims) else 0

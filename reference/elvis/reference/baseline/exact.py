@@ -24,10 +24,10 @@ _STEPS = 12
 def exact_isosurface(
     dataset: Dataset, quantities: Quantities, name: str, value: float, level: int = FINE
 ) -> LinearMesh:
-    """The isosurface of a quantity at a value; every corner on it to rounding where steps settle.
+    """The isosurface of a quantity at a value; every corner on it to rounding where steps converge.
 
     Corners move along the gradient in reference coordinates: r - (f - value) f' / |f'|^2 (Newton's method on the line
-    of steepest ascent); those that don't settle keep their linear place.
+    of steepest ascent); those that don't converge keep their linear place.
     """
     made = Baseline.of(dataset, quantities, level)
     parts = [section(part, part.values[name] - value) for part in made.parts]

@@ -168,8 +168,8 @@ def _surfaces(study: Study) -> Table:
             if own is None:
                 rows.append([name, rival.name, "–", "–", "lost or invented", ""])
                 continue
-            pieces, handles = (f"{first} / {other}" for first, other in (own.components, own.handles))
-            rows.append([name, rival.name, some(own.hausdorff), some(own.chamfer), pieces, handles])
+            components, handles = (f"{first} / {other}" for first, other in (own.components, own.handles))
+            rows.append([name, rival.name, some(own.hausdorff), some(own.chamfer), components, handles])
     heads = ["isosurface", "picture", "Hausdorff distance", "Chamfer distance", "components, exact / other", "handles"]
     words = "Distances between the exact isosurface and the linear one in units of the data; what both are made of."
     return _table("Isosurfaces", heads, sorted(rows, key=lambda row: row[0]), words)

@@ -15,7 +15,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.reference.scenes.equations import Linear
 from elvis.reference.scenes.zeros import transform
 
-#: part of a series that rounding may change; by how much halves reach over the middle
+#: part of a series that rounding may change; by how much halves extend over the middle
 _ROUNDING, OVER = 1e-13, 1 / 32
 
 

@@ -34,8 +34,8 @@ def plane_contours(
             search = _search(quantities, name, value, plane, view, patch, 0.5 * width + 1.0)
             if search is None:
                 return None
-            pieces = search.pieces()
-            lines = [(least, pieces.ends, -pieces.radius), (greatest, pieces.sure, pieces.radius)]
+            segments = search.segments()
+            lines = [(least, segments.ends, -segments.radius), (greatest, segments.sure, segments.radius)]
             for distance, ends, more in lines:
                 for pixel, found in _distances(ends, more, 0.5 * width + 0.5, view):
                     np.minimum.at(distance, pixel, found)
@@ -44,7 +44,7 @@ def plane_contours(
 
 
 def _search(
-    quantities: Quantities, name: str, value: float, plane: Plane, view: View, patch: Patch, reach: float
+    quantities: Quantities, name: str, value: float, plane: Plane, view: View, patch: Patch, half_width: float
 ) -> Search | None:
     """The search for one value in a patch; None where fields or map aren't polynomials."""
     if isinstance(quantities, HostQuantities):
@@ -60,14 +60,14 @@ def _search(
     degrees = [degrees_of(patch, patch.fields[number]) for number in numbers.values()]
     shared = tuple(max(each) for each in zip(map_degrees(patch), *degrees, strict=True))
     solid = plane if patch.dimension == 3 else None
-    return Search(patch, equation, shared, numbers, view, solid, reach)
+    return Search(patch, equation, shared, numbers, view, solid, half_width)
 
 
-def _distances(ends: Floats, more: Floats, reach: float, view: View) -> Iterator[tuple[Ints, Floats]]:
+def _distances(ends: Floats, more: Floats, half_width: float, view: View) -> Iterator[tuple[Ints, Floats]]:
     """Pixels (m,) near segments with ends (k, 2, 2), and their distances from these and what is added (k,) to them."""
     known = np.isfinite(ends).all(axis=(1, 2)) & np.isfinite(more)
     ends, more = ends[known], more[known]
-    room = reach + np.abs(more)[:, None]
+    room = half_width + np.abs(more)[:, None]
     for own, pixel in pixels_between(view, ends.min(axis=1) - room, ends.max(axis=1) + room):
         place = np.column_stack([pixel % view.width, pixel // view.width])
         start, along = ends[own, 0], (ends[:, 1] - ends[:, 0])[own]

@@ -1,4 +1,4 @@
-"""Contours on a plane, each piece with a radius within which the true line is: boxes of elements are halved.
+"""Contours on a plane, each segment with a radius within which the true line is: boxes of elements are halved.
 
 In a box, t in [-1, 1]^d, equations f (the quantity less its value; of solids the height above the plane, too) and the
 place q in the picture are
@@ -28,15 +28,15 @@ from elvis.scene import Plane
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: radius of a piece in pixels; that of one in which no zero is proved, and halvings, at which it is given up
+#: radius of a segment in pixels; that of one in which no zero is proved, and halvings, at which it is given up
 _RADIUS, _THIN, _HALVINGS = 0.003, 2.0**-16, 64
 #: elements whose boxes are halved together; boxes at once beyond which small ones, and all, aren't halved any more
 _CHUNK, _FEW, _MOST = 32, 1 << 9, 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """Pieces of contours in a picture, in columns and rows.
+class LineSegments:
+    """Line segments of contours in a picture, in columns and rows.
 
     ends    (k, 2, 2)  every zero of a box is within the radius of the line between these
     sure    (k, 2, 2)  within the radius of each point between these there is one; NaN where none is proved
@@ -48,14 +48,16 @@ class Pieces:
     radius: Floats
 
     @staticmethod
-    def joined(parts: list[Pieces]) -> Pieces:
+    def joined(parts: list[LineSegments]) -> LineSegments:
         """Several as one."""
-        every = [Pieces(np.empty((0, 2, 2)), np.empty((0, 2, 2)), np.empty(0)), *parts]
-        return Pieces(*(np.concatenate([getattr(part, own.name) for part in every]) for own in fields(Pieces)))
+        every = [LineSegments(np.empty((0, 2, 2)), np.empty((0, 2, 2)), np.empty(0)), *parts]
+        return LineSegments(
+            *(np.concatenate([getattr(part, own.name) for part in every]) for own in fields(LineSegments))
+        )
 
-    def part(self, which: Bools) -> Pieces:
-        """Some of the pieces."""
-        return Pieces(self.ends[which], self.sure[which], self.radius[which])
+    def part(self, which: Bools) -> LineSegments:
+        """Some of the segments."""
+        return LineSegments(self.ends[which], self.sure[which], self.radius[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class Search:
     degrees  of fields and map in each collapsed coordinate
     fields   of the patch that the equation is made of, by name
     plane    that solids are cut by; None for plane data
-    reach    pixels around the picture that are looked at
+    half_width    pixels around the picture that are looked at
     """
 
     patch: Patch
@@ -74,13 +76,13 @@ class Search:
     fields: dict[str, int]
     view: View
     plane: Plane | None
-    reach: float
+    half_width: float
 
-    def pieces(self) -> Pieces:
-        """All pieces of the contour."""
+    def segments(self) -> LineSegments:
+        """All segments of the contour."""
         count = len(self.patch) if self.equation.leaves else 0
         rows = [np.arange(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
-        return Pieces.joined([piece for some in rows for piece in self._halved(self._boxes(some))])
+        return LineSegments.joined([segment for some in rows for segment in self._halved(self._boxes(some))])
 
     def _boxes(self, rows: Ints) -> Boxes:
         """Whole elements: their fields, then x, y and z."""
@@ -95,13 +97,13 @@ class Search:
         world = spread(self.patch, rows, points)
         return Boxes.through(np.stack([*values, *np.moveaxis(world, 2, 0)], axis=1), self.degrees)
 
-    def _halved(self, boxes: Boxes) -> list[Pieces]:
-        """The pieces in some boxes, which are halved as often as needed."""
+    def _halved(self, boxes: Boxes) -> list[LineSegments]:
+        """The segments in some boxes, which are halved as often as needed."""
         found = []
         for depth in range(_HALVINGS + 1):
-            boxes, piece, done, halves = self._looked_at(boxes)
+            boxes, segment, done, halves = self._looked_at(boxes)
             done |= (depth == _HALVINGS) | (len(boxes) > _MOST)
-            found.append(piece.part(done))
+            found.append(segment.part(done))
             left = [(axis, np.flatnonzero(~done & (halves == axis))) for axis in range(len(self.degrees))]
             parts = [boxes.part(which).halves(axis) for axis, which in left if len(which)]
             if not parts:
@@ -109,7 +111,7 @@ class Search:
             boxes = Boxes.joined(parts)
         return found
 
-    def _looked_at(self, boxes: Boxes) -> tuple[Boxes, Pieces, Bools, Ints]:
+    def _looked_at(self, boxes: Boxes) -> tuple[Boxes, LineSegments, Bools, Ints]:
         """The boxes that may hold a zero, what is known of these, where it suffices, and directions for halving."""
         check_time()
         equations, possible = self._equations(boxes)
@@ -121,15 +123,15 @@ class Search:
         boxes = boxes.part(kept)
         equations = [_part(own, kept) for own in equations]
         place = place.part(kept)
-        piece, solved, there = _solved(equations, place)
-        piece, whole = _whole_where_unsolved(piece, solved, place)
-        done = piece.radius <= np.where(whole, _THIN, _RADIUS)
+        segment, solved, there = _solved(equations, place)
+        segment, whole = _whole_where_unsolved(segment, solved, place)
+        done = segment.radius <= np.where(whole, _THIN, _RADIUS)
 
         # boxes that small tell where a line may be; of whether there is one many won't tell more than a few
-        small = there & whole & (piece.radius <= _RADIUS)
+        small = there & whole & (segment.radius <= _RADIUS)
         done |= small & (small.sum() > _FEW)
         chosen = np.flatnonzero(there)
-        return boxes.part(chosen), piece.part(there), done[there], self._directions(boxes, place)[there]
+        return boxes.part(chosen), segment.part(there), done[there], self._directions(boxes, place)[there]
 
     def _equations(self, boxes: Boxes) -> tuple[list[Linear], Bools]:
         """The equations on boxes, and where they may hold together."""
@@ -164,7 +166,7 @@ class Search:
         """(k,) boxes that may be in the picture or near it."""
         span = np.abs(steps).sum(axis=2) + rest
         last = np.array([self.view.width, self.view.height]) - 1
-        return np.asarray(~((middle + span < -self.reach) | (middle - span > last + self.reach)).any(axis=1))
+        return np.asarray(~((middle + span < -self.half_width) | (middle - span > last + self.half_width)).any(axis=1))
 
     def _directions(self, boxes: Boxes, place: Place) -> Ints:
         """(k,) along which halving helps: of those in which series aren't linear the least halved; else the longest.
@@ -251,8 +253,8 @@ def _part(own: Linear, which: Ints) -> Linear:
     return Linear(own.value[which], own.gradient[which], own.rest[which])
 
 
-def _solved(equations: list[Linear], place: Place) -> tuple[Pieces, Bools, Bools]:
-    """Pieces of boxes; where the equations' directions tell them; and where a zero may be."""
+def _solved(equations: list[Linear], place: Place) -> tuple[LineSegments, Bools, Bools]:
+    """Line segments of boxes; where the equations' directions tell them; and where a zero may be."""
     size = [np.abs(own.gradient).sum(axis=1) + 1e-300 for own in equations]
     value, rest = (
         np.stack([getattr(own, name) / weight for own, weight in zip(equations, size, strict=True)], axis=1)
@@ -281,7 +283,7 @@ def _solved(equations: list[Linear], place: Place) -> tuple[Pieces, Bools, Bools
         for shares in ((first, last), inner)
     )
     sure[~(solved & (inner[0] <= inner[1]))] = np.nan
-    return Pieces(ends, sure, np.linalg.norm(beside, axis=1)), solved & told, ~solved | (first <= last)
+    return LineSegments(ends, sure, np.linalg.norm(beside, axis=1)), solved & told, ~solved | (first <= last)
 
 
 def _shares(base: Floats, unseen: Floats, room: Floats) -> tuple[Floats, Floats]:
@@ -296,16 +298,16 @@ def _shares(base: Floats, unseen: Floats, room: Floats) -> tuple[Floats, Floats]
     return np.where(none, 1.0, np.clip(low, -4.0, 4.0)), np.where(none, -1.0, np.clip(high, -4.0, 4.0))
 
 
-def _whole_where_unsolved(piece: Pieces, solved: Bools, place: Place) -> tuple[Pieces, Bools]:
-    """The pieces, those that aren't solved or are larger than their boxes being all of these; and (k,) which are."""
+def _whole_where_unsolved(segment: LineSegments, solved: Bools, place: Place) -> tuple[LineSegments, Bools]:
+    """The segments, those that aren't solved or are larger than their boxes being all of these; and (k,) which are."""
     middle, step, rest = place.around
     lengths = np.linalg.norm(step, axis=1)
     longest = lengths.argmax(axis=1)
     along = np.take_along_axis(step, longest[:, None, None], axis=2)[..., 0]
     beside = lengths.sum(axis=1) - lengths.max(axis=1) + np.linalg.norm(rest, axis=1)
     whole = np.stack([middle - along, middle + along], axis=1)
-    worse = ~solved | ~(piece.radius < beside + lengths.max(axis=1))
-    ends = np.where(worse[:, None, None], whole, piece.ends)
-    radius = np.where(worse, beside, piece.radius)
-    sure = np.where(worse[:, None, None], np.nan, piece.sure)
-    return Pieces(ends, sure, radius), worse
+    worse = ~solved | ~(segment.radius < beside + lengths.max(axis=1))
+    ends = np.where(worse[:, None, None], whole, segment.ends)
+    radius = np.where(worse, beside, segment.radius)
+    sure = np.where(worse[:, None, None], np.nan, segment.sure)
+    return LineSegments(ends, sure, radius), worse

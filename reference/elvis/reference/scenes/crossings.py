@@ -30,7 +30,7 @@ class Crossings:
     patch, row (k,)    the element
     reference  (k, 3)  reference coordinates
     normal     (k, 3)  normals of any length, towards either side
-    status     (k,)    of `Status`; FAILED where a search did not settle: such a hit shows nothing
+    status     (k,)    of `Status`; FAILED where a search did not converge: such a hit shows nothing
     uncertainty  (k,)  the true depths are within this of the given ones; NaN where only places are rounded
     """
 

@@ -89,17 +89,17 @@ class _Search:
         constraint = level_of(self.quantities, self.name, self.patch, self.value)
         roots = solve(self.patch, segments.row, start, origins, directions, constraint, self.size, 0.5, _STEPS)
         near = np.where(found.rough, np.inf, _NEAR * (segments.far - segments.near) + _NEARER * self.size)
-        stays = roots.found & (np.abs(roots.depth - depth) <= near)
-        reference = np.where(stays[:, None], roots.reference, start)
-        depth = np.where(stays, roots.depth, depth)
+        converged = roots.found & (np.abs(roots.depth - depth) <= near)
+        reference = np.where(converged[:, None], roots.reference, start)
+        depth = np.where(converged, roots.depth, depth)
         width = np.minimum(_WINDOW * depth, _NARROW * (segments.far - segments.near))
         uncertainty, along = self._uncertain(segments.row, reference, directions, width)
-        uncertainty[found.double | ~stays] = np.inf
+        uncertainty[found.double | ~converged] = np.inf
 
         # what is uncertain may lie on either side of a border
-        shift = np.where(stays, 2 * np.minimum(uncertainty, width) * np.abs(along).max(axis=1), 0.0)
+        shift = np.where(converged, 2 * np.minimum(uncertainty, width) * np.abs(along).max(axis=1), 0.0)
         margin = margins_of(self.patch, reference)
-        here = np.flatnonzero((margin >= -TOLERANCE - shift) & (depth > 0) & (stays | ~found.rough | found.double))
+        here = np.flatnonzero((margin >= -TOLERANCE - shift) & (depth > 0) & (converged | ~found.rough | found.double))
         doubt: Bools = (margin <= TOLERANCE + shift) | ~np.isfinite(uncertainty)
         status = np.where(doubt, Status.AMBIGUOUS, Status.CERTAIN).astype(np.uint8)
         number = np.full(len(depth), self.number)

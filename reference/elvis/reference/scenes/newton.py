@@ -51,13 +51,13 @@ def solve(
     directions: Floats,
     constraint: Constraint,
     size: float,
-    reach: float = 2.0,
+    radius: float = 2.0,
     steps: int = 24,
 ) -> Roots:
     """Roots next to starting points (n, 3) for rays (n, 3) in elements ``rows`` (n,).
 
     size   of the scene in world units
-    reach  how far from its start a search may go along each reference coordinate; others are nearer to what is there
+    radius  how far from its start a search may go along each reference coordinate; others are nearer to what is there
     steps  of Newton's method, at most
     """
     reference, scale = start.copy(), None
@@ -83,9 +83,9 @@ def solve(
         part = np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))
         reference[active] += part[:, None] * step
         depth[active] += part * deeper
-        alive = np.isfinite(length) & (np.abs(reference[active] - start[active]).max(axis=1) < reach)
-        settled = (error[active] < _SMALL) & (length < _SHORT)
-        active = active[alive & ~settled]
+        alive = np.isfinite(length) & (np.abs(reference[active] - start[active]).max(axis=1) < radius)
+        converged = (error[active] < _SMALL) & (length < _SHORT)
+        active = active[alive & ~converged]
         if not len(active):
             break
     inside = np.isfinite(reference).all(axis=1) & np.isfinite(depth)

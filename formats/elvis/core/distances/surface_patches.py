@@ -25,18 +25,18 @@ CORNERS: Mapping[int, Floats] = {
     3: frozen_floats([[-1, -1], [1, -1], [-1, 1]]),
     4: frozen_floats([[-1, -1], [1, -1], [1, 1], [-1, 1]]),
 }
-#: `Pieces.outer` of whole faces
+#: `SurfacePatches.outer` of whole faces
 WHOLE: Mapping[int, int] = {corners: 17 * ((1 << corners) - 1) for corners in CORNERS}
-#: derivatives that `Pieces.bounds` has bounds of: how often along the first and along the second coordinate
+#: derivatives that `SurfacePatches.bounds` has bounds of: how often along the first and along the second coordinate
 BOUNDED = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
-#: parts that a piece may bend by and still count as nearly flat
+#: parts that a patch may bend by and still count as nearly flat
 _FLAT = 0.04
 _DEEPEST, _MOST = 7, 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """Pieces of one kind and degree.
+class SurfacePatches:
+    """Surface patches of one kind and degree.
 
     corners       2, 3 or 4, see the head of this module
     coefficients  (n, m, k, 3) of the powers s^i t^j, i < k and j < m: [.., j, i, :]
@@ -54,11 +54,11 @@ class Pieces:
 
     @property
     def is_flat(self) -> bool:
-        """Whether the pieces are lines and triangles, straight ones."""
+        """Whether the patches are lines and triangles, straight ones."""
         return self.corners < 4 and self.coefficients.shape[2] == 2
 
     def at(self, points: Floats, rows: Ints, along: int = 0, across: int = 0) -> Floats:
-        """(n, 3) positions at points (n, 2) of pieces ``rows`` (n,), or derivatives: how often along s and t."""
+        """(n, 3) positions at points (n, 2) of patches ``rows`` (n,), or derivatives: how often along s and t."""
         s, t = points.T
         m, k = self.coefficients.shape[1:3]
         powers_s = np.stack([perm(i, along) * s ** max(i - along, 0) for i in range(k)], axis=1)
@@ -73,7 +73,7 @@ class Pieces:
 
     @property
     def bounds(self) -> Floats:
-        """(n, 10) greatest lengths of the derivatives `BOUNDED`, and how far the piece may be from its linear part."""
+        """(n, 10) greatest lengths of the derivatives `BOUNDED`, and how far the patch may be from its linear part."""
         size = np.linalg.norm(self.coefficients, axis=3)
         m, k = size.shape[1:]
         columns = []
@@ -84,10 +84,10 @@ class Pieces:
 
     @property
     def boxes(self) -> Floats:
-        """(n, 6) low and high corners of boxes that hold the pieces."""
+        """(n, 6) low and high corners of boxes that hold the patches."""
         linear = np.where(self._linear[:, :, None], self.coefficients, 0.0)
         bend = np.abs(self.coefficients - linear).sum(axis=(1, 2))
-        vertices = Pieces(self.corners, linear, self.face, self.outer).vertices
+        vertices = SurfacePatches(self.corners, linear, self.face, self.outer).vertices
         return np.concatenate([vertices.min(axis=1) - bend, vertices.max(axis=1) + bend], axis=1)
 
     @property
@@ -96,10 +96,10 @@ class Pieces:
         m, k = self.coefficients.shape[1:3]
         return np.asarray(np.add.outer(np.arange(m), np.arange(k)) < 2)
 
-    def flattened(self, first: int = 0) -> Pieces:
-        """The pieces, cut until each is nearly flat; faces are numbered from ``first``."""
-        done: list[Pieces] = []
-        rest = Pieces(self.corners, self.coefficients, self.face + first, self.outer)
+    def flattened(self, first: int = 0) -> SurfacePatches:
+        """The patches, cut until each is nearly flat; faces are numbered from ``first``."""
+        done: list[SurfacePatches] = []
+        rest = SurfacePatches(self.corners, self.coefficients, self.face + first, self.outer)
         for _ in range(_DEEPEST):
             bend = rest.bounds[:, 9]
             linear = np.linalg.norm(rest.coefficients[:, 0, 1], axis=1)
@@ -112,18 +112,18 @@ class Pieces:
             rest = rest.taken(np.flatnonzero(bent)).parts()
         return _joined([*done, rest])
 
-    def taken(self, rows: Ints) -> Pieces:
-        """Some of the pieces."""
-        return Pieces(self.corners, self.coefficients[rows], self.face[rows], self.outer[rows])
+    def taken(self, rows: Ints) -> SurfacePatches:
+        """Some of the patches."""
+        return SurfacePatches(self.corners, self.coefficients[rows], self.face[rows], self.outer[rows])
 
-    def parts(self) -> Pieces:
-        """The parts of all pieces."""
+    def parts(self) -> SurfacePatches:
+        """The parts of all patches."""
         m, k = self.coefficients.shape[1:3]
         made = []
         for number, (middle, half) in enumerate(divided(self.corners)):
             s, t = _moved(k, middle[0], half), _moved(m, middle[1], half)
             coefficients = np.einsum("njix,ia,jb->nbax", self.coefficients, s, t, optimize=True)
-            made.append(Pieces(self.corners, coefficients, self.face, self._outer_of(number)))
+            made.append(SurfacePatches(self.corners, coefficients, self.face, self._outer_of(number)))
         return _joined(made)
 
     def _outer_of(self, number: int) -> Ints:
@@ -159,7 +159,7 @@ def _falling_factorials(count: int, times: int) -> Floats:
     return np.array([perm(i, times) for i in range(count)], np.float64)
 
 
-def _joined(pieces: list[Pieces]) -> Pieces:
-    """Pieces of one kind as one."""
-    arrays = zip(*((each.coefficients, each.face, each.outer) for each in pieces), strict=True)
-    return Pieces(pieces[0].corners, *map(np.concatenate, arrays))
+def _joined(patches: list[SurfacePatches]) -> SurfacePatches:
+    """Surface patches of one kind as one."""
+    arrays = zip(*((each.coefficients, each.face, each.outer) for each in patches), strict=True)
+    return SurfacePatches(patches[0].corners, *map(np.concatenate, arrays))
