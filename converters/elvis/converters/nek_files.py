@@ -82,7 +82,7 @@ class Header:
 class Piece:
     """One field file, mapped into memory.
 
-    numbers   (count,) global numbers of its elements, from 1
+    numbers   (count,) ids of its elements, from 1
     records   by name, (count, components, points) in the file's own type
     """
 

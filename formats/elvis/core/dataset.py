@@ -47,7 +47,7 @@ class Expansion:
 class Block:
     """Elements of one expansion.
 
-    element_ids   (n,)    global ids
+    element_ids   (n,)    ids in the file
     coefficients  (n, m)  in the order of format notes 4
     """
 

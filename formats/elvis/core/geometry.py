@@ -33,7 +33,7 @@ _CHUNK = 1 << 13
 class GeometryBlock:
     """The mapping of elements of one expansion.
 
-    element_ids   (n,)       global ids
+    element_ids   (n,)       ids in the file
     coefficients  (n, 3, m)  of the world coordinates; those beyond the mesh's space are zero
     """
 
@@ -125,7 +125,7 @@ class Assembly:
 
     @property
     def element_ids(self) -> Ints:
-        """(n,) global ids."""
+        """(n,) ids in the file."""
         return frozen_ints(self.skeleton.mesh.of(self.expansion.shape).ids[self.rows])
 
     def taken(self, which: Ints) -> Floats:

@@ -16,7 +16,7 @@ from elvis.core.shapes import Shape
 class Entities:
     """Edges, faces or elements of one shape.
 
-    ids      (n,)    global ids as in the file, in file order
+    ids      (n,)    as in the file, in file order
     members  (n, k)  rows (not ids) of the bounding entities of one dimension less, in file order:
                      vertices of an edge, edges of a face, faces of a volume element.
                      Face rows count the triangles first, then the quadrilaterals.
@@ -66,7 +66,7 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class Composite:
-    """A named set of entities; ``parts`` pairs a tag letter (V E S F T Q A P R H) with global ids, in file order."""
+    """A named set of entities; ``parts`` pairs a tag letter (V E S F T Q A P R H) with ids, in file order."""
 
     id: int
     parts: tuple[tuple[str, Ints], ...]
@@ -91,7 +91,7 @@ class Mesh:
 
     dimension   of the elements (DIM), 1 to 3
     space       of the coordinates (SPACE), dimension to 3; points always carry three coordinates
-    vertex_ids  (n,)    global ids, in file order
+    vertex_ids  (n,)    ids, in file order
     vertices    (n, 3)  world coordinates, any scaling of the file applied
     entities    by shape; in 1D the elements are the segments, in 2D the elements are the triangles and
                 quadrilaterals, in 3D segments are edges and triangles and quadrilaterals are faces
@@ -125,7 +125,7 @@ class Mesh:
         return describing.line_of_mesh(self)
 
     def domain_ids(self) -> Ints:
-        """(n,) sorted global ids of the elements in the domain; all elements where the mesh names no domain."""
+        """(n,) sorted ids of the elements in the domain; all elements where the mesh names no domain."""
         everything = [entities.ids for entities in self.elements.values()]
         present = np.sort(np.concatenate(everything)) if everything else np.empty(0, np.int64)
         if not self.domains:

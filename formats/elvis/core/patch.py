@@ -21,7 +21,7 @@ from elvis.core.shapes import Shape
 class Patch:
     """Elements of one shape that share every expansion.
 
-    element_ids            (n,)       global ids
+    element_ids            (n,)       ids in the file
     geometry               expansion of the mapping
     geometry_coefficients  (n, 3, m)  of the world coordinates
     fields                 expansion of each field, None for a field that doesn't hold these elements

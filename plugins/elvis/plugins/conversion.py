@@ -51,7 +51,7 @@ class Elements:
     vertices  (count, n_vertices) the source's own numbers of the vertices, in the local order of ``shape``; None where
               the source has no such numbers, then vertices at the same place are the same
     frame     (n_vertices, d) the source's reference coordinates of the vertices, None where they are those of ``shape``
-    ids       (count,) the source's numbers of the elements, kept as global ids where they are unique over all blocks
+    ids       (count,) the source's numbers of the elements, kept as ids where they are unique over all blocks
     region    name of the part of the domain that they belong to
     pyramid   the functions on pyramids, of the map and of the fields
     is_polynomial  whether the map is in the space of that order; False for NURBS and the like

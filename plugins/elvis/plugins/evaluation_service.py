@@ -16,8 +16,8 @@ from elvis.plugins.volume_checks import Samples, check_samples, notes, probes
 class Location(Protocol):
     """Where n points are.
 
-    owner      (n,)    running number of the element through all parts
-    element    (n,)    its global id, -1 where no element holds the point
+    owner      (n,)    index of the element in the volume, through all parts
+    element    (n,)    its id in the file, -1 where no element holds the point
     reference  (n, 3)  reference coordinates
     status     (n,)    0 outside, 1 inside, 2 on a border, 3 not known
     """
@@ -35,7 +35,7 @@ class Location(Protocol):
 class Preview(Protocol):
     """A small picture, (h, w) pixels.
 
-    element    (h, w)     global id, -1 where nothing is seen
+    element    (h, w)     id in the file, -1 where nothing is seen
     position   (h, w, 3)  in the world
     reference  (h, w, 3)  reference coordinates
     field      (h, w)

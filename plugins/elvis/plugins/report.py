@@ -28,7 +28,7 @@ class Measure:
     magnitude   the largest absolute value
     precision   relative rounding of the source's numbers
     relative    ``max`` as a share of ``range``, or of ``magnitude`` where the range is rounding
-    element     global id of the element where the difference is largest, -1 where there is none
+    element     id of the element in the file where the difference is largest, -1 where there is none
     is_exact    whether the difference is rounding
     is_continuous  whether elements that share a face hold the same values there; None for the coordinates
     """

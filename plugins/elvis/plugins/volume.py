@@ -65,7 +65,7 @@ class Part:
 
     module       name of the Slang module (a file in the volume's shader folder)
     type         the type in it that implements IVolume, e.g. ``Hexahedron<2, 3>``
-    element_ids  (n,) global ids
+    element_ids  (n,) ids in the file
     boxes        (n, 6) low and high corner of a box that holds each element, float32 rounded outwards
     buffers      the module's global buffers by name: arrays of float64, float32 or uint32
     solve        optional last resort on the host: elements (n,) and world points (n, 3) to a Solution, for the few
@@ -124,7 +124,7 @@ def basis_part(
 ) -> Part:
     """A part whose Slang type implements IBasis: Jacobians come from automatic differentiation, bounds from the boxes.
 
-    element_ids  (n,) global ids, 0 to n - 1 by default; these and ``others`` as in Part
+    element_ids  (n,) ids in the file, 0 to n - 1 by default; these and ``others`` as in Part
     """
     ids = np.arange(len(boxes)) if element_ids is None else element_ids
     every = {**buffers, "element_boxes": np.ascontiguousarray(boxes, np.float32)}

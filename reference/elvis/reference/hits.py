@@ -16,7 +16,7 @@ from elvis.scene.frame import Status
 class Hits:
     """At most one hit for each of n pixels, row by row from the top.
 
-    element    (n,)    global id, -1 where nothing is met
+    element    (n,)    id in the file, -1 where nothing is met
     values     name -> (n,), NaN where nothing is met
     reference  (n, 3)  reference coordinates in the element, NaN likewise
     position   (n, 3)  world coordinates, NaN likewise

@@ -42,7 +42,7 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
 
     Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
     A point within 1e-10 of the border of elements (`elvis.core.mapping.margins`) is ambiguous and goes to the one
-    of lowest global id.  What a plugin has opened is drawn where it describes its elements in NumPy.
+    of lowest id.  What a plugin has opened is drawn where it describes its elements in NumPy.
     Raises SceneError where nothing is seen or the scene's time has passed, ElvisError for data that can't be drawn.
     """
     with limited(scene.timeout):

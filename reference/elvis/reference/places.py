@@ -23,7 +23,7 @@ _AT_ONCE = 1 << 12
 
 
 def owners(locator: Locator, points: Floats) -> Location:
-    """One result for each of the points (n, 3): the element it lies in; on borders the one of lowest global id."""
+    """One result for each of the points (n, 3): the element it lies in; on borders the one of lowest id."""
     found = _located(locator, points)
     border = np.flatnonzero((found.status == InverseStatus.INSIDE) & (found.margin <= TOLERANCE))
     every = _located(locator, points[border], every=True)

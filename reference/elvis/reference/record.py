@@ -26,7 +26,7 @@ class Record:
     color      in [0, 1]
     depth      distance from the eye's plane along the view, infinite where nothing is seen
     field      NaN where nothing is seen
-    element    global id, -1 where nothing is seen
+    element    id in the file, -1 where nothing is seen
     position, reference, normal  world and reference coordinates, unit normals; NaN where nothing is seen
     status     0 miss, 1 certain, 2 ambiguous, 3 failed
     uncertainty  the true depth is within this of the given one; NaN where nothing is seen, None where it isn't known

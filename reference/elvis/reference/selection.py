@@ -77,7 +77,7 @@ def _composite(mesh: Mesh, name: str) -> Composite:
 
 
 def _members(composite: Composite, *tags: str) -> Ints:
-    """Global ids of the entities with these tags."""
+    """Ids of the entities with these tags."""
     return np.concatenate([np.empty(0, np.int64), *(ids for tag, ids in composite.parts if tag in tags)])
 
 

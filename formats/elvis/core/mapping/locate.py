@@ -29,7 +29,7 @@ class Location:
 
     point       (k,)    number of the point
     patch, row  (k,)    the patch and the row in it, -1 where no element holds the point
-    element_id  (k,)    global id, -1 likewise
+    element_id  (k,)    id in the file, -1 likewise
     reference   (k, D)  reference coordinates, then a zeta for each homogeneous direction; NaN likewise
     margin      (k,)    least height over the facets of the element (`margins`), NaN likewise: from -1e-10 to 1/2, and
                         below -1e-10 where rounding of the coordinates is more than that

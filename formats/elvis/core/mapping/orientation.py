@@ -51,7 +51,7 @@ def first_face_row(mesh: Mesh, shape: Shape) -> int:
 
 
 def label(mesh: Mesh, shape: Shape, row: int) -> str:
-    """What messages call an entity, e.g. ``tetrahedron 12``: its shape and global id."""
+    """What messages call an entity, e.g. ``tetrahedron 12``: its shape and id."""
     return f"{shape.label.lower()} {mesh.of(shape).ids[row]}"
 
 

@@ -21,7 +21,7 @@ class Coefficients(Protocol):
 
     @property
     def element_ids(self) -> Ints:
-        """(n,) global ids."""
+        """(n,) ids in the file."""
 
     @property
     def coefficients(self) -> Floats:

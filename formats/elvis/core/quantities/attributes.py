@@ -1,6 +1,6 @@
 """What is known of elements by themselves.
 
-element          global id
+element          id in the file
 order            highest degree of a field on it, of its map where it has no field
 shape            0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron
 jacobian_sign    1 where the Jacobian is proved to be positive all over, -1 where it isn't, 0 undecided (`validity`)

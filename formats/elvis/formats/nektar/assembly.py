@@ -1,4 +1,4 @@
-"""From meshes as files hold them, everything named by global ids, to the mesh in memory, everything named by row.
+"""From meshes as files hold them, everything named by ids, to the mesh in memory, everything named by row.
 
 The codecs of geometry agree on `RawGeometry`; pieces of a partitioned mesh become one; what is named must exist.
 """

@@ -24,7 +24,7 @@ _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
 def native_faces(dataset: Dataset, ids: Sequence[Ints], length: float | None = None) -> Faces:
     """The faces of the elements of a dataset that the parts of a volume hold; 2D elements are faces themselves.
 
-    ids     for each part the global ids of its elements
+    ids     for each part the ids of its elements in the file
     length  of the period of quasi-3D data: the faces of plane elements are walls over their edges, and lids at its ends
     ElvisError for 1D meshes, which have no faces.
     """
@@ -96,7 +96,7 @@ def _images(block: GeometryBlock, length: float | None) -> Images:
 
 
 def _names(mesh: Mesh, extruded: bool) -> tuple[dict[str, Ints], dict[str, Ints]]:
-    """Composites by id and name: those of faces as numbers of faces, those of elements as global ids."""
+    """Composites by id and name: those of faces as numbers of faces, those of elements as ids."""
     tables: tuple[dict[str, Ints], dict[str, Ints]] = {}, {}
     solids = {shape.tag for shape in Shape.of_dimension(mesh.dimension)} | ({"F"} if mesh.dimension == 2 else set())
     for composite in mesh.composites:
@@ -111,6 +111,6 @@ def _names(mesh: Mesh, extruded: bool) -> tuple[dict[str, Ints], dict[str, Ints]
 
 
 def _numbers(mesh: Mesh, extruded: bool, ids: Ints) -> Ints:
-    """Numbers of the faces with these global ids."""
+    """Numbers of the faces with these ids."""
     every = np.concatenate([mesh.of(shape).ids for shape in ((Shape.SEGMENT,) if extruded else _FACES)])
     return np.flatnonzero(np.isin(every, ids))

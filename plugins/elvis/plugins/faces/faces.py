@@ -44,9 +44,9 @@ class FaceBlock:
 class Faces:
     """All faces of a volume's elements.
 
-    ids         for each part the global ids of its elements
+    ids         for each part the ids of its elements in the file
     boundaries  name or id of a boundary -> numbers of faces (entities)
-    regions     name or id of a set of elements -> their global ids
+    regions     name or id of a set of elements -> their ids
     """
 
     blocks: Sequence[FaceBlock]
@@ -72,7 +72,7 @@ class Faces:
 
     @cached_property
     def neighbours(self) -> tuple[Ints, ...]:
-        """For each block the running number of the element beyond each face, -1 where it is outer."""
+        """For each block the index in the volume of the element beyond each face, -1 where it is outer."""
         first = np.cumsum([0, *map(len, self.ids)])
         entity = np.concatenate([block.entity for block in self.blocks])
         owner = np.concatenate([block.element + first[block.part] for block in self.blocks])
@@ -98,7 +98,7 @@ class Faces:
         raise ElvisError(f"expected faces to be one of {known}, found {word!r}")
 
     def _elements(self, kind: str, name: str) -> Ints:
-        """Global ids of the elements that ``element:`` or ``region:`` names."""
+        """Ids of the elements that ``element:`` or ``region:`` names."""
         if kind == "element":
             if not name.isdigit():
                 raise ElvisError(f"expected the number of an element, found {name!r}")

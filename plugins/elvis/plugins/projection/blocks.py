@@ -29,7 +29,7 @@ class NativeBlock:
     is_mirrored  whether the source's elements are left-handed as a whole
     rows         (n,) the elements' rows in the source's block
     mesh_rows    (n,) the elements' rows among all of their shape in the mesh
-    ids          (n,) global ids
+    ids          (n,) ids in the file
     modes        number of modes each way for every field, None where each field has its own
     is_ortho     whether fields take the Ortho expansion of the polynomial pyramid instead of the Modified one
     """

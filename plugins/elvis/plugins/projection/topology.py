@@ -29,8 +29,8 @@ class Topology:
     """A mesh of straight elements, and the source's blocks in it.
 
     numbers   (n_vertices,) the source's number of each vertex, -1 where it has none
-    repeated  global ids of elements with one vertex at several corners
-    detached  global ids of elements whose triangles could not be collapsed as their neighbours' are
+    repeated  ids of elements with one vertex at several corners
+    detached  ids of elements whose triangles could not be collapsed as their neighbours' are
     notes     sentences for the report
     """
 
@@ -285,7 +285,7 @@ def _firsts(drafts: Sequence[_Draft]) -> list[int]:
 
 
 def _ids(blocks: Sequence[Elements]) -> list[Ints]:
-    """Global ids: the source's where they are unique and not negative, else counted from 0."""
+    """Ids: the source's where they are unique and not negative, else counted from 0."""
     if all(block.ids is not None for block in blocks):
         given = [np.asarray(block.ids, np.int64) for block in blocks]
         stacked = np.concatenate(given)

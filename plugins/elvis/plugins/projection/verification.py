@@ -41,7 +41,7 @@ _FLAT = 1e-12
 class Tally:
     """Differences of one quantity, summed up batch by batch.
 
-    worst    the largest, and ``element`` the global id of the element where it is; -1 where there is none
+    worst    the largest, and ``element`` the id of the element in the file where it is; -1 where there is none
     square   integral of the squared difference
     low, high  of the source's values
     broken   ids of elements where the source's values are not finite

@@ -13,7 +13,7 @@ from elvis.plugins.converting import Conversion
 
 
 def native_places(conversion: Conversion, block: int, rows: Ints, points: Floats) -> tuple[Ints, Floats]:
-    """Global ids (n,) and native reference points (n, d) of points in elements of the source.
+    """Ids (n,) and native reference points (n, d) of points in elements of the source.
 
     block   number of the source's block
     rows    (n,) rows in it

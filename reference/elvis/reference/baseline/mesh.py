@@ -31,7 +31,7 @@ class LinearMesh:
     values     name -> (n,)
     reference  (n, 3)      reference coordinates in the element
     simplices  (m, 3 or 4) corners
-    element    (m,)        global id of the element of each simplex
+    element    (m,)        id of the element in the file of each simplex
     """
 
     points: Floats

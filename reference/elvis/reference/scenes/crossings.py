@@ -111,7 +111,7 @@ class Crossings:
         return found
 
     def ids(self, patches: Sequence[Patch]) -> Ints:
-        """(k,) global ids of the elements."""
+        """(k,) ids of the elements."""
         result = np.full(len(self), -1)
         for number, patch in enumerate(patches):
             here = self.patch == number
