@@ -13,7 +13,7 @@ help:
 	@echo "make lint    ruff and mypy alone"
 	@echo "make pages   docs/scene.md and docs/scene.schema.json again, from the models of scenes"
 	@echo "make bench   the benchmarks, a printed table"
-	@echo "make exactness   certain pixels against closed forms, ten million of them: hours"
+	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
 	@echo "make fuzz        a hundred thousand damaged files through every reader, 500 broken runs: an hour"
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"

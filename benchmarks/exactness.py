@@ -1,4 +1,4 @@
-"""Certain pixels against closed forms, by the million: python benchmarks/exactness.py [--pixels 1e7] [--only FAMILY].
+"""Certain pixels against analytic expressions: python benchmarks/exactness.py [--pixels 1e7] [--only FAMILY].
 
 Families of cases (tests/exactness) are drawn in turns until each has its share of pixels; only those near data count.
 The limit: no certain pixel is wrong, none has failed, and of ordinary scenes fewer than 0.1 % are ambiguous.
@@ -42,7 +42,7 @@ def main():
 def parsed():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pixels", type=float, default=1e7, help="pixels in all, spread over the families (1e7)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so many minutes")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this many minutes")
     parser.add_argument("--limit", type=float, default=600.0, help="seconds after which a picture is given up (600)")
     parser.add_argument("--seed", type=int, default=1, help="of the sequences of cases (1)")
     parser.add_argument("--case", type=int, help="the case of this number alone")

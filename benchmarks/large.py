@@ -25,7 +25,7 @@ KINDS = {
 
 
 def measure(device: str, side: int) -> dict[str, Any]:
-    """Pictures of side^2 pixels, and small ones beside them, which hold what all processes do."""
+    """Pictures of side^2 pixels, and small ones next to them, which hold what all processes do."""
     case = Case("few", Shape.TETRAHEDRON, 1, 1, 3, mild)
     found: dict[str, Any] = {"side": side, "elements": case.elements, "kinds": {}}
     with TemporaryDirectory() as folder:
@@ -54,7 +54,7 @@ def drawn(command: list[str]) -> dict[str, float]:
 def table(numbers: dict[str, Any]) -> Table:
     """A row a kind."""
     side = numbers["side"]
-    columns = ["", "s", "CPU s", "ns a pixel", "MiB", "bytes a pixel", "MiB of 100 x 100", "MiB of the file"]
+    columns = ["", "s", "CPU s", "ns per pixel", "MiB", "bytes per pixel", "MiB of 100 x 100", "MiB of the file"]
     shown = Table(f"{side} x {side} pixels of {numbers['elements']} elements", columns)
     for kind, found in numbers["kinds"].items():
         large, small = found["large"], found["small"]
@@ -62,5 +62,5 @@ def table(numbers: dict[str, Any]) -> Table:
         costs = [seconds(large["seconds"]), seconds(large["processor"]), f"{1e9 * large['processor'] / pixels:.0f}"]
         memory = [mebibytes(large["bytes"]), f"{large['bytes'] / pixels:.1f}", mebibytes(small["bytes"])]
         shown.rows.append([kind, *costs, *memory, mebibytes(found["file"])])
-    shown.notes = ["From files to PNG, with legend and axes. The image and its statuses alone are 4 bytes a pixel."]
+    shown.notes = ["From files to PNG, with legend and axes. The image and its statuses alone are 4 bytes per pixel."]
     return shown

@@ -124,7 +124,7 @@ class Rival:
         return marched(grid, self._item.values[0] + self._shift)  # type: ignore[union-attr]
 
     def record(self, timing: Timing) -> dict[str, Any]:
-        """Its numbers beside the exact frame."""
+        """Its numbers next to the exact frame."""
         stages = {stage: taken.record() for stage, taken in self.stages.items()}
         own = {"refinements": self._level, "pieces": self.pieces.count, "bytes": self._bytes, "stages": stages}
         return {**own, **timing.record(), **self.errors}

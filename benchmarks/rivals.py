@@ -1,4 +1,4 @@
-"""Linear pictures beside an exact one: refined until they are right, or until there is no room for more."""
+"""Linear pictures next to an exact one: refined until they are right, or until there is no room for more."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def size_of(whole: Rival, level: int) -> int:
 
 
 def table(found: Iterable[tuple[str, dict[str, Any]]]) -> Table:
-    """Of each picture, the first linear one that is right beside the exact one."""
+    """Of each picture, the first linear one that is right next to the exact one."""
     shown = Table(
-        f"Exact pictures beside the first linear ones with under {100 * RIGHT:g} % wrong",
+        f"Exact pictures next to the first linear ones with under {100 * RIGHT:g} % wrong",
         ["picture", "exact, s", "CPU s", "refinements", "linear, s", "CPU s", "wrong %", "exact / it", "CPU"],
     )
     shown.rows = [[title, *_cells(numbers)] for title, numbers in found if numbers["linear"]]

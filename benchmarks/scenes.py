@@ -1,4 +1,4 @@
-"""Pictures of the paper's cases: surfaces with contours, isosurfaces, volumes, beside VTK's linear ones."""
+"""Pictures of the paper's cases: surfaces with contours, isosurfaces, volumes, next to VTK's linear ones."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WORDS = {
 
 
 def compare(kinds: Sequence[str], shown: Shown, device: str, side: int, rounds: int, quick: bool) -> Any:
-    """All kinds of pictures of one case, each of its views beside VTK's."""
+    """All kinds of pictures of one case, each of its views next to VTK's."""
     dataset = shown.dataset(quick)
     with Renderer(device) as renderer:
         _, load = once(lambda: renderer.load(dataset, shown.field))

@@ -25,7 +25,7 @@ SHARINGS = {
     "one march": "a march for each stretch between surfaces",
     "depth": "segments are listed behind opaque surfaces too",
     "light": "elements without light are traversed too",
-    "samples": "surfaces are found anew for their contours",
+    "samples": "surfaces are computed again for their contours",
 }
 
 
@@ -89,7 +89,7 @@ def _off(name: str) -> Iterator[None]:
 
 
 def table(numbers: dict[str, Any]) -> Table:
-    """Everything beside the sum of its parts, and without each sharing."""
+    """Everything next to the sum of its parts, and without each sharing."""
     shown = Table("Everything in one picture", ["picture", "best s", "CPU s", "CPU / together"])
     whole = numbers["together"]
 

@@ -49,7 +49,7 @@ def pictures(only: str = "") -> Iterator[tuple[str, list[str]]]:
     """Names of pictures that hold a text, and the arguments of ``elvis render`` that draw them."""
     yield from ((name, options) for name, options in flat_pictures() if only in name)
     for name in SOLID:
-        # what is to be drawn of 3D data is told by ``elvis info``, which takes its time
+        # what is to be drawn of 3D data is read from ``elvis info``, which takes its time
         if any(only in f"{name}-{kind}" for kind in KINDS):
             yield from ((own, options) for own, options in solid_pictures(name) if only in own)
 

@@ -65,15 +65,18 @@ def cases() -> dict[str, tuple[Path, ...]]:
 
 def _source(path: Path) -> Iterator[tuple[Path, ...]]:
     """The files that a solver's mesh or solution is converted with."""
-    beside = sorted(path.parent.iterdir())
+    siblings = sorted(path.parent.iterdir())
     if path.suffix == ".pyfrm":
-        yield path, next(own for own in beside if own.suffix == ".pyfrs")
+        yield path, next(own for own in siblings if own.suffix == ".pyfrs")
     elif "State" in path.name or "Referenz" in path.name:
-        meshes = [own for own in beside if own.name.endswith("_mesh.h5")]
+        meshes = [own for own in siblings if own.name.endswith("_mesh.h5")]
         yield path, next(own for own in meshes if own.name[:4].lower() == path.name.replace("reggie_", "")[:4].lower())
     elif path.suffix in MESHES and "mesh.h5" not in path.name:
         ends = (".gf", ".gfu", ".sol", ".solb")
-        yield path, *(own for own in beside if own.suffix in ends and own.name.split(".")[0] == path.name.split(".")[0])
+        yield (
+            path,
+            *(own for own in siblings if own.suffix in ends and own.name.split(".")[0] == path.name.split(".")[0]),
+        )
 
 
 def opened(files: tuple[Path, ...]) -> Dataset:

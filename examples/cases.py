@@ -1,4 +1,4 @@
-"""The paper's cases, made anew: meshes by Gmsh, fields in stated closed forms, everything in the native format.
+"""The paper's cases, regenerated: meshes by Gmsh, fields as analytic expressions, all in the native format.
 
     python examples/cases.py [FOLDER] [NAME ...]       writes NAME.xml and NAME.fld (default: out/cases, all of them)
     python examples/cases.py --quick FOLDER            small ones, to see whether it runs

@@ -1,7 +1,7 @@
 """The half delta wing: its shape, the distance to it, and a flow with a vortex along its leading edge.
 
 The wing is flat above, bevelled below; its leading edge runs from the apex, the origin, to (1, tan 15 deg, 0), and
-y = 0 is the plane of symmetry.  The flow is a closed form, not a solution: a stream at 12.5 degrees, a conical
+y = 0 is the plane of symmetry.  The flow is an analytic expression, not a solution: a stream at 12.5 degrees, a conical
 Lamb-Oseen vortex with its mirror image, and a layer in which it comes to rest at the wall.
 """
 

@@ -1,4 +1,4 @@
-"""Draw the README's gallery anew.
+"""Draw the README's gallery again.
 
     python examples/gallery.py [NAME ...] [-- OPTION ...]      docs/NAME.png of examples/scenes/NAME.toml, or of all
 

@@ -1,4 +1,4 @@
-"""A swept wing like the ONERA M6: quadratic tetrahedra, thin and long near the wall, and a pressure in closed form.
+"""A swept wing like the ONERA M6: quadratic tetrahedra, thin and long near the wall, and an analytic pressure.
 
 Root chord 0.8059, span 1.1963, leading edge swept by 30 degrees, trailing edge by 15.8, a symmetric section of 9.8 %
 thickness; y = 0 is the plane of symmetry.  The mesh is made where the span is four times shorter and the layers at the
@@ -152,7 +152,7 @@ def _nearest(points: Floats, line: Floats) -> Any:
 
 
 def _on_segments(points: Floats, line: Floats, nearest: Any) -> Floats:
-    """(n, 2) the nearest points of the two pieces of the line beside its points ``nearest``."""
+    """(n, 2) the nearest points of the two pieces of the line next to its points ``nearest``."""
     best, least = line[nearest].copy(), np.full(len(points), np.inf)
     for side in (-1, 0):
         first = np.clip(nearest + side, 0, len(line) - 2)

@@ -23,7 +23,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="session")
 def nektar():
-    """The folder of the solver's own files, which lies beside the repository."""
+    """The folder of the solver's own files, which lies next to the repository."""
     if not DATA.is_dir():
         pytest.skip(f"there is no {DATA}")
     return DATA

@@ -1,6 +1,6 @@
 """Accuracy reports of the example cases: `python examples/reports/make.py [NAME ...] [-- OPTION ...]`.
 
-Writes out/reports/NAME/index.html for each case, and a table of what linear elements show of it into README.md beside
+Writes out/reports/NAME/index.html for each case, and a table of what linear elements show of it into README.md next to
 this file.  Data that are not in out/cases yet are made first; what follows `--` goes to `elvis compare`.
 """
 

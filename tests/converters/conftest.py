@@ -13,7 +13,7 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers"
 
 @pytest.fixture(scope="session")
 def solvers():
-    """The folder of solvers' own files, which lies beside the repository."""
+    """The folder of solvers' own files, which lies next to the repository."""
     if not DATA.is_dir():
         pytest.skip(f"there is no {DATA}")
     return DATA

@@ -62,7 +62,7 @@ def volume(elements, order=">", count=None):
 
 
 def row(kinds, seed=0):
-    """Elements one beside the other, a little skewed, with random coefficients."""
+    """Elements one next to the other, a little skewed, with random coefficients."""
     rng = np.random.default_rng(seed)
     result = []
     for number, (kind, degrees) in enumerate(kinds):

@@ -307,7 +307,7 @@ def test_files_that_do_not_belong_together(solvers, tmp_path):
     solution = Path(solvers / "gmf" / "ball_tetP3_sol4.solb")
     alone = tmp_path / "alone.solb"
     alone.write_bytes(solution.read_bytes())
-    with pytest.raises(FormatError, match=r"expected its mesh alone.meshb or alone.mesh beside it, found none"):
+    with pytest.raises(FormatError, match=r"expected its mesh alone.meshb or alone.mesh next to it, found none"):
         Gmf([alone])
     mesh = tmp_path / "case.mesh"
     mesh.write_bytes(text(mesh_sections(("Tetrahedra",), 3)))

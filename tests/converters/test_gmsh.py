@@ -39,7 +39,7 @@ def wave(x):
 
 
 def mixed(order, incomplete=False):
-    """A cube with a pyramid on it: hexahedra beside a pyramid and tetrahedra, or prisms; curved by a map."""
+    """A cube with a pyramid on it: hexahedra next to a pyramid and tetrahedra, or prisms; curved by a map."""
     model = gmsh.model
     model.add("mixed")
     base = model.occ.addRectangle(0, 0, 0, 1, 1)

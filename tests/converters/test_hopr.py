@@ -178,7 +178,7 @@ def truncated(folder):
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (without_mesh, "expected its mesh cavity4x4x4_mesh.h5 beside it"),
+        (without_mesh, "expected its mesh cavity4x4x4_mesh.h5 next to it"),
         (on_another_mesh, "expected values on the 64 elements of the mesh, found an array of shape"),
         (with_other_nodes, "expected GAUSS or GAUSS-LOBATTO nodes"),
         (with_too_little_element_data, r"ElemData: expected \(64, 3\) numbers, found \(3, "),

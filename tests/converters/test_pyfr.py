@@ -130,7 +130,7 @@ def with_unknown_elements(folder):
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (without_mesh, r"expected its mesh \(.pyfrm\) beside it, found none"),
+        (without_mesh, r"expected its mesh \(.pyfrm\) next to it, found none"),
         (with_too_few_values, r"soln/p3-hex: expected \(12, 5, 64\) values on 12 elements, found \(5, 5, 64\)"),
         (with_unknown_elements, "expected elements quad, tri, hex, pri, pyr, tet, found octahedron"),
     ],

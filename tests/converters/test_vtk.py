@@ -331,7 +331,7 @@ def test_a_series_of_parts(tmp_path):
         places = x[:10].mean(axis=0)[None]
         assert np.isclose(values_found(done.dataset, "u", places)[0], 4 * time + linear(places)[0])
     (tmp_path / "s1p1.vtu").unlink()
-    with pytest.raises(FormatError, match=r"expected a VTK file s1p1\.vtu beside it, found none"):
+    with pytest.raises(FormatError, match=r"expected a VTK file s1p1\.vtu next to it, found none"):
         Vtk([index])
     with pytest.raises(FormatError, match="expected a step 7, found 2 steps"):
         Vtk([index], step="7")

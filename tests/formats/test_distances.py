@@ -1,4 +1,4 @@
-"""Distances to curved boundaries and triangle files: against closed forms, subdivision, libigl, and one another."""
+"""Distances to curved boundaries and triangle files against analytic expressions, subdivision, libigl, one another."""
 
 from dataclasses import replace
 

@@ -94,7 +94,7 @@ def test_files_that_a_file_names_are_plain_too(tmp_path):
     converter = chosen(installed(), [tmp_path / "whole.pvtu"]).converter
     with pytest.raises(ElvisError, match=r"part\.vtu: expected a file, found a pipe"):
         converter([tmp_path / "whole.pvtu"])
-    with pytest.raises(ElvisError, match=r"expected a VTK file part\.vtu beside it, found none"):
+    with pytest.raises(ElvisError, match=r"expected a VTK file part\.vtu next to it, found none"):
         converter([tmp_path / "series.pvd"])
 
 

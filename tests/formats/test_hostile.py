@@ -62,7 +62,7 @@ def bomb(megabytes):
         (b"<NEKTAR><GEOMETRY DIM='4'/></NEKTAR>", "expected 1 <= DIM <= SPACE <= 3, found DIM 4 and SPACE 3"),
         (b"<NEKTAR><GEOMETRY DIM='3' SPACE='2'/></NEKTAR>", "found DIM 3 and SPACE 2"),
         (b"<NEKTAR><GEOMETRY DIM='two'/></NEKTAR>", "expected DIM to be a number, found 'two'"),
-        (b"<NEKTAR><GEOMETRY HDF5FILE='none.nekg'/></NEKTAR>", "expected the file none.nekg beside it"),
+        (b"<NEKTAR><GEOMETRY HDF5FILE='none.nekg'/></NEKTAR>", "expected the file none.nekg next to it"),
     ],
 )
 def test_files_that_are_nothing_or_something_else(content, message, tmp_path, refused):

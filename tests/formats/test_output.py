@@ -12,10 +12,10 @@ from elvis.core.files.output import replacing, write_text
 
 
 def test_the_file_appears_whole_and_nothing_beside_it(tmp_path):
-    with replacing(tmp_path / "out.csv") as beside:
-        assert beside.stat().st_dev == tmp_path.stat().st_dev
-        assert beside.name == "out.csv"
-        beside.write_text("half")
+    with replacing(tmp_path / "out.csv") as temporary:
+        assert temporary.stat().st_dev == tmp_path.stat().st_dev
+        assert temporary.name == "out.csv"
+        temporary.write_text("half")
         assert not (tmp_path / "out.csv").exists()
     assert (tmp_path / "out.csv").read_text() == "half"
     assert os.listdir(tmp_path) == ["out.csv"]
@@ -26,8 +26,8 @@ def test_a_failure_leaves_the_old_file_and_nothing_beside_it(tmp_path, failure):
     (tmp_path / "out.csv").write_text("old")
 
     def fail():
-        with replacing(tmp_path / "out.csv") as beside:
-            beside.write_text("half")
+        with replacing(tmp_path / "out.csv") as temporary:
+            temporary.write_text("half")
             raise failure
 
     with pytest.raises(failure):

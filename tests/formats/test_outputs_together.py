@@ -26,10 +26,10 @@ def prepare(folder):
 def write_all(folder):
     with Outputs() as outputs:
         for name in "ab":
-            with outputs.file(folder / name) as beside:
-                beside.write_text(f"new {name}")
-        with outputs.folder(folder / "report") as beside:
-            (beside / "x").write_text("new x")
+            with outputs.file(folder / name) as temporary:
+                temporary.write_text(f"new {name}")
+        with outputs.folder(folder / "report") as temporary:
+            (temporary / "x").write_text("new x")
         outputs.remove(folder / "stale")
 
 
@@ -38,7 +38,7 @@ def state(folder):
 
 
 def finished(folder):
-    """What stands there once another run has written beside it."""
+    """What stands there once another run has written next to it."""
     write_text(folder / "later", "")
     (folder / "later").unlink()
     return state(folder)
@@ -79,8 +79,8 @@ def test_a_link_goes_without_what_it_leads_to(tmp_path):
 
 def test_nothing_changes_before(tmp_path):
     prepare(tmp_path)
-    with Outputs() as outputs, outputs.file(tmp_path / "a") as beside:
-        beside.write_text("new")
+    with Outputs() as outputs, outputs.file(tmp_path / "a") as temporary:
+        temporary.write_text("new")
         assert {name: text for name, text in state(tmp_path).items() if ".elvis-" not in name} == BEFORE
     assert state(tmp_path) == {**BEFORE, "a": "new"}
 
@@ -95,8 +95,8 @@ def test_one_that_fails_leaves_all(tmp_path, failing):
     def write():
         with Outputs() as outputs:
             for name in order:
-                with outputs.file(tmp_path / name) as beside:
-                    beside.write_text("new")
+                with outputs.file(tmp_path / name) as temporary:
+                    temporary.write_text("new")
             (tmp_path / failing).mkdir()
 
     with pytest.raises(ElvisError, match=f"{failing}: cannot be written: "):
@@ -206,10 +206,10 @@ def test_a_kill_at_any_operation_leaves_whole_files():
 
 
 def test_what_a_living_run_writes_is_left_alone(tmp_path):
-    with Outputs() as outputs, outputs.file(tmp_path / "long") as beside:
-        beside.write_text("half")
+    with Outputs() as outputs, outputs.file(tmp_path / "long") as temporary:
+        temporary.write_text("half")
         write_text(tmp_path / "short", "whole")
-        assert beside.read_text() == "half"
+        assert temporary.read_text() == "half"
     assert state(tmp_path) == {"long": "half", "short": "whole"}
 
 

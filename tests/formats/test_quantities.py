@@ -1,4 +1,4 @@
-"""Expressions: what they mean, their derivatives and predefined quantities against closed forms on every shape."""
+"""Expressions: what they mean, their derivatives and predefined quantities against analytic ones on every shape."""
 
 from dataclasses import replace
 
@@ -174,7 +174,7 @@ def test_expressions_mean_what_mathematics_says(text, value):
         ("min(x)", "expected ) after 2 operands"),
         (
             "2*uu",
-            "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; besides there are x",
+            "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; there are also x",
         ),
         ("mach", "mach needs a velocity, rho, and p or E"),
         ("__import__('os')", "there is no function '__import__'; there are abs"),

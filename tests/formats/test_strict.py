@@ -246,7 +246,7 @@ def test_hdf5_whose_objects_cannot_be_opened_is_found(volume, tmp_path):
 def test_a_missing_file_is_found(volume, tmp_path):
     write(volume, tmp_path / "a.xml", mesh_format="hdf5")
     (tmp_path / "a.nekg").unlink()
-    assert "expected the file a.nekg beside it" in str(findings(tmp_path / "a.xml")[0])
+    assert "expected the file a.nekg next to it" in str(findings(tmp_path / "a.xml")[0])
 
 
 def test_real_files_are_checked_and_rewritten_ones_keep_the_rules(case, case_files, tmp_path):

@@ -1,7 +1,7 @@
 """Real data of Nektar++ against what the real library says of them.
 
 Each case is a folder with a mesh, mostly a field, and mostly a table of local vertices, coordinates and field values,
-printed by the library with 17 digits.  Norms are listed in PROVENANCE.md beside the folders.
+printed by the library with 17 digits.  Norms are listed in PROVENANCE.md next to the folders.
 """
 
 import re
@@ -21,7 +21,7 @@ from elvis.formats import read
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data" / "nektar"
 PROVENANCE = DATA / "PROVENANCE.md"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not beside the checkout")
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not next to the checkout")
 
 TRUTHS = sorted(path.parent.name for path in DATA.glob("*/*.truth.txt"))
 SECTIONS = {}

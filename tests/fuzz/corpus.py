@@ -1,4 +1,4 @@
-"""Sound files to be damaged: tiny ones that are made here, and the solvers' own that lie beside the repository."""
+"""Sound files to be damaged: tiny ones that are made here, and the solvers' own that lie next to the repository."""
 
 import json
 import math

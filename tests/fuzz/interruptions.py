@@ -262,7 +262,7 @@ KINDS = {"killed": killed, "interrupted": interrupted, "disks": disks}
 
 
 def run(counts: dict[str, int], seed: int, names: list[str]) -> Tally:
-    """So many runs of each kind, the commands in turn."""
+    """This many runs of each kind, the commands in turn."""
     every, tally = cases(names), Tally()
     for kind, count in counts.items():
         dice = random.Random(f"{kind} {seed}")

@@ -1,4 +1,4 @@
-"""A sample of runs that are killed, interrupted or meet a full disk; the script beside this does many more."""
+"""A sample of runs that are killed, interrupted or meet a full disk; the script next to this does many more."""
 
 import os
 import subprocess

@@ -132,7 +132,7 @@ def test_a_circle_is_one(tmp_path):
     assert 0 <= high - 1 < 1e-12
 
 
-def test_points_beside_are_proved_to_be_outside(tmp_path):
+def test_points_next_to_are_proved_to_be_outside(tmp_path):
     (part,) = opened(quarter(), tmp_path / "ring.json").volume("z").parts
     assert isinstance(part.solve, Solver)
     points = np.random.default_rng(2).uniform([0, 0, 0], [2, 2, 1], (500, 3))

@@ -193,7 +193,7 @@ def test_a_plugins_field_makes_expressions(renderer, opened):
     [
         (["u*order"], "there is no order of elements that a runtime plugin draws"),
         (["u*"], "expected a number, a name or (, found its end"),
-        (["w*t"], "there is no 'w'; the fields are u, one; besides there are x, y, z, t, pi"),
+        (["w*t"], "there is no 'w'; the fields are u, one; there are also x, y, z, t, pi"),
     ],
 )
 def test_what_a_plugin_cannot_show_is_said(opened, texts, sentence):

@@ -1,4 +1,4 @@
-"""Runtime plugins that ship, against closed forms and against the solver's own evaluation."""
+"""Runtime plugins that ship, against analytic expressions and against the solver's own evaluation."""
 
 from pathlib import Path
 

@@ -93,7 +93,7 @@ def test_it_is_found_once_it_is_installed(folder, tmp_path_factory):
 
 
 def test_every_other_command_takes_it(folder):
-    """Points, norms and facts, against closed forms; what the page shows, as it stands there."""
+    """Points, norms and facts, against analytic expressions; what the page shows, as it stands there."""
     shown = [line.split("#")[0].strip() for line in PAGE.read_text(encoding="utf-8").splitlines()]
     shown = {line.split()[1]: line.split()[1:] for line in shown if line.startswith("elvis ") and "rings.py" in line}
     assert {"render", "probe", "norms", "info"} <= set(shown)

@@ -1,4 +1,4 @@
-"""The reference draws faces, cut surfaces and isosurfaces: against closed forms, without any device."""
+"""The reference draws faces, cut surfaces and isosurfaces: against analytic expressions, without any device."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Quasi-3D data, surfaces in space, triangles from files: reference and linear meshes against closed forms."""
+"""Quasi-3D data, surfaces in space, triangles from files: reference and linear meshes against analytic expressions."""
 
 from dataclasses import replace
 

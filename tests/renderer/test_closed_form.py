@@ -76,7 +76,7 @@ def bend(mesh, warp, straightened):
 
 
 def check(frame, mesh, straightened):
-    """Coverage, elements and field against closed forms; the mesh is the straight one."""
+    """Coverage, elements and field against analytic expressions; the mesh is the straight one."""
     points = frame.view.points()
     there = np.isfinite(points).all(axis=-1)
     depth, ids = depths(mesh, straightened(points[there]))

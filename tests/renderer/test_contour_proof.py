@@ -1,4 +1,4 @@
-"""What is proved of contours in the squares of pixels, against closed forms on dense samples of these."""
+"""What is proved of contours in the squares of pixels, against analytic expressions on dense samples of these."""
 
 import numpy as np
 import pytest

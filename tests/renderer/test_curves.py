@@ -1,4 +1,4 @@
-"""1D data as curves: where they run, what they show, against closed forms."""
+"""1D data as curves: where they run, what they show, against analytic expressions."""
 
 import numpy as np
 import pytest

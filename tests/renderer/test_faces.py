@@ -1,4 +1,4 @@
-"""Faces of elements: every hit against closed forms and against brute force, from every side, folded or not."""
+"""Faces of elements: every hit against analytic expressions and against brute force, from every side, folded or not."""
 
 import numpy as np
 import pytest

@@ -52,7 +52,7 @@ def test_a_pipe_is_round_to_the_last_bit(drawer):
     counts = np.bincount(hits["pixel"], minlength=view.count)
     assert np.array_equal(counts, np.where(np.abs(x) <= 3, 2, 0) + np.where(np.abs(x) <= 2, 2, 0))
 
-    # along the axis, from within: walls are seen edge-on or from beside the eye, nothing is lost
+    # along the axis, from within: walls are seen edge-on or from next to the eye, nothing is lost
     for size in ({"height": 6.4}, {"fov": 80.0}):
         view = View.through(Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0, 1, 0), **size), (60, 60))
         layer = drawn.draw(view)

@@ -1,4 +1,4 @@
-"""Strongly bent elements, whose maps have roots beside the element: no pixel is missed."""
+"""Strongly bent elements, whose maps have roots next to the element: no pixel is missed."""
 
 import tracemalloc
 from dataclasses import replace

@@ -152,7 +152,7 @@ def test_chebyshev_series_are_exact_where_symmetry_says_so():
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PYRAMID])
 def test_a_pair_of_surfaces_seen_from_within_costs_few_pieces(renderer, shape):
-    """Two planes 2^-8 apart: pieces next to the eye's plane, beside the picture, are not halved to the end."""
+    """Two planes 2^-8 apart: pieces next to the eye's plane, next to the picture, are not halved to the end."""
     data = exact(shape, lambda p: (p[:, 2] - 0.375) * (p[:, 2] - 0.375 - 2.0**-8))
     camera = Camera((0.5, 0.6, 0.45), (0.45, 1.3, 0.2), (1.0, 0.0, 0.0), fov=90.0)
     view = View.through(camera, (24, 20))

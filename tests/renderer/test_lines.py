@@ -291,7 +291,7 @@ def test_mesh_lines_of_straight_elements(cut, camera):
 
 
 def test_mesh_lines_of_slivers_that_are_thinner_than_lines(cut):
-    """Everything is covered where elements are half a pixel wide, and beside them only what is near them."""
+    """Everything is covered where elements are half a pixel wide, and next to them only what is near them."""
     mesh = grid(Shape.HEXAHEDRON, 6)
     moved = mesh.vertices.copy()
     moved[:, 0] = np.interp(mesh.vertices[:, 0], np.arange(7) / 6, [0, 0.3, 0.302, 0.304, 0.306, 0.308, 1])
@@ -399,7 +399,7 @@ def test_contours_on_curved_faces_are_those_of_the_face_itself(renderer, shape, 
 
 
 def _inside(mask, steps):
-    """Pixels all around which, so many steps far, the mask holds."""
+    """Pixels all around which, this many steps far, the mask holds."""
     for _ in range(steps):
         mask = mask & ~beside(~mask)
     return mask

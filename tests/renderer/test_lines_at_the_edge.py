@@ -1,4 +1,4 @@
-"""Lines beside the edge of a picture, and of the bands that it is drawn in: what lies beyond it covers pixels, too."""
+"""Lines next to the edge of a picture, and of the bands that it is drawn in: what lies beyond it covers pixels, too."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ SURFACES = {
 
 
 def beyond(side, place, away):
-    """A camera that has the line x = place so many pixels beyond the centre of the last pixel on a side.
+    """A camera that has the line x = place this many pixels beyond the centre of the last pixel on a side.
 
     And the distances (h, w) of pixels' centres from that line, in pixels.
     """

@@ -1,4 +1,4 @@
-"""Scenes of several objects: cuts by any surface, clips, opacity, samples, bands; against closed forms."""
+"""Scenes of several objects: cuts by any surface, clips, opacity, samples, bands; against analytic expressions."""
 
 from dataclasses import replace
 

@@ -189,7 +189,7 @@ def test_every_quantity_has_its_bar_and_its_contours(solid):
     assert [legend.title for legend in solid.legends] == ["u", "x*y"]
     assert [len(legend.marks) for legend in solid.legends] == [2, 30]
 
-    # two columns beside the image show the whole map from below to above, but for the contours across
+    # two columns next to the image show the whole map from below to above, but for the contours across
     table = np.rint(solid.palette.table * 255).astype(int)
     beside = framed[:, 10 + 240 + 5 :]
     full = [

@@ -58,7 +58,7 @@ def test_the_command_runs_no_file_that_a_scene_names(folder, capsys):
     assert not (folder.parent / "ran").exists()
 
 
-BESIDE = "a name beside the scene or in a folder below"
+BESIDE = "a name next to the scene or in a folder below"
 LINK = "a name that no link leads out of the scene's folder"
 
 

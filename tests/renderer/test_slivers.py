@@ -26,7 +26,7 @@ def turned(points, turn):
 
 
 def strips(shape, thick, count, turn):
-    """A square of 0.8: two halves, and between them ``count`` strips that are so many pixels thick."""
+    """A square of 0.8: two halves, and between them ``count`` strips that are this many pixels thick."""
     mesh = grid(shape, count + 2)
     moved = mesh.vertices.copy()
     ends = [0.1, *(0.5 + thick * PIXEL * (np.arange(count + 1) - 0.5 * count)), 0.9]
@@ -65,7 +65,7 @@ def test_contours_don_t_depend_on_how_thin_elements_are(cut, shape, turn):
 @pytest.mark.parametrize(("turn", "power"), [*((turn, 1) for turn in TURNS), (0.0, 3)])
 @pytest.mark.parametrize("shape", PLANES, ids=lambda shape: shape.label)
 def test_a_contour_within_a_strip_of_a_fifth_of_a_pixel(cut, shape, turn, power):
-    """The value is taken on the middle of the strip and nowhere else: whole lines there, and nothing beside them."""
+    """The value is taken on the middle of the strip and nowhere else: whole lines there, and nothing next to them."""
     thick = 0.2 * PIXEL
 
     def field(points):

@@ -1,4 +1,4 @@
-"""Volumes cut by clips, and several in one scene: chords and light in closed form."""
+"""Volumes cut by clips, and several in one scene: chords and light, integrated analytically."""
 
 import numpy as np
 import pytest

@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 
 from elvis.core.errors import ElvisError, FormatError
 
-#: bytes of memory at most: so many, and so many for each byte of the files
+#: bytes of memory at most: this many, and this many for each byte of the files
 MEMORY, MEMORY_PER_BYTE = 4 << 30, 200
 
-#: seconds of the processor at most for one question: so many, and one for so many bytes of the files or the reply
+#: seconds of the processor at most for one question: this many, and one for this many bytes of the files or the reply
 SECONDS, BYTES_PER_SECOND = 4, 1 << 18
 
 #: how much longer than its processor time a reply may take, on a busy machine or a slow disk
@@ -179,7 +179,7 @@ def send(stream: IO[bytes], value: Any) -> None:
 
 
 def receive(stream: IO[bytes], limit: int) -> Any:
-    """Read a message of so many bytes at most; EOFError where it ends early, ValueError where it is none."""
+    """Read a message of this many bytes at most; EOFError where it ends early, ValueError where it is none."""
     length = int.from_bytes(_filled(stream, np.empty(8, np.uint8)).tobytes(), "little")
     if length > limit:
         raise ValueError(f"expected at most {limit} bytes, found {length}")

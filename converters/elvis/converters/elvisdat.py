@@ -41,7 +41,7 @@ class ElVisDat(NodalConverter):
 
     format = "volume of the first ElVis (.dat)"
     keeps = "straight hexahedra and prisms, the field at any degrees"
-    loses = "ranges of elements, which are found anew"
+    loses = "ranges of elements, which are computed again"
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

@@ -143,7 +143,7 @@ class Variables:
         return [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in rows]
 
     def ints(self, name: str, dimension: int = 1) -> Ints:
-        """Whole numbers in an array of so many dimensions."""
+        """Whole numbers in an array of this many dimensions."""
         found = self[name]
         if found.dtype.kind not in "iu" or found.ndim != dimension:
             what = f"{found.dtype} of shape {found.shape}"
@@ -151,7 +151,7 @@ class Variables:
         return np.asarray(found, np.int64)
 
     def floats(self, name: str, *index: int, dimension: int = 1) -> Floats:
-        """Numbers in an array of so many dimensions, of their own precision."""
+        """Numbers in an array of this many dimensions, of their own precision."""
         found = self.at(name, *index)
         if found.dtype.kind not in "iuf" or found.ndim != dimension:
             what = f"{found.dtype} of shape {found.shape}"

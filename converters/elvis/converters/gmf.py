@@ -200,17 +200,17 @@ class Gmf(NodalConverter):
 
 
 def _roles(paths: Sequence[Path]) -> tuple[GmfFile, GmfFile | None]:
-    """The mesh, and the solution where there is one; a mesh of the same name is sought beside a solution."""
+    """The mesh, and the solution where there is one; a mesh of the same name is sought next to a solution."""
     files = [GmfFile(path) for path in paths]
     meshes = [file for file in files if "Vertices" in file.sections]
     solutions = [file for file in files if file not in meshes]
     if not meshes and len(solutions) == 1:
         path = solutions[0].path
-        beside = [path.with_suffix(end) for end in (".meshb", ".mesh")]
-        meshes = [GmfFile(each) for each in beside if is_gmf(each)][:1]
+        candidates = [path.with_suffix(end) for end in (".meshb", ".mesh")]
+        meshes = [GmfFile(each) for each in candidates if is_gmf(each)][:1]
         if not meshes or "Vertices" not in meshes[0].sections:
-            names = " or ".join(each.name for each in beside)
-            raise FormatError(f"expected its mesh {names} beside it, found none; give the mesh file too", file=path)
+            names = " or ".join(each.name for each in candidates)
+            raise FormatError(f"expected its mesh {names} next to it, found none; give the mesh file too", file=path)
     check_roles(len(meshes), len(solutions))
     return meshes[0], solutions[0] if solutions else None
 

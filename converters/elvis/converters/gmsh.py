@@ -105,7 +105,7 @@ class Gmsh(NodalConverter):
         return NodalValues(values[starts + np.arange(number)], functions)
 
     def _functions(self, group: Group, section: Section, count: int) -> Functions:
-        """The functions that so many values on an element of a group belong to."""
+        """The functions that this many values on an element of a group belong to."""
         kind = group.kind
         scheme = section.schemes.get(kind.shape)
         if scheme is None and count == kind.functions.count:

@@ -194,7 +194,7 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What a file holds beside its mesh; ``mesh`` are the ranges of bytes of that, where it comes first.
+    """What a file holds in addition to its mesh; ``mesh`` are the ranges of bytes of that, where it comes first.
 
     The library writes the mesh again with each set of data that it appends.
 

@@ -118,10 +118,10 @@ def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: 
     for number, piece in enumerate(export.pieces, 1):
         first = _add(gmsh, number, piece, mesh, first)
         tags.append(_tags(piece))
-    with replacing(path) as beside:
-        gmsh.write(str(beside))
-        _check_whole(beside)
-        with beside.open("ab") as file:
+    with replacing(path) as temporary:
+        gmsh.write(str(temporary))
+        _check_whole(temporary)
+        with temporary.open("ab") as file:
             for i, name in enumerate(export.names):
                 _write_field(file, name, 0.0 if time is None else time, export, i, tags)
 

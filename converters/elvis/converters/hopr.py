@@ -2,7 +2,7 @@
 
 A mesh holds the evenly spaced nodes of every element, a state the values at the tensor product of Gauss or
 Gauss-Lobatto nodes, or in some elements the means of finite-volume sub-cells.  Each of these becomes an element with
-a constant value.  The state names its mesh, which is sought beside it.  Layout: HOPR documentation, mesh format.
+a constant value.  The state names its mesh, which is sought next to it.  Layout: HOPR documentation, mesh format.
 """
 
 from __future__ import annotations
@@ -255,12 +255,12 @@ def _other_kind(path: Path) -> str:
     except FormatError:
         return ""
     if distances or "walldist" in kind.lower():
-        return "distances to walls of FLEXI, without a solution: give a state file, with its mesh beside it"
+        return "distances to walls of FLEXI, without a solution: give a state file, with its mesh next to it"
     return f"a FLEXI file of the kind {kind}, without DG_Solution: give a state file" if kind else ""
 
 
 def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
-    """The mesh, and the state where there is one; the mesh that a state names is sought beside it."""
+    """The mesh, and the state where there is one; the mesh that a state names is sought next to it."""
     meshes = [path for path in paths if holds(path, "ElemInfo", "NodeCoords")]
     states = [path for path in paths if path not in meshes]
     if meshes or len(states) > 1:
@@ -270,5 +270,5 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
         name = text(attribute(file, "MeshFile"))
     mesh = states[0].parent / Path(name).name
     if not mesh.is_file():
-        raise FormatError(f"expected its mesh {name} beside it, found none; give the mesh file too", file=states[0])
+        raise FormatError(f"expected its mesh {name} next to it, found none; give the mesh file too", file=states[0])
     return mesh, states[0]

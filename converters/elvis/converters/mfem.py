@@ -91,7 +91,7 @@ class _Asked:
         self._library, self._number, self._path = library, number, path
 
     def read(self, method: str, *given: Any, size: int, path: Path) -> dict[str, Any]:
-        """What the library reads from a file of so many bytes; FormatError, naming ``path``, where it doesn't."""
+        """What the library reads from a file of this many bytes; FormatError, naming ``path``, where it doesn't."""
         try:
             found: dict[str, Any] = self._library.ask(method, *given, str(path), size=size)
         except LibraryError as failure:

@@ -98,7 +98,7 @@ def _name(mesh: Path, field: Path) -> str:
 
 
 def _siblings(path: Path) -> dict[int, Path]:
-    """Files beside one of a number, of the same name but for the number."""
+    """Files next to one of a number, of the same name but for the number."""
     own = _NUMBERED.fullmatch(path.name)
     assert own is not None
     found = [(each, _NUMBERED.fullmatch(each.name)) for each in path.parent.iterdir()]
@@ -113,7 +113,7 @@ def _processes(path: Path) -> int:
 
 
 def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
-    """One piece a process: those that are named and all beside them."""
+    """One piece a process: those that are named and all next to them."""
     whole = _siblings(meshes[0])
     for path in (*meshes, *functions):
         if not _NUMBERED.fullmatch(path.name):
@@ -135,7 +135,7 @@ def _streamed(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Piece]
     """What streams hold: one mesh, or the pieces of one; of several in a row the last."""
     if len(streams) != len(paths):
         other = next(path for path in paths if path not in streams)
-        raise FormatError("expected streams alone, found another file beside them", file=other)
+        raise FormatError("expected streams alone, found another file next to them", file=other)
     last: dict[int, tuple[Path, str, bool]] = {}
     total = 1
     for path in streams:

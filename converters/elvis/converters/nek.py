@@ -174,7 +174,7 @@ def _member(index: Path, step: int) -> Path:
     if not 0 <= number < count:
         raise FormatError(f"expected a step {number}, found {count} steps", file=index)
     if not path.is_file():
-        raise FormatError(f"expected {path.name} beside it, found none", file=index)
+        raise FormatError(f"expected {path.name} next to it, found none", file=index)
     return path
 
 
@@ -194,11 +194,11 @@ def _steps(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
         return values, values
     if len(ordered) == 2 and "X" in read_header(ordered[0][0]).contents:
         return ordered[0], values
-    return _points_beside(values[0]), values
+    return _points_next_to(values[0]), values
 
 
 def _whole(paths: Sequence[Path]) -> list[Path]:
-    """All files of the step of which some are given; the others are sought beside them."""
+    """All files of the step of which some are given; the others are sought next to them."""
     head = read_header(paths[0])
     if len(paths) > head.pieces:
         raise FormatError(f"expected {head.pieces} files of a step, found {len(paths)}", file=paths[0])
@@ -217,8 +217,8 @@ def _whole(paths: Sequence[Path]) -> list[Path]:
     return found
 
 
-def _points_beside(path: Path) -> list[Path]:
-    """The files of the last earlier step of the series, beside this one, that hold its points."""
+def _points_next_to(path: Path) -> list[Path]:
+    """The files of the last earlier step of the series, next to this one, that hold its points."""
     match = _NAME.fullmatch(path.name)
     if match is not None:
         stem = re.escape(match[1] + match[2] + match[3])

@@ -105,7 +105,7 @@ class NGSolve(NodalConverter):
         return self._data[name]
 
     def _numbers(self, name: str, dimension: int) -> Any:
-        """An array of numbers of so many dimensions."""
+        """An array of numbers of this many dimensions."""
         found = np.asarray(self._array(name))
         if found.ndim != dimension or found.dtype.kind not in "iuf":
             expected = f"numbers of {dimension} dimensions"
@@ -170,7 +170,7 @@ class NGSolve(NodalConverter):
             self._parts.append((shape, rows))
 
     def _determined(self, shape: str, count: int) -> int:
-        """The order of the functions that so many points determine."""
+        """The order of the functions that this many points determine."""
         order = order_of_space(SHAPES[shape], count, _HIGHEST, PyramidSpace.RATIONAL)
         if order is None:
             raise FormatError(

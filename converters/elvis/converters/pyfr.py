@@ -264,7 +264,7 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     if not meshes and len(solutions) == 1:
         meshes = [path for path in sorted(solutions[0].parent.glob("*.pyfrm")) if _uuid(path) == _uuid(solutions[0])]
         if not meshes:
-            raise FormatError("expected its mesh (.pyfrm) beside it, found none; give the mesh too", file=solutions[0])
+            raise FormatError("expected its mesh (.pyfrm) next to it, found none; give the mesh too", file=solutions[0])
         meshes = meshes[:1]
     check_roles(len(meshes), len(solutions))
     return meshes[0], solutions[0] if solutions else None
@@ -302,7 +302,7 @@ def _ini(file: h5py.File, name: str) -> configparser.ConfigParser:
 
 
 def _order(shape: Shape, count: int, file: str) -> int:
-    """The order of a complete space of so many functions."""
+    """The order of a complete space of this many functions."""
     order = order_of_space(shape, count, _HIGHEST)
     if order is None:
         raise FormatError(f"expected the points of a {shape.label.lower()} of some order, found {count}", file=file)

@@ -181,5 +181,5 @@ def _members(path: Path, step: int) -> tuple[float, list[Path]]:
     members = [path.parent / name for name in names]
     for member in members:
         if not kind_of(member):
-            raise FormatError(f"expected a VTK file {member.name} beside it, found none", file=path)
+            raise FormatError(f"expected a VTK file {member.name} next to it, found none", file=path)
     return time, members

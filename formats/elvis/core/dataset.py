@@ -15,7 +15,7 @@ from elvis.core.shapes import Shape
 
 @dataclass(frozen=True)
 class Homogeneous:
-    """Fourier directions beside the modal ones (quasi-3D data; format notes 3 and 5).
+    """Fourier directions in addition to the modal ones (quasi-3D data; format notes 3 and 5).
 
     bases    one Fourier-like basis for each direction
     lengths  of the periodic directions: (LZ,) or (LY, LZ)

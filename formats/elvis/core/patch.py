@@ -40,7 +40,7 @@ class Patch:
 
     @cached_property
     def homogeneous(self) -> Homogeneous | None:
-        """The Fourier directions that the fields have beside those of the shape."""
+        """The Fourier directions that the fields have in addition to those of the shape."""
         return next((own.homogeneous for own in self.fields if own is not None and own.homogeneous), None)
 
     @property

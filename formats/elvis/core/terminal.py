@@ -86,7 +86,7 @@ def track(items: Sequence[Item], description: str) -> Iterator[Item]:
 
 @contextmanager
 def progress(description: str) -> Iterator[Callable[[int, int], object] | None]:
-    """A bar on a terminal, which is told how much of how much is done; None in a pipe."""
+    """A bar on a terminal, that shows how much of how much is done; None in a pipe."""
     if not sys.stderr.isatty():
         yield None
         return

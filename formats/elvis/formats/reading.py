@@ -183,13 +183,13 @@ class _Reader:
                 yield geometry_xml.read_geometry(element)
 
     def _hdf5_file(self, element: Element) -> Path:
-        """The HDF5 file that a mesh names: beside the XML, in the working folder, or among the files given."""
+        """The HDF5 file that a mesh names: next to the XML, in the working folder, or among the files given."""
         name = element.attributes["HDF5FILE"]
         given = [path for path in self._bare if path.name == Path(name).name] or self._bare
         for path in (Path(element.file).parent / name, Path(name), *given):
             if path.is_file():
                 return path
-        raise element.error(f"expected the file {name} beside it or in the working folder, found none")
+        raise element.error(f"expected the file {name} next to it or in the working folder, found none")
 
 
 def _file_name(entry: Element) -> str:

@@ -36,7 +36,7 @@ def write(
     mesh_path   XML file of the mesh; with ``hdf5`` the data go to the same name with the suffix .nekg.  XML is gzipped
                 where the name ends in .gz.  Without it only the fields are written.
     field_path  file of the fields; where only ``mesh_path`` is given, the same name with the suffix .fld.
-    outputs     with which the files take their places, where there are others beside them
+    outputs     with which the files take their places, where there are others too
 
     The mesh gets a domain where it names none, and expansions that fit every field.  Raises ElvisError where a file
     can't be written, or a format can't hold what the dataset has.
@@ -53,19 +53,19 @@ def write(
     with nullcontext(outputs) if outputs else Outputs() as files:
         # they take their names in this order, so the mesh's XML, which names the others, comes last
         if field_file:
-            with files.file(field_file) as beside:
-                _write_fields(beside, sections, dataset.metadata, field_file, field_format)
+            with files.file(field_file) as temporary:
+                _write_fields(temporary, sections, dataset.metadata, field_file, field_format)
         if hdf5_file:
-            with files.file(hdf5_file) as beside:
-                geometry_hdf5.write_geometry(beside, dataset.mesh)
+            with files.file(hdf5_file) as temporary:
+                geometry_hdf5.write_geometry(temporary, dataset.mesh)
         if mesh_file:
-            with files.file(mesh_file) as beside:
-                _write_mesh_xml(beside, dataset, sections, mesh_file, mesh_format, field_file is None)
+            with files.file(mesh_file) as temporary:
+                _write_mesh_xml(temporary, dataset, sections, mesh_file, mesh_format, field_file is None)
     return written
 
 
 def companions(mesh_path: Path) -> tuple[Path, Path]:
-    """The files that may stand beside a mesh's XML under its name: of the fields, and of the mesh's data in HDF5."""
+    """The files that may stand next to a mesh's XML under its name: of the fields, and of the mesh's data in HDF5."""
     plain = _without_gz(mesh_path)
     return plain.with_suffix(".fld"), plain.with_suffix(".nekg")
 
@@ -85,11 +85,13 @@ def _check(mesh_format: str, field_format: str, mesh_file: Path | None, field_fi
 
 
 def _check_text(path: Path) -> None:
-    """ElvisError where the name of a file is not text, so that the XML can't name the one beside it."""
+    """ElvisError where the name of a file is not text, so that the XML can't name the one next to it."""
     try:
         path.name.encode()
     except UnicodeEncodeError as error:
-        raise ElvisError(f"{path}: expected a name that is UTF-8, for the XML names the HDF5 file beside it") from error
+        raise ElvisError(
+            f"{path}: expected a name that is UTF-8, for the XML names the HDF5 file next to it"
+        ) from error
 
 
 def _field_file(dataset: Dataset, mesh_file: Path | None, field_path: str | Path | None) -> Path | None:
@@ -102,9 +104,9 @@ def _field_file(dataset: Dataset, mesh_file: Path | None, field_path: str | Path
 
 
 def _hdf5_file(mesh_file: Path) -> Path:
-    """The file of the mesh's data beside its XML."""
+    """The file of the mesh's data next to its XML."""
     if mesh_file.suffix == ".nekg":
-        raise ElvisError(f"{mesh_file}: expected the name of the XML file, which names the .nekg file beside it")
+        raise ElvisError(f"{mesh_file}: expected the name of the XML file, which names the .nekg file next to it")
     return companions(mesh_file)[1]
 
 

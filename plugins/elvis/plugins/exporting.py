@@ -65,7 +65,7 @@ class Exporter(Protocol):
 
         names   of the fields to be written, None for all
         order   of all cells, None for the lowest that holds map and fields
-        report  is told what is lost, of the coordinates and of each field, before anything is written; it may raise
+        report  called with what is lost, of the coordinates and of each field, before anything is written; it may raise
         """
 
 

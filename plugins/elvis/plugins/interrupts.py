@@ -33,7 +33,7 @@ class Interrupts:
             return self
         try:
             self._before = signal.signal(signal.SIGINT, self._take)
-        except ValueError:  # threads beside the main one get no signals
+        except ValueError:  # threads other than the main one get no signals
             return self
         sys.unraisablehook = self._unraisable
         return self

@@ -83,7 +83,7 @@ def _bergot(order: int, eta: Floats) -> Floats:
 def order_of_space(
     shape: Shape, count: int, highest: int, pyramid: PyramidSpace = PyramidSpace.POLYNOMIAL
 ) -> int | None:
-    """The order, up to ``highest``, of the complete space of so many functions; None where there is none."""
+    """The order, up to ``highest``, of the complete space of this many functions; None where there is none."""
     for order in range(highest + 1):
         if space_size(shape, order, pyramid) == count:
             return order

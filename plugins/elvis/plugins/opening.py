@@ -49,7 +49,7 @@ def open_files(
     """The files, opened by the one plugin that says so; None where there is none.
 
     plugin  the name of an installed plugin, or a Python file that defines one, to be used and no other
-    report  is told, in a sentence, of plugins that fail when they are asked
+    report  called with one line for each of the plugins that fail when they are asked
     FormatError for what is neither a plain file nor a folder
     """
     for path in paths:

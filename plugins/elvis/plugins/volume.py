@@ -1,4 +1,4 @@
-"""Runtime plugins: what a plugin hands to the renderer, beside its Slang module."""
+"""Runtime plugins: what a plugin hands to the renderer, in addition to its Slang module."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Part:
     solve        optional last resort on the host: elements (n,) and world points (n, 3) to a Solution, for the few
                  points that the kernels could not decide
     bends        optional: whether elements (n,) bend so strongly that straight-line steps of Newton's method may end at
-                 a root outside although there is one inside; then `solve` also decides the pixels beside them
+                 a root outside although there is one inside; then `solve` also decides the pixels next to them
     source       Slang text that stands before the type is used: imports, or declarations made for this part alone
     evaluate     optional host evaluation of the type in NumPy: elements (n,) of this part and reference points (n, 3)
                  to world positions (n, 3) and values (n,)

@@ -60,7 +60,7 @@ class HostPatch(Patch):
     def solved(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
         """Reference points (n, d) and `Status` (n,) of world points (n, 3) in elements (n,).
 
-        Newton's method starts in the small cells that are near; beside all of them a point is outside.
+        Newton's method starts in the small cells that are near; outside all of them a point is outside.
         """
         elements, place = np.unique(rows, return_inverse=True)
         corners = self.spread(elements, self.cells.reshape(-1, self.shape.dimension))

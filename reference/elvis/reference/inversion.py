@@ -253,7 +253,7 @@ def _boxes(places: Ints) -> Floats:
 
 
 def _widest(shape: Shape, boxes: Floats) -> Ints:
-    """(k,) the direction in which boxes are widest in reference coordinates: beside a collapsed edge, not along it."""
+    """(k,) the direction in which boxes are widest in reference coordinates: next to a collapsed edge, not along it."""
     middle, half = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
     widths = []
     for axis in np.eye(shape.dimension):

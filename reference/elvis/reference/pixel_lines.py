@@ -59,7 +59,7 @@ def _borders(hits: Hits, width: float, view: View) -> Floats:
     return np.where(other.reshape(-1) & hits.seen, min(1.0, width), 0.0)
 
 
-def beside_unseen(hits: Hits, style: Style, view: View) -> Bools:
+def next_to_unseen(hits: Hits, style: Style, view: View) -> Bools:
     """(n,) pixels within the width of contours of others where nothing is met."""
     steps = int(np.ceil(0.5 * style.contours.width + 0.5)) if style.contours else 0
     near = np.pad(~hits.seen.reshape(view.height, view.width), steps, mode="edge")

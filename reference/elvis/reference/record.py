@@ -88,6 +88,6 @@ class Record:
 
     def save(self, path: Path) -> None:
         """Write an .npz file as ``elvis render`` does."""
-        with replacing(path) as beside, beside.open("wb") as stream:
+        with replacing(path) as temporary, temporary.open("wb") as stream:
             every = {own.name: getattr(self, own.name) for own in fields(self)}
             np.savez_compressed(stream, **{name: values for name, values in every.items() if values is not None})

@@ -1,4 +1,4 @@
-"""What a scene asks for beyond a plain picture: colour ranges of whole fields, several samples a pixel."""
+"""What a scene asks for beyond a plain picture: colour ranges of whole fields, several samples per pixel."""
 
 from __future__ import annotations
 

@@ -26,9 +26,9 @@ def levels(surface: Surface, points: Floats) -> Floats:
         case Sphere():
             return np.asarray(np.linalg.norm(points - surface.center, axis=1) - surface.radius)
         case Cylinder():
-            return np.asarray(_beside(points, surface.point, surface.axis)[0] - surface.radius)
+            return np.asarray(_across_and_along(points, surface.point, surface.axis)[0] - surface.radius)
         case Cone():
-            aside, along = _beside(points, surface.apex, surface.axis)
+            aside, along = _across_and_along(points, surface.apex, surface.axis)
             half = np.deg2rad(surface.angle)
             return np.asarray(aside * np.cos(half) - along * np.sin(half))
         case TriangleMesh():
@@ -84,7 +84,7 @@ def gradients(surface: Surface, points: Floats) -> Floats:
     raise TypeError(type(surface).__name__)
 
 
-def _beside(points: Floats, origin: Vector, axis: Vector) -> tuple[Floats, Floats]:
+def _across_and_along(points: Floats, origin: Vector, axis: Vector) -> tuple[Floats, Floats]:
     """Distances (n,) of points from a line, and their places along it."""
     direction = unit(axis, "the axis")
     away = points - np.asarray(origin)

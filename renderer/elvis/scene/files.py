@@ -1,7 +1,7 @@
 """Scene files: TOML, YAML and JSON.  File names in them are relative to the file.
 
 A scene may come from somebody else, so it does no harm: it reads data, but runs no code of its own, and writes nothing
-but pictures and statistics, beside itself or below.  What goes further is said on the command line.
+but pictures and statistics, next to itself or below.  What goes further is given on the command line.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class Drawing:
 
     color        (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
     uncertainty  NaN also where what is seen is met in closed form
-    line_status  (h, w) Status of the pixels' contours, MISS where there are none; None where none is told
+    line_status  (h, w) Status of the pixels' contours, MISS where there are none; None where none is known
     """
 
     depth: Floats
@@ -132,7 +132,7 @@ class Frame:
 
     @property
     def line_status(self) -> NDArray[np.uint8]:
-        """(h, w) what is known of the pixels' contours and hits together; that of the hits where no more is told."""
+        """(h, w) what is known of the pixels' contours and hits together; that of the hits where no more is known."""
         told = None if self.drawing is None else self.drawing.line_status
         return self.status if told is None else np.maximum(self.status, told)
 

@@ -28,7 +28,7 @@ def check_range(ends: tuple[float, float] | None) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Contours(Model, of="contours"):
-    """Lines of equal value on a surface: of some values, or so many."""
+    """Lines of equal value on a surface: of some values, or this many."""
 
     values: Annotated[tuple[float, ...], Setting("The values.", finite=True, expected="finite numbers")] = ()
     count: Annotated[

@@ -1,4 +1,4 @@
-"""Pages: an image with small drawings beside and over it, made some rows at a time, as whole ones may be large."""
+"""Pages: an image with small drawings next to and over it, made some rows at a time, as whole ones may be large."""
 
 from __future__ import annotations
 

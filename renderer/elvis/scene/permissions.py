@@ -73,7 +73,7 @@ def _fault(key: str, name: str, folder: Path) -> str:
     """What the name of a file to be written should have been; nothing where it is good."""
     path = Path(name)
     if path.is_absolute() or ".." in path.parts:
-        return "a name beside the scene or in a folder below"
+        return "a name next to the scene or in a folder below"
     if path.suffix.lower() not in SUFFIXES[key]:
         return f"a name that ends in {', '.join(SUFFIXES[key])}"
     home = Path(os.path.realpath(folder))

@@ -16,7 +16,7 @@ INK = (30, 30, 30)
 
 
 def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
-    """The frame as an RGB image of the scene's size; with all that explains it beside it unless ``plain``."""
+    """The frame as an RGB image of the scene's size; with all that explains it unless ``plain``."""
     whole = page(frame, plain=plain)
     return Image.fromarray(whole.rows(0, whole.height), "RGB")
 
@@ -63,7 +63,7 @@ def _framed(frame: Frame) -> Page:
     unit = max(10, round(min(wide, high) / 45))
     font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
     mapped = [legend for legend in frame.legends if legend.palette]
-    tall = max(high, 6 * unit if mapped else 0)  # what numbers beside a bar need
+    tall = max(high, 6 * unit if mapped else 0)  # what numbers of a bar need
     bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, tall, small) for legend in mapped]
     title = frame.scene.title if frame.scene.title is not None else mapped[0].title if len(mapped) == 1 else ""
     width = max(wide + 2 * unit + sum(bar.width for bar in bars), round(font.getlength(title)) + 3 * unit)
@@ -73,25 +73,25 @@ def _framed(frame: Frame) -> Page:
     top, foot = 3 * unit if title or any(bar.name for bar in bars) else unit, round(1.6 * unit)
     height, right, bottom = tall + top + unit + foot * len(below), unit + wide, top + tall
     made = Page(frame.rgb, (unit, top), (width, height))
-    above, beside = Part.blank((0, 0, right, top)), Part.blank((right, 0, width, height))
+    above, right_of = Part.blank((0, 0, right, top)), Part.blank((right, 0, width, height))
     under = Part.blank((0, bottom, right, height))
-    for part in (above, beside):
+    for part in (above, right_of):
         part.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
     x = wide + 5 * unit // 2
     for bar in bars:
-        bar.draw(beside, (x, top))
+        bar.draw(right_of, (x, top))
         x += bar.width
     for number, line in enumerate(below):
-        for part in (under, beside):
+        for part in (under, right_of):
             part.text((unit, bottom + unit + foot * number), line, fill=INK, font=small, anchor="lt")
-    made.parts += [above, beside, under]
+    made.parts += [above, right_of, under]
     if min(wide, high) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, made, unit, small)
     return made
 
 
 class _Bar:
-    """A colour map from low (below) to high (above), so many pixels high, under its name where it has one."""
+    """A colour map from low (below) to high (above), this many pixels high, under its name where it has one."""
 
     def __init__(self, legend: Legend, name: str, unit: int, height: int, font: Font) -> None:
         assert legend.palette is not None
@@ -103,7 +103,7 @@ class _Bar:
         self.width = round(5 * unit + max(room, font.getlength(name) - 3 * unit))
 
     def draw(self, part: Part, corner: tuple[int, int]) -> None:
-        """The bar with a thin border, contours across it and numbers beside it."""
+        """The bar with a thin border, contours across it and numbers next to it."""
         palette, unit = self.palette, self.unit
         column = palette.colors(np.linspace(palette.high, palette.low, self.height))[:, None, :]
         (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)

@@ -32,14 +32,14 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
     outputs  with which the file takes its place, where it is one of several
     """
     check_suffix(path)
-    with replacing(path, outputs) as beside:
+    with replacing(path, outputs) as temporary:
         match path.suffix.lower():
             case ".png":
-                _save_png(frame, beside, plain=plain)
+                _save_png(frame, temporary, plain=plain)
             case ".exr":
-                _save_exr(frame, beside)
+                _save_exr(frame, temporary)
             case _:
-                with beside.open("wb") as stream:
+                with temporary.open("wb") as stream:
                     np.savez_compressed(stream, **arrays(frame))
 
 

@@ -1,4 +1,4 @@
-"""What is told of each setting of a scene, once, next to its name, type and default: see Setting.
+"""What is stated of each setting of a scene, once, next to its name, type and default: see Setting.
 
 The options of commands, the checks, the errors, the JSON schema and docs/scene.md are made of it.  Loads neither NumPy
 nor pydantic, so that commands start quickly; `validation` has what needs pydantic.

@@ -15,7 +15,7 @@ _limit: ContextVar[tuple[float, float] | None] = ContextVar("limit", default=Non
 
 @contextmanager
 def limited(seconds: float | None) -> Iterator[None]:
-    """Let `check_time` raise what ends the work after so many seconds; within another such block its limit counts."""
+    """Let `check_time` raise what ends the work after this many seconds; within another such block its limit counts."""
     if seconds is None or _limit.get() is not None:
         yield
         return

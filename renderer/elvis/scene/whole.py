@@ -254,6 +254,6 @@ class Scene(Model):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the colours of one unlit plane are all that is shown, one sample a pixel."""
+        """Whether the colours of one unlit plane are all that is shown, one sample per pixel."""
         usual = None if self.only_plane is None else (CutSurface(self.only_plane),)
         return self.every_object == usual and not self.clip and self.samples == 1

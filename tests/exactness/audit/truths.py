@@ -23,7 +23,7 @@ class Truth:
     slack      (n, k)  how far a depth may be off
     free       (n,)    rays that run within what is looked for: anything is right
     field      Polynomial of the values seen; None where they are not compared
-    tolerance  of values, beside the rounding of places
+    tolerance  of values, next to the rounding of places
     """
 
     counted: Any

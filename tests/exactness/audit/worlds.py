@@ -131,7 +131,7 @@ class World:
 
 
 def _some(block, first, step):
-    """Every so many elements of a geometry block, from the first one on."""
+    """Every this many elements of a geometry block, from the first one on."""
     return replace(block, element_ids=block.element_ids[first::step], coefficients=block.coefficients[first::step])
 
 

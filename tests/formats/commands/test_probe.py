@@ -124,7 +124,7 @@ def test_usage(channel, elvis, arguments, sentence):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--fields", "u,rho"], "there is no 'rho'; the fields are u, v, w, p; besides there are x, y, z"),
+        (["--fields", "u,rho"], "there is no 'rho'; the fields are u, v, w, p; there are also x, y, z"),
         (["-o", "/no/such/out.csv"], "/no/such/out.csv: cannot be written: there is no folder /no/such"),
         (["-o", "out.txt"], "out.txt: expected a name that ends in .csv or .npz, found .txt"),
     ],

@@ -70,14 +70,12 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 
 @click.command("convert", cls=ConvertCommand, epilog=EPILOG, short_help="Convert solver output to the native format.")
 @click.argument("files", nargs=-1, type=FILE, metavar="FILES...")
-@click.option("--output", "-o", type=FILE, help="The mesh file to write, .xml; fields go beside it, .fld.")
+@click.option("--output", "-o", type=FILE, help="The mesh file to write, .xml; fields go next to it, .fld.")
 @click.option("--from", "name", metavar="CONVERTER", help="The converter to use.  [default: the one that opens FILES]")
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
 @click.option("--fields", metavar="NAMES", help="Fields to convert, commas between them.  [default: all]")
-@click.option(
-    "--order", type=int, help="Order of every field; beside --tolerance the highest.  [default: the source's]"
-)
+@click.option("--order", type=int, help="Order of every field; with --tolerance the highest.  [default: the source's]")
 @click.option("--tolerance", type=float, help="Choose the order by element: the lowest with a smaller relative error.")
 @click.option(
     "--geometry",
@@ -99,7 +97,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     type=click.Choice(["compressed", "text", "hdf5"]),
     default="compressed",
     show_default=True,
-    help="How to write; hdf5 writes a .nekg file beside the .xml.",
+    help="How to write; hdf5 writes a .nekg file next to the .xml.",
 )
 @click.option(
     "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."

@@ -196,7 +196,7 @@ _ON, _WITHIN = 1e-9, 100.0
 def _angle(patches: SurfacePatches, row: Ints, where: Floats, s: Floats, t: Floats) -> Floats:
     """(n,) the angle at which a face leaves a point of its border, or the patch's part of it; `_WITHIN` elsewhere."""
     angle, corners = np.full(len(row), _WITHIN), CORNERS[patches.corners]
-    on = np.stack([_beside(patches.corners, k, where) for k in range(patches.corners)], axis=1)
+    on = np.stack([_lies_on_side(patches.corners, k, where) for k in range(patches.corners)], axis=1)
     sides, ends = ((patches.outer[row, None] >> (shift + np.arange(patches.corners))) & 1 == 1 for shift in (0, 4))
     angle[(on & sides).any(axis=1)] = np.pi
     if patches.corners == 2:
@@ -209,7 +209,7 @@ def _angle(patches: SurfacePatches, row: Ints, where: Floats, s: Floats, t: Floa
     return angle
 
 
-def _beside(corners: int, k: int, where: Floats) -> Bools:
+def _lies_on_side(corners: int, k: int, where: Floats) -> Bools:
     """(n,) whether points lie on side k."""
     s, t = where.T
     if corners == 2:

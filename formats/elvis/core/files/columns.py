@@ -28,7 +28,7 @@ def check_suffix(path: str | Path) -> None:
 def write_columns(path: str | Path, columns: Columns) -> None:
     """Write columns of equal length as ``.csv`` or ``.npz``, by the suffix; ElvisError for another suffix."""
     check_suffix(path)
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replacing(path) as temporary, temporary.open("wb") as file:
         if Path(path).suffix.lower() == ".npz":
             _write_npz(file, columns)
         else:

@@ -45,7 +45,7 @@ def write_nrrd(path: str | Path, grid: Grid, names: Sequence[str], parts: Iterab
     parts  (n, f) values of the names, part after part, the points in the order of `Grid.planes`
     Several quantities are the components of vectors, whose names the key ``fields`` lists.
     """
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(_header(grid, names).encode())
         for values in parts:
             file.write(np.ascontiguousarray(values, "<f8").tobytes())

@@ -1,10 +1,10 @@
-"""Outputs of one run as a unit: written beside their places, synced, then renamed together or not at all.
+"""Outputs of one run as a unit: written next to their places, synced, then renamed together or not at all.
 
     with Outputs() as outputs:
-        with outputs.file("wing.png") as beside:
-            picture.save(beside)
-        with outputs.file("wing.npz") as beside:
-            np.savez(beside, ...)
+        with outputs.file("wing.png") as temporary:
+            picture.save(temporary)
+        with outputs.file("wing.npz") as temporary:
+            np.savez(temporary, ...)
 
 Nothing under the final names changes before the outer block ends well.
 """
@@ -57,8 +57,8 @@ class Outputs:
         Raises ElvisError, which names ``path``, where it can't be written whole.
         """
         if _is_special(Path(path)):
-            with _naming(path, Path(path)), _poured(path) as beside:
-                yield beside
+            with _naming(path, Path(path)), _poured(path) as temporary:
+                yield temporary
             return
         check_place(path)
         item = self._replacement(path, Path(os.path.realpath(path)))
@@ -129,11 +129,11 @@ class Outputs:
 def replacing(path: str | Path, outputs: Outputs | None = None) -> Iterator[Path]:
     """A file to write in place of ``path``, with the others of ``outputs`` where these are given, else by itself."""
     if outputs is not None:
-        with outputs.file(path) as beside:
-            yield beside
+        with outputs.file(path) as temporary:
+            yield temporary
         return
-    with Outputs() as own, own.file(path) as beside:
-        yield beside
+    with Outputs() as own, own.file(path) as temporary:
+        yield temporary
 
 
 def write_bytes(path: str | Path, content: bytes, outputs: Outputs | None = None) -> None:
@@ -233,11 +233,11 @@ def _poured(path: str | Path) -> Iterator[Path]:
         yield Path(path)
         return
     with TemporaryDirectory() as folder:
-        beside = Path(folder, "content")
-        yield beside
+        temporary = Path(folder, "content")
+        yield temporary
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
-        with beside.open("rb") as source, os.fdopen(os.dup(number), "wb") as target:
+        with temporary.open("rb") as source, os.fdopen(os.dup(number), "wb") as target:
             shutil.copyfileobj(source, target)
 
 

@@ -1,4 +1,4 @@
-"""What is written and waits beside its place: how it takes it, and how it gives it back."""
+"""What is written and waits next to its place: how it takes it, and how it gives it back."""
 
 from __future__ import annotations
 

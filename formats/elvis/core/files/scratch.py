@@ -1,6 +1,6 @@
 """Scratch folders: where outputs are written before they take their places, on the same file system as these.
 
-A scratch folder lies beside the outputs, is named ``.elvis-XXXXXXXXXXXX.tmp`` and holds
+A scratch folder lies next to the outputs, is named ``.elvis-XXXXXXXXXXXX.tmp`` and holds
 
     lock   locked as long as its process lives: the system frees the lock even of a process that is killed
     new/   what is being written, under its final name

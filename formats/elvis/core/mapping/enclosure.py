@@ -176,8 +176,8 @@ def _contraction(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
         allowance = slack[:, None] * np.abs(inverse).sum(axis=1)
         lower, upper = -most - allowance, -least + allowance
     lower, upper = np.where(np.isfinite(lower), lower, 0.0), np.where(np.isfinite(upper), upper, 1.0)
-    beside = (cells.net.min(axis=axes) > slack[:, None]) | (cells.net.max(axis=axes) < -slack[:, None])
-    empty = beside.any(axis=1, keepdims=True) | (lower > 1) | (upper < 0)
+    away = (cells.net.min(axis=axes) > slack[:, None]) | (cells.net.max(axis=axes) < -slack[:, None])
+    empty = away.any(axis=1, keepdims=True) | (lower > 1) | (upper < 0)
     lower, upper = np.clip(lower, 0.0, 1 - _SMALLEST), np.clip(upper, _SMALLEST, 1.0)
     return np.where(empty, 1.0, lower), np.where(empty, 0.0, upper), linear
 

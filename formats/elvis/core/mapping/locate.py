@@ -106,7 +106,7 @@ class Locator:
         """Results for the points of ``part``."""
         point, element = self.tree.candidates(world[part])
         point += part.start
-        near = ~self._beside(world, point, element)
+        near = ~self._outside_parts(world, point, element)
         point, element = point[near], element[near]
         roots = self._inverted(world, point, element, every)
         doubtful = np.zeros(len(world), bool)
@@ -120,10 +120,10 @@ class Locator:
         missed = np.setdiff1d(np.arange(part.start, part.stop), point[hits])
         return _joined([self._hits(point[hits], element[hits], roots, hits), self._nowhere(missed, doubtful[missed])])
 
-    def _beside(self, world: Floats, point: Ints, element: Ints) -> Bools:
+    def _outside_parts(self, world: Floats, point: Ints, element: Ints) -> Bools:
         """(k,) pairs of a point and an element that certainly doesn't hold it; only of elements with many pairs.
 
-        Such elements are cut into parts once: beside the boxes of all parts there is none of it.
+        Such elements are cut into parts once: outside the boxes of all parts there is none of it.
         """
         result = np.zeros(len(point), bool)
         for number in np.flatnonzero(np.bincount(element, minlength=1) >= _WORTH):

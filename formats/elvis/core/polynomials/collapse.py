@@ -14,7 +14,7 @@ from elvis.core.shapes import Shape
 #: denominators of smaller magnitude, as at a collapsed vertex, where any eta is valid, are replaced by this; at the
 #: level of rounding, so that functions and their gradients do not jump on the way there (Nektar++ itself: 1e-12)
 GUARD = 1e-15
-#: points beside a collapsed vertex, outside the element, are moved this far off the line or plane that folds onto it:
+#: points near a collapsed vertex, outside the element, are moved this far off the line or plane that folds onto it:
 #: more than the guard, and a power of two, so that 1 - (1 - step) is exact
 _STEP = 2.0**-49
 
@@ -41,8 +41,8 @@ def collapse(shape: Shape, points: Floats) -> Floats:
 
 def _off_the_fold(first: Floats, last: Floats) -> Floats:
     """(n,) the last coordinate, less than 1 where it is 1 to rounding and the first is not that of the vertex."""
-    beside = (np.abs(1 - last) < _STEP) & (np.abs(1 + first) > GUARD)
-    return np.where(beside, 1 - _STEP, last)
+    near = (np.abs(1 - last) < _STEP) & (np.abs(1 + first) > GUARD)
+    return np.where(near, 1 - _STEP, last)
 
 
 def _fold(numerator: Floats, denominator: Floats) -> Floats:

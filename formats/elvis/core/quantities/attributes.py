@@ -29,7 +29,7 @@ from elvis.core.quantities.jumps import jumps
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import validity
 
-#: those that are one number throughout an element, beside jump(...)
+#: those that are one number throughout an element, in addition to jump(...)
 CONSTANT = ("element", "order", "shape", "jacobian_sign")
 _NUMBERS = {shape: float(number) for number, shape in enumerate(Shape)}
 

@@ -93,14 +93,14 @@ class Names:
     def listed(self) -> str:
         """All names, in words."""
         known = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
-        beside: Sequence[str] = (
+        others: Sequence[str] = (
             *AXES,
             *(("t",) if self.time is not None else ()),
             *CONSTANTS,
             *self.ready,
             *ATTRIBUTES,
         )
-        return f"{known}; besides there are {', '.join(beside)}"
+        return f"{known}; there are also {', '.join(others)}"
 
 
 def _gamma(metadata: Mapping[str, str]) -> float:

@@ -1,6 +1,6 @@
 """Quantities read from text, in the grammar of `elvis.core.grammar`.
 
-Beside the functions of `functions` there are d(f, x), the partial derivative, grad(f), the length of the gradient,
+In addition to those of `functions` there are d(f, x), the partial derivative, grad(f), the length of the gradient,
 laplacian(f), jump(u), the greatest jump of a field across an element's faces, and distance(b), the distance to a
 boundary, by name, number or as "all", or to the triangles of a file, whose name stands in quotes.
 """

@@ -58,7 +58,7 @@ class RawGeometry:
 
 _AT_ONCE = 1 << 17
 
-#: ids up to so many times their number are looked up in a table, sparser ones by bisection
+#: ids up to this many times their number are looked up in a table, sparser ones by bisection
 _DENSE = 4
 
 
@@ -280,7 +280,7 @@ def _edge_curves(raw: RawGeometry, edges: Lookup) -> Curves:
 
 
 def _face_curves(raw: RawGeometry, faces: Lookup) -> Curves:
-    """Curved faces: so many points as a triangle or a square of them needs."""
+    """Curved faces: this many points as a triangle or a square of them needs."""
     curves = raw.face_curves
     nodal = np.isin(curves.kinds, [kind for kind in PointsType if kind.is_triangular])
     on_triangle = np.isin(curves.entities, _ids(raw, Shape.TRIANGLE))

@@ -162,7 +162,7 @@ def _overlap(one: ExpansionRule, other: ExpansionRule) -> bool:
 
 
 def _raised(rule: ExpansionRule, needed: int) -> ExpansionRule:
-    """The rule with at least so many modes in every direction, and points to match."""
+    """The rule with at least this many modes in every direction, and points to match."""
     modes = tuple(max(count, needed) for count in rule.modes)
     points = tuple(p + new - old for p, new, old in zip(rule.points, modes, rule.modes, strict=False))
     return replace(rule, modes=modes, points=points)

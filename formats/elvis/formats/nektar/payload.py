@@ -27,7 +27,7 @@ _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 
 
 def decode_exactly(text: memoryview, items: int) -> NDArray[np.uint8]:
-    """(8 items,) bytes of a payload that must hold so many items, as an array of bytes.
+    """(8 items,) bytes of a payload that must hold this many items, as an array of bytes.
 
     FormatError where the text is no base64, the stream is damaged or ends early, or holds another number of items.
     """

@@ -91,12 +91,12 @@ class _Review:
 
     def _stub(self, path: Path, child: Element) -> None:
         name = child.attributes["HDF5FILE"]
-        beside = path.parent / name
-        if beside.is_file():
-            self.guarded(beside.name, lambda: self._hdf5(beside))
+        companion = path.parent / name
+        if companion.is_file():
+            self.guarded(companion.name, lambda: self._hdf5(companion))
         else:
             self.found.append(
-                required(f"{path.name}, {child.place}", f"expected the file {name} beside it, found none")
+                required(f"{path.name}, {child.place}", f"expected the file {name} next to it, found none")
             )
 
     def _hdf5(self, path: Path) -> None:

@@ -116,7 +116,7 @@ def _face_curves(mesh: Mesh) -> Iterator[Finding]:
 
 
 def _points_along(kinds: Ints, counts: Ints) -> Floats:
-    """(n,) points on an edge of faces with so many points."""
+    """(n,) points on an edge of faces with this many points."""
     nodal = np.isin(kinds, [f for f in PointsType if f.is_triangular])
     return np.where(nodal, (np.sqrt(8 * counts + 1) - 1) / 2, np.sqrt(counts))
 

@@ -114,7 +114,7 @@ def write_box(
 ) -> None:
     """Write a file that FourierBox opens; see the head of this module."""
     named: dict[str, Any] = {_PREFIX + name: amplitudes for name, amplitudes in fields.items()}
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, low=low, high=high, bases=np.array(bases), time=time, **named)
 
 

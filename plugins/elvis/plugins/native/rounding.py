@@ -156,7 +156,7 @@ class _Gradients:
         """(c,) that of a leaf: infinite for what is no first derivative, or not known.
 
         Coefficients of derivatives are differences times the degree; the inverse Jacobian, by cofactors, has a relative
-        error that grows as its determinant is small beside the lengths of its columns.
+        error that grows as its determinant is small compared with the lengths of its columns.
         """
         nets, number = self.cells.nets, self.cells.names.index(node.name)
         dimension = self.cells.patch.shape.dimension

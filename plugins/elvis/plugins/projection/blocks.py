@@ -55,14 +55,14 @@ class NativeBlock:
         return self.shape is not self.source.shape
 
     def expansion(self, modes: int | tuple[int, ...]) -> Expansion:
-        """The native expansion of these elements with so many modes each way, or in each direction."""
+        """The native expansion of these elements with this many modes each way, or in each direction."""
         own = (modes,) * self.shape.dimension if isinstance(modes, int) else modes
         if self.is_ortho:
             return replace(orthonormal(self.shape, 1), modes=own)
         return modified(self.shape, own)
 
     def select(self, which: Ints, modes: int | None = None) -> NativeBlock:
-        """Only the elements ``which`` (k,), with so many modes."""
+        """Only the elements ``which`` (k,), with this many modes."""
         own = {name: getattr(self, name)[which] for name in ("vertices", "order", "rows", "mesh_rows", "ids")}
         return replace(self, **own, modes=modes)
 

@@ -19,7 +19,7 @@ _BELOW_APEX = 1e-2
 
 
 def inside_count(elements: int) -> int:
-    """How many points inside each of so many elements are checked."""
+    """How many points inside each of this many elements are checked."""
     return int(np.clip(_IN_ALL // max(1, elements), _LEAST, _MOST))
 
 

@@ -70,7 +70,7 @@ def _places(ascending: Ints, values: Ints) -> Ints:
 
 
 def _sides_of(mesh: Mesh, corners: int) -> tuple[Ints, int]:
-    """Vertex rows (n, corners) of the sides with so many corners, and the row of the first among all sides."""
+    """Vertex rows (n, corners) of the sides with this many corners, and the row of the first among all sides."""
     if mesh.dimension == 1:
         return np.arange(len(mesh.vertices))[:, None], 0
     if mesh.dimension == 2:

@@ -117,7 +117,7 @@ class Traces:
         return skins
 
     def _batches(self, skins: Skins, number: int) -> Iterator[slice]:
-        """Rows of a block, so many that their faces fit in one batch."""
+        """Rows of a block, as many as let their faces fit in one batch."""
         return chunks(len(self.blocks[number]), max(1, _BATCH // (skins.width * self.most**2)))
 
     def take(self, skins: Skins, number: int, rows: slice | Ints, own: Floats) -> None:

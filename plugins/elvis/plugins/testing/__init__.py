@@ -1,7 +1,7 @@
 """For authors of converters: is what arrives what the converter says?
 
 from elvis.plugins.testing import check
-conversion = check(MySolver, ["case.dat"])          raises AssertionError with a sentence where it isn't
+conversion = check(MySolver, ["case.dat"])          raises AssertionError with one line where it isn't
 """
 
 from elvis.plugins.testing.analytic import Analytic, Given

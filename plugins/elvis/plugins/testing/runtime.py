@@ -2,7 +2,7 @@
 
 from elvis.plugins.testing import check_volume
 with Renderer() as renderer:
-    check_volume(MyPlugin([path]).volume("p"), renderer)     raises AssertionError with a sentence where it is wrong
+    check_volume(MyPlugin([path]).volume("p"), renderer)     raises AssertionError with one line where it is wrong
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ def save_mesh(mesh: LinearMesh, path: Path) -> None:
         raise ElvisError(f"{path}: expected a name that ends in .{', .'.join(FORMATS)}, found {path.suffix or 'none'}")
     if mesh.simplices.shape[1] not in kinds:
         raise ElvisError(f"{path}: expected a surface, found tetrahedra, which .vtu files hold")
-    with replacing(path) as beside:
-        (_save_vtu if path.suffix.lower() == ".vtu" else _save_surface)(mesh, beside)
+    with replacing(path) as temporary:
+        (_save_vtu if path.suffix.lower() == ".vtu" else _save_surface)(mesh, temporary)
 
 
 def _save_surface(mesh: LinearMesh, path: Path) -> None:

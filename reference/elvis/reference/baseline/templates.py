@@ -91,7 +91,7 @@ def template(shape: Shape, level: int) -> Template:
 
 
 def drawn_out(cut: Template, layers: int) -> Template:
-    """Cells of a plane shape along a third coordinate from -1 to 1, in so many layers: prisms and hexahedra."""
+    """Cells of a plane shape along a third coordinate from -1 to 1, in this many layers: prisms and hexahedra."""
     count, heights = len(cut.points), np.linspace(-1.0, 1.0, layers + 1)
     points = np.column_stack([np.tile(cut.points, (layers + 1, 1)), np.repeat(heights, count)])
     starts = (np.arange(layers) * count)[:, None, None]

@@ -105,7 +105,7 @@ def _value_maps(study: Study, files: Files) -> dict[str, Any]:
 
 
 def _position_maps(study: Study, files: Files) -> dict[str, Any]:
-    """Where surfaces lie beside the exact ones; on planes they don't."""
+    """How far surfaces lie from the exact ones; on planes they don't."""
     pictures: list[Any] = []
     legend: list[drawn.Legend] = []
     for rival in _seen(study):

@@ -24,7 +24,7 @@ BANDS = (
     (16 / STEPS, "4 to 16 steps", (253, 141, 60)),
     (np.inf, "more than 16 steps", (189, 0, 38)),
 )
-#: of distances: up to so many pixels
+#: of distances: up to this many pixels
 DISTANCES = (
     (0.5, "within half a pixel", (236, 236, 236)),
     (1.0, "up to a pixel", (254, 217, 118)),

@@ -38,16 +38,16 @@ def write_report(
     """
     read = tuple(inputs)
     check_folder(folder, read, overwrite)
-    with Outputs() as outputs, outputs.folder(folder) as beside:
-        text, files = page(study, _scene(study, beside, folder))
-        _put(beside / "index.html", text)
+    with Outputs() as outputs, outputs.folder(folder) as temporary:
+        text, files = page(study, _scene(study, temporary, folder))
+        _put(temporary / "index.html", text)
         for name, content in files.items():
-            _put(beside / name, content)
-        _put_meshes(study, beside / "meshes", formats)
-        _put(beside / "summary.json", _json(summary(study)))
-        _put(beside / "times.json", _json(times(study)))
-        own = sorted([*_files_in(beside), MARK])
-        _put(beside / MARK, _json({"kind": KIND, "version": VERSION, "files": own}))
+            _put(temporary / name, content)
+        _put_meshes(study, temporary / "meshes", formats)
+        _put(temporary / "summary.json", _json(summary(study)))
+        _put(temporary / "times.json", _json(times(study)))
+        own = sorted([*_files_in(temporary), MARK])
+        _put(temporary / MARK, _json({"kind": KIND, "version": VERSION, "files": own}))
 
         # something may have come into the folder while this one was made
         check_folder(folder, read, overwrite)

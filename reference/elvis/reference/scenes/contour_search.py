@@ -5,7 +5,7 @@ place q in the picture are
 
     f(t) = f0 + A t + r(t), |r| <= rho        q(t) = q0 + B t + e(t), |e| <= sigma
 
-With G the pseudoinverse of A and k the direction that A doesn't see, all zeros lie at t = s k - G (f0 + r): beside the
+With G the pseudoinverse of A and k the direction that A doesn't see, all zeros lie at t = s k - G (f0 + r): off the
 line q0 - B G f0 + s B k, by |B G| rho + sigma at most.  For each s with |s k - G f0| + |G| rho <= 1 there is one: the
 map y -> -f0 - r(G y + s k) takes a box of y into itself (Brouwer).  Boxes are halved until the radius is small.
 """
@@ -245,8 +245,8 @@ class Place:
         # the numerator again, now less what vanishes at the base
         shift = value[:, :2] / weight
         step, rest = step[:, :2] - shift * step[:, 2:], rest[:, :2] + np.abs(shift) * rest[:, 2:]
-        beside = rest / least + np.abs(step) * half[:, None] * room[:, None] / (weight * least)
-        return self.middle + shift, step / weight, np.where(known[:, None], beside, np.inf)
+        deviation = rest / least + np.abs(step) * half[:, None] * room[:, None] / (weight * least)
+        return self.middle + shift, step / weight, np.where(known[:, None], deviation, np.inf)
 
 
 def _part(own: Linear, which: Ints) -> Linear:
@@ -277,13 +277,13 @@ def _solved(equations: list[Linear], place: Place) -> tuple[LineSegments, Bools,
 
     # in the picture, from the middle of the line
     start, half = 0.5 * (first + last), 0.5 * np.abs(last - first)
-    middle, along, beside = place.along(start[:, None] * unseen - base, unseen, half, inverse * rest[:, None])
+    middle, along, deviation = place.along(start[:, None] * unseen - base, unseen, half, inverse * rest[:, None])
     ends, sure = (
         np.stack([middle + (share - start)[:, None] * along for share in shares], axis=1)
         for shares in ((first, last), inner)
     )
     sure[~(solved & (inner[0] <= inner[1]))] = np.nan
-    return LineSegments(ends, sure, np.linalg.norm(beside, axis=1)), solved & told, ~solved | (first <= last)
+    return LineSegments(ends, sure, np.linalg.norm(deviation, axis=1)), solved & told, ~solved | (first <= last)
 
 
 def _shares(base: Floats, unseen: Floats, room: Floats) -> tuple[Floats, Floats]:
@@ -304,10 +304,10 @@ def _whole_where_unsolved(segment: LineSegments, solved: Bools, place: Place) ->
     lengths = np.linalg.norm(step, axis=1)
     longest = lengths.argmax(axis=1)
     along = np.take_along_axis(step, longest[:, None, None], axis=2)[..., 0]
-    beside = lengths.sum(axis=1) - lengths.max(axis=1) + np.linalg.norm(rest, axis=1)
+    deviation = lengths.sum(axis=1) - lengths.max(axis=1) + np.linalg.norm(rest, axis=1)
     whole = np.stack([middle - along, middle + along], axis=1)
-    worse = ~solved | ~(segment.radius < beside + lengths.max(axis=1))
+    worse = ~solved | ~(segment.radius < deviation + lengths.max(axis=1))
     ends = np.where(worse[:, None, None], whole, segment.ends)
-    radius = np.where(worse, beside, segment.radius)
+    radius = np.where(worse, deviation, segment.radius)
     sure = np.where(worse[:, None, None], np.nan, segment.sure)
     return LineSegments(ends, sure, radius), worse

@@ -20,7 +20,7 @@ from elvis.reference.clipping import clipped, unsure
 from elvis.reference.composing import Fragments, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.locating import Locator
-from elvis.reference.pixel_lines import beside_unseen, contour_values, lines
+from elvis.reference.pixel_lines import contour_values, lines, next_to_unseen
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.scenes.contour_lines import plane_contours
 from elvis.reference.scenes.crossings import Crossings
@@ -246,7 +246,7 @@ class Scenery:
     ) -> tuple[list[Floats | None], NDArray[np.uint8] | None]:
         """For each object how much of pixels (n,) its contours cover, where bounds tell; the status (h, w) of all.
 
-        On a plane they do; elsewhere, and where clips end beside a line, a pixel with contours is ambiguous.
+        On a plane they do; elsewhere, and where clips end next to a line, a pixel with contours is ambiguous.
         """
         found: list[Floats | None] = []
         status = np.zeros(view.count, np.uint8)
@@ -260,7 +260,7 @@ class Scenery:
                 coverage, certain = known or (coverage, certain)
             found.append(coverage)
             for hits in stack if style.contours else ():
-                doubt = beside_unseen(hits, style, view) if scene.clip else np.zeros(view.count, bool)
+                doubt = next_to_unseen(hits, style, view) if scene.clip else np.zeros(view.count, bool)
                 own = np.where(certain & ~doubt, Status.CERTAIN, Status.AMBIGUOUS)
                 status = np.maximum(status, np.where(hits.seen, own, Status.MISS)).astype(np.uint8)
         drawn = any(_style(shown).contours for shown, _ in stacks)

@@ -3,7 +3,7 @@
 Pairs of an element and a ray of which bounds can't say that they miss the value (`bounding`) are looked at.  Along the
 ray's segment in the element (`segments`, `segment_curves`) the function depends on the depth alone, and all its zeros
 are found (`zeros`), however near to one another.  Newton's method on the exact map and function finishes each.  How
-certain it is shows when the function is measured nearby: values beside a straight line are rounding.
+certain it is shows when the function is measured nearby: deviations from a straight line are rounding.
 """
 
 from __future__ import annotations
@@ -122,9 +122,9 @@ class _Search:
         values = values.reshape(-1, _PLACES)
         derivative = (values - values.mean(axis=1, keepdims=True)) @ shares / (shares @ shares)
         line = values.mean(axis=1, keepdims=True) + derivative[:, None] * shares
-        beside = np.abs(values - line).max(axis=1) + np.spacing(np.abs(values).max(axis=1))
+        deviation = np.abs(values - line).max(axis=1) + np.spacing(np.abs(values).max(axis=1))
         with np.errstate(invalid="ignore", divide="ignore"):
-            uncertainty = width * _SAFETY * beside / np.abs(derivative)
+            uncertainty = width * _SAFETY * deviation / np.abs(derivative)
         return np.where(np.isnan(uncertainty), np.inf, uncertainty), along
 
 

@@ -101,7 +101,7 @@ def _parted(
 def _sampled(segments: Segments, along: Callable[[Segments, Floats], Floats]) -> tuple[Ints, Floats, Floats]:
     """Places along segments, in order: numbers of the segments, shares and values, all (m,).
 
-    Beside even places the vertices of the parabolas through three of them that turn: what is touched in between.
+    Even places and the vertices of the parabolas through three of them that turn: what is touched in between.
     """
     even = np.linspace(0.0, 1.0, _SIGNS)
     values = along(segments, np.tile(even, (len(segments), 1)))

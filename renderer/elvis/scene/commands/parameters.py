@@ -85,7 +85,7 @@ def volume(text: str) -> scene.VolumeRendering:
 
 
 def contours(text: str) -> scene.Contours:
-    """A whole number: so many lines; else their values, with commas or a decimal point."""
+    """A whole number: this many lines; else their values, with commas or a decimal point."""
     return scene.Contours(count=int(text)) if text.isdecimal() else scene.Contours(numbers(text))
 
 

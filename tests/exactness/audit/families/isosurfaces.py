@@ -47,7 +47,7 @@ def case(family, rng, size):
     low, high = extent(FORMS[form])
     cells = int(own.name.split()[1])
     if family == "sheets":
-        # in borders of elements, or a rounding error or so beside them
+        # in borders of elements, or a rounding error or so next to them
         first = low + (high - low) * Fraction(int(rng.integers(0, 2 * cells + 1)), 2 * cells)
     else:
         first = low + (high - low) * Fraction(int(rng.integers(1, 16)), 16)
