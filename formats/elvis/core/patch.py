@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,16 @@ class Patch:
 
     def __len__(self) -> int:
         return len(self.element_ids)
+
+    def part(self, rows: Ints) -> Patch:
+        """Some of the elements."""
+        coefficients = tuple(own if own is None else frozen_floats(own[rows]) for own in self.coefficients)
+        return replace(
+            self,
+            element_ids=frozen_ints(self.element_ids[rows]),
+            geometry_coefficients=frozen_floats(self.geometry_coefficients[rows]),
+            coefficients=coefficients,
+        )
 
     @cached_property
     def homogeneous(self) -> Homogeneous | None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
+import numpy as np
+
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch, patches
@@ -14,6 +16,7 @@ from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
 from elvis.plugins.native.elements import Elements, field_space, map_space
+from elvis.plugins.native.polynomials import is_affine
 from elvis.plugins.volume import Part
 
 #: coefficients that may all be raised to one order
@@ -51,7 +54,8 @@ class NativeVolume:
         dimension = _dimension(dataset, found)
         primary = names.index(carried[0]) if carried else None
         attributes = Attributes(dataset)
-        groups = _groups(found, primary)
+        sloped = any(expression.order for expression in expressions)
+        groups = [group for sort in (_by_affinity(found) if sloped else [found]) for group in _groups(sort, primary)]
         parts = [Elements(patches, geometry, names, expressions, attributes).part() for geometry, patches in groups]
         if dimension == 2 and (dataset.mesh.dimension == 1 or dataset.mesh.space > 2):
             parts = [_in_space(part) for part in parts]
@@ -76,6 +80,18 @@ def _in_space(part: Part) -> Part:
     says = " export static const bool in_space = true;"
     quantities = {name: replace(own, source=own.source + says) for name, own in part.quantities.items()}
     return replace(part, source=part.source + says, quantities=quantities)
+
+
+def _by_affinity(found: Sequence[Patch]) -> tuple[list[Patch], list[Patch]]:
+    """Elements with affine maps, in which derivatives are polynomials (see `polynomials`), and the others."""
+    straight, bent = [], []
+    for patch in found:
+        affine = is_affine(patch, np.arange(len(patch)))
+        if affine.any():
+            straight.append(patch.part(np.flatnonzero(affine)))
+        if not affine.all():
+            bent.append(patch.part(np.flatnonzero(~affine)))
+    return straight, bent
 
 
 def _groups(found: Sequence[Patch], primary: int | None) -> Iterator[tuple[BernsteinSpace, list[Patch]]]:

@@ -24,7 +24,8 @@ from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula
-from elvis.plugins.native.rounding import expression_rounding, field_rounding
+from elvis.plugins.native.polynomials import Leaves, Net, expanded
+from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
@@ -36,6 +37,8 @@ HIGHEST = 8
 HIGHEST_STRAIGHT = 16
 #: rounding of the level of another expression, in parts of it
 LEVEL_ROUNDING = 1e-15
+#: coefficients of all elements together, of expressions that are expanded
+_MOST_NUMBERS = 1 << 25
 #: elements whose bounds are found together
 _CELLS = 4096
 
@@ -113,6 +116,9 @@ class Elements:
                 return Quantity(type, source, buffers)
             degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
             return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
+        polynomial = None if self.series else self._expanded(expression)
+        if polynomial is not None:
+            return self._of_net(polynomial)
         formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions))
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
@@ -124,6 +130,43 @@ class Elements:
         rounding = cache(partial(self._rounding_of, expression)) if known else None
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
         return Quantity(type, source, buffers, known, bounds, plain, level, rounding)
+
+    def _of_net(self, net: Net) -> Quantity:
+        """The quantity that polynomials are: a field like any other, whatever expression they are of."""
+        space, plain = net.space, net.plain
+        rounding = net.error + UNIT * operations(space) * net.size
+        coefficients = plain * weights(space)
+        arguments = ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
+        degree = max(*self.geometry.degrees, *space.degrees)
+        bounds = partial(_bounds, coefficients, space, lambda: rounding)
+        type = f"{space.shape.label}<{arguments}>"
+        return Quantity(type, "", {"coefficients": coefficients}, degree, bounds, rounding=lambda: rounding)
+
+    def _expanded(self, expression: Expression) -> Net | None:
+        """The polynomials that an expression is on these elements; None where it is none, or one of too many terms."""
+        count = sum(map(len, self.patches))
+        plans = [self._net_in(patch, np.zeros(0, np.int64), expression) for patch in self.patches]
+        spaces = [plan.space for plan in plans if plan is not None]
+        if len(spaces) < len(plans):
+            return None
+        degrees = tuple(map(max, zip(*(space.degrees for space in spaces), strict=True)))
+        space = _even(BernsteinSpace(self.geometry.shape, degrees), 0)
+        if space.count * count > _MOST_NUMBERS:
+            return None
+        nets = []
+        for patch in self.patches:
+            for rows in np.array_split(np.arange(len(patch)), -(-len(patch) // _CELLS)):
+                net = self._net_in(patch, rows, expression)
+                if net is None:
+                    return None
+                nets.append(net.raised(space))
+        scaled = np.concatenate([net.scaled for net in nets], axis=1)
+        return Net(space, scaled, np.concatenate([net.error for net in nets]))
+
+    def _net_in(self, patch: Patch, rows: Ints, expression: Expression) -> Net | None:
+        """The polynomials of an expression on some elements of a patch."""
+        leaves = Leaves(patch, rows, self.names, self.attributes)
+        return expanded(expression.root, leaves.net)
 
     def _level(self, expression: Expression, value: float) -> tuple[Quantity, float] | None:
         """As Quantity.level, of an expression."""

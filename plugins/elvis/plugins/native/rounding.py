@@ -49,8 +49,8 @@ def field_rounding(patch: Patch, field: int, space: BernsteinSpace, coefficients
 
     coefficients  (n, count) Bernstein coefficients, as rounded
 
-    The change of basis sums the modes: its error is in proportion to their magnitudes.  Bernstein functions are
-    positive and sum to 1: that of the evaluation is to the greatest coefficient.  0 where the field is a constant.
+    Bernstein functions are positive and sum to 1: the error of the evaluation is in proportion to the greatest
+    coefficient.  0 where the field is a constant.
     """
     expansion, modal = patch.fields[field], patch.coefficients[field]
     assert expansion is not None
@@ -58,14 +58,18 @@ def field_rounding(patch: Patch, field: int, space: BernsteinSpace, coefficients
     with np.errstate(invalid="ignore"):
         modes, values = np.abs(modal), np.abs(coefficients)
         greatest = values.max(axis=1)
-        summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=1)
-        changed = (_summands(expansion, modal.shape[1]) + 3) * summed
-        rounding = UNIT * (changed + operations(space) * greatest)
+        rounding = basis_rounding(expansion, modal, space) + UNIT * operations(space) * greatest
 
         # a constant is a sum of modes of about one size
         alike = (coefficients == coefficients[:, :1]).all(axis=1)
         small = ((modes > 0) & (modes < _SMALL * modes.max(axis=1, keepdims=True))).any(axis=1)
     return np.where(alike & ~small, 0.0, rounding)
+
+
+def basis_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace) -> Floats:
+    """(n,) how far Bernstein coefficients may be from the true ones: in proportion to the magnitudes of the modes."""
+    summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=1, initial=0.0)
+    return np.asarray(UNIT * (_summands(expansion, modal.shape[1]) + 3) * summed)
 
 
 def _summands(expansion: Expansion, modes: int) -> int:
