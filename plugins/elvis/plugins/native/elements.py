@@ -37,8 +37,8 @@ HIGHEST = 8
 HIGHEST_STRAIGHT = 16
 #: rounding of the level of another expression, in parts of it
 LEVEL_ROUNDING = 1e-15
-#: coefficients of all elements together, of expressions that are expanded
-_MOST_NUMBERS = 1 << 25
+#: degree, and coefficients of all elements together, of expressions that are expanded
+_MOST_DEGREES, _MOST_NUMBERS = 16, 1 << 25
 #: elements whose bounds are found together
 _CELLS = 4096
 
@@ -151,7 +151,7 @@ class Elements:
             return None
         degrees = tuple(map(max, zip(*(space.degrees for space in spaces), strict=True)))
         space = _even(BernsteinSpace(self.geometry.shape, degrees), 0)
-        if space.count * count > _MOST_NUMBERS:
+        if max(space.degrees) > _MOST_DEGREES or space.count * count > _MOST_NUMBERS:
             return None
         nets = []
         for patch in self.patches:
