@@ -64,7 +64,7 @@ def test_nets_are_the_expressions(shape, text):
     if shape is Shape.PYRAMID:
         points = points[points[:, 2] < 0.9]
     truth = Evaluator(dataset, [expression]).at(expression, patch.element_ids[np.zeros(len(points), int)], points)
-    values = bernstein_values(net.space, points) @ net.plain[0]
+    values = bernstein_values(net.space, points) @ net.coefficients[:, 0]
     np.testing.assert_allclose(values, truth, rtol=0, atol=1e-12 * np.abs(truth).max())
     assert net.error[0] < 1e-11 * net.size[0]
 
@@ -104,13 +104,13 @@ def test_errors_hold_where_digits_cancel(seed):
     rng = np.random.default_rng(seed)
     space = BernsteinSpace(Shape.QUADRILATERAL, (3, 2))
     plain = rng.normal(size=(1, space.count))
-    u = Net.of(space, plain, np.zeros(1))
+    u = Net(space, plain.T, np.zeros(1))
     u = replace(u, error=4 * UNIT * u.size)
     big = 2.0**20
 
     square = expanded(Expression.parse("(a + 1048576)^2 - a^2 - 2097152*a", Names(("a",))).root, lambda leaf: u)
     for point in ((Fraction(1, 3), Fraction(1, 7)), (Fraction(0), Fraction(1)), (Fraction(2, 5), Fraction(5, 9))):
-        found = exact(square.space, square.plain[0], point)
+        found = exact(square.space, square.coefficients[:, 0], point)
         away = abs(found - Fraction(big) ** 2)
         assert away <= Fraction(float(square.error[0]))
     assert 0 < square.error[0] < 1e-14 * big**2

@@ -133,9 +133,9 @@ class Elements:
 
     def _of_net(self, net: Net) -> Quantity:
         """The quantity that polynomials are: a field like any other, whatever expression they are of."""
-        space, plain = net.space, net.plain
+        space = net.space
         rounding = net.error + UNIT * operations(space) * net.size
-        coefficients = plain * weights(space)
+        coefficients = np.ascontiguousarray((net.coefficients * weights(space)[:, None]).T)
         arguments = ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
         degree = max(*self.geometry.degrees, *space.degrees)
         bounds = partial(_bounds, coefficients, space, lambda: rounding)
@@ -160,8 +160,8 @@ class Elements:
                 if net is None:
                     return None
                 nets.append(net.raised(space))
-        scaled = np.concatenate([net.scaled for net in nets], axis=1)
-        return Net(space, scaled, np.concatenate([net.error for net in nets]))
+        coefficients = np.concatenate([net.coefficients for net in nets], axis=1)
+        return Net(space, coefficients, np.concatenate([net.error for net in nets]))
 
     def _net_in(self, patch: Patch, rows: Ints, expression: Expression) -> Net | None:
         """The polynomials of an expression on some elements of a patch."""

@@ -39,28 +39,18 @@ _STRAIGHT = 1e-12
 class Net:
     """Polynomials on n elements.
 
-    scaled  (count, n) Bernstein coefficients times the weights of their functions: products add whole rows
-    error   (n,) how far any Bernstein coefficient may be from the true one
+    coefficients  (count, n) of the Bernstein functions: sums of rows make products
+    error         (n,) how far any of them may be from the true one
     """
 
     space: BernsteinSpace
-    scaled: Floats
+    coefficients: Floats
     error: Floats
-
-    @staticmethod
-    def of(space: BernsteinSpace, plain: Floats, error: Floats) -> Net:
-        """That of Bernstein coefficients (n, count), with their errors (n,)."""
-        return Net(space, np.ascontiguousarray((plain * weights(space)).T), error)
-
-    @property
-    def plain(self) -> Floats:
-        """(n, count) Bernstein coefficients."""
-        return np.asarray(self.scaled.T / weights(self.space))
 
     @property
     def size(self) -> Floats:
-        """(n,) the greatest magnitude of a Bernstein coefficient."""
-        return np.asarray(np.abs(self.plain).max(axis=1, initial=0.0))
+        """(n,) the greatest magnitude of a coefficient."""
+        return np.asarray(np.abs(self.coefficients).max(axis=0, initial=0.0))
 
     def raised(self, space: BernsteinSpace) -> Net:
         """The same polynomials in a space that contains theirs."""
@@ -69,21 +59,29 @@ class Net:
         missing = tuple(high - low for high, low in zip(space.degrees, self.space.degrees, strict=True))
         one = BernsteinSpace(space.shape, missing)
         count = len(self.error)
-        return _product(self, Net.of(one, np.ones((count, one.count)), np.zeros(count)))
+        return _product(self, Net(one, np.ones((one.count, count)), np.zeros(count)))
 
     def negative(self) -> Net:
         """The polynomials with the other sign."""
-        return Net(self.space, -self.scaled, self.error)
+        return Net(self.space, -self.coefficients, self.error)
 
     def times(self, factors: Floats | float) -> Net:
         """The polynomials times exact numbers, one or (n,)."""
-        error = np.abs(factors) * (self.error + UNIT * self.size)
-        return Net(self.space, self.scaled * factors, error)
+        product = Net(self.space, self.coefficients * factors, np.abs(factors) * self.error)
+        return product.rounded()
+
+    def over(self, number: float) -> Net:
+        """The polynomials divided by an exact number."""
+        quotient = Net(self.space, self.coefficients / number, self.error / abs(number))
+        return quotient.rounded()
 
     def plus(self, value: float) -> Net:
         """The polynomials and an exact number."""
-        shifted = self.scaled + value * weights(self.space)[:, None]
-        return Net(self.space, shifted, self.error + 3 * UNIT * (self.size + abs(value)))
+        return Net(self.space, self.coefficients + value, self.error).rounded()
+
+    def rounded(self) -> Net:
+        """The polynomials after one more rounding of each coefficient."""
+        return Net(self.space, self.coefficients, self.error + UNIT * self.size)
 
 
 class Leaves:
@@ -121,7 +119,7 @@ class Leaves:
         with np.errstate(invalid="ignore"):
             plain = bernstein_coefficients(expansion, coefficients)
             error = basis_rounding(expansion, coefficients, space)
-        return Net.of(space, plain, error)
+        return Net(space, np.ascontiguousarray(plain.T), error)
 
     def _constant(self, name: str) -> Net | None:
         """The net of what is one number throughout each element."""
@@ -129,7 +127,7 @@ class Leaves:
             return None
         values = self.attributes.constant(name, self.patch.shape, self.patch.element_ids[self.rows])
         space = BernsteinSpace(self.patch.shape, (0,) * len(bernstein_space(self.patch.geometry).degrees))
-        return Net.of(space, np.asarray(values, np.float64)[:, None], np.zeros(len(self.rows)))
+        return Net(space, np.asarray(values, np.float64)[None, :], np.zeros(len(self.rows)))
 
     def _derivative(self, leaf: Node) -> Net | None:
         """The net of a derivative: one direction after the other."""
@@ -224,7 +222,7 @@ def _with_number(op: str, net: Net, value: float) -> Net | None:
         case "*":
             return net.times(value)
         case "/" if value != 0:
-            return Net(net.space, net.scaled / value, (net.error + UNIT * net.size) / abs(value))
+            return net.over(value)
         case "^" if value.is_integer() and value >= 1:
             return _power(net, int(value))
     return None
@@ -252,8 +250,7 @@ def _sum(first: Net, second: Net) -> Net:
     degrees = tuple(map(max, first.space.degrees, second.space.degrees))
     space = BernsteinSpace(first.space.shape, degrees)
     one, other = first.raised(space), second.raised(space)
-    scaled = one.scaled + other.scaled
-    return Net(space, scaled, one.error + other.error + UNIT * (one.size + other.size))
+    return Net(space, one.coefficients + other.coefficients, one.error + other.error).rounded()
 
 
 def _product(first: Net, second: Net) -> Net:
@@ -261,12 +258,15 @@ def _product(first: Net, second: Net) -> Net:
     if first.space.count < second.space.count:
         first, second = second, first
     space = _product_space(first.space, second.space)
+    longer = first.coefficients * weights(first.space)[:, None]
+    shorter = second.coefficients * weights(second.space)[:, None]
     scaled = np.zeros((space.count, len(first.error)))
-    for row, place in zip(second.scaled, _places(first.space, second.space), strict=True):
-        scaled[place] += first.scaled * row
+    for row, place in zip(shorter, _places(first.space, second.space), strict=True):
+        scaled[place] += longer * row
     one, other = first.size, second.size
     carried = first.error * (other + second.error) + one * second.error
-    return Net(space, scaled, carried + (second.space.count + _ROUNDINGS) * UNIT * one * other)
+    rounding = (second.space.count + _ROUNDINGS) * UNIT * one * other
+    return Net(space, scaled / weights(space)[:, None], carried + rounding)
 
 
 def _fits(first: Net, second: Net) -> bool:
@@ -299,7 +299,7 @@ def world_gradient(net: Net, jacobians: Floats, bent: Floats, axis: int) -> Net:
     lengths = np.linalg.norm(jacobians, axis=1).prod(axis=1)
     skewed = lengths / np.abs(np.linalg.det(jacobians))
     inverse = np.linalg.inv(jacobians)
-    plain, top = net.plain, max(net.space.degrees)
+    plain, top = net.coefficients.T, max(net.space.degrees)
     slopes = [differentiate(net.space, plain, direction) for direction in range(dimension)]
     steepest = np.max([np.abs(slope).max(axis=1, initial=0.0) for _, slope in slopes], axis=0)
 
@@ -309,7 +309,7 @@ def world_gradient(net: Net, jacobians: Floats, bent: Floats, axis: int) -> Net:
     total = None
     for direction, (space, slope) in enumerate(slopes):
         error = top * net.error + (3 + 16 * skewed) * UNIT * np.abs(slope).max(axis=1, initial=0.0)
-        part = Net.of(space, slope, error).times(inverse[:, direction, axis])
+        part = Net(space, np.ascontiguousarray(slope.T), error).times(inverse[:, direction, axis])
         total = part if total is None else _sum(total, part)
     assert total is not None
-    return Net(total.space, total.scaled, total.error + off)
+    return Net(total.space, total.coefficients, total.error + off)
