@@ -24,11 +24,11 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.picturing import Kind
 from elvis.core.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.converting import convert
 from elvis.plugins.discovery import chosen, installed, with_defaults
-from elvis.plugins.serving import dimension_of
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
 from elvis.renderer import Faces, Plane, Renderer, Scene
@@ -148,7 +148,7 @@ def main(arguments: list[str]) -> int:
     for name in options.cases or every:
         try:
             data = opened(every[name])
-            if dimension_of(data) == 1:
+            if Kind.of(data) is Kind.LINE:
                 continue
             for what, scene in scenes(data, options.size):
                 print(compared(name, what, data, scene, options.device), flush=True)

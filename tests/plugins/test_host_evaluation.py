@@ -161,7 +161,7 @@ def agree(renderer):
 
     def agree(opened, sure=0.98, lost=0, **options):
         scene = Scene(**{"field": "u", "size": (60, 44), **options})
-        drawing.show(volume_of(opened, quantities(scene)), opened)
+        drawing.show(volume_of(opened, quantities(scene)))
         drawn = drawing.render(scene)
         wanted = render_reference(opened, replace(scene, camera=drawn.view.camera))
         assert drawn.counts()["failed"] == wanted.counts()["failed"] == 0
@@ -197,7 +197,7 @@ def test_expressions_of_several_fields_are_what_the_reference_makes_of_them(agre
 def test_what_is_known_of_elements_is_the_same_in_every_way(renderer, pipe):
     drawing, texts = renderer("vulkan"), ["element", "jacobian", "scaled_jacobian", "quality", "shape"]
     volume = volume_of(pipe, ["u", *texts])
-    drawing.show(volume, pipe)
+    drawing.show(volume)
     (host,) = host_evaluations(volume)
     points = np.random.default_rng(3).uniform(-1, 1, (50, 3))
     rows = np.arange(50) % len(host)

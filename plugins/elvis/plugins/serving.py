@@ -50,12 +50,6 @@ def names_of(data: Dataset | Opened) -> Names:
     return Names(data.fields, time=own if data.time is None else data.time)
 
 
-def dimension_of(dataset: Dataset) -> int:
-    """Number of coordinates that a picture of the dataset has: those of its elements, and Fourier directions."""
-    names = Names.of(dataset)
-    return dataset.mesh.dimension + names.dimension - dataset.mesh.space
-
-
 def _opened(opened: Opened, texts: Sequence[str]) -> Volume:
     """A plugin's volume; expressions are made of the values and gradients of its fields."""
     names = names_of(opened)

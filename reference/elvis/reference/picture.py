@@ -23,8 +23,8 @@ from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import values
 from elvis.core.patch import Patch, patches
+from elvis.core.picturing import Kind
 from elvis.plugins.opening import Opened
-from elvis.plugins.serving import dimension_of
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
@@ -118,7 +118,7 @@ def field_of(patches: Sequence[Patch], found: Location) -> Floats:
 def _check(dataset: Dataset, scene: Scene) -> None:
     """ElvisError for data that there are no pictures of."""
     mesh = dataset.mesh
-    if dimension_of(dataset) == 1:
+    if Kind.of(dataset) is Kind.LINE:
         raise ElvisError(
             "1D data are drawn on the host from points a quarter of a pixel apart, with any device but the reference, "
             "which would have no exact reference: leave --device reference out"

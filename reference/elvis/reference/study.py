@@ -14,7 +14,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.memory import free_memory
 from elvis.core.patch import Patch
-from elvis.plugins.serving import dimension_of
+from elvis.core.picturing import Kind
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
 from elvis.reference.baseline.drawing import Baseline, affordable
 from elvis.reference.baseline.exact import FINE, exact_isosurface
@@ -148,7 +148,7 @@ def compare_scene(
     validation_size  longest side of the picture that the reference checks; 0 checks nothing
     meshes           whether all meshes are kept
     """
-    if dimension_of(dataset) == 1:
+    if Kind.of(dataset) is Kind.LINE:
         raise ElvisError(
             "1D data are drawn as curves from points of their own: there are no linear pictures to compare with, and "
             "nothing to compare"

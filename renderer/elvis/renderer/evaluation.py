@@ -57,7 +57,7 @@ class Evaluation:
         """The volume that serves quantities, brought to a device, after a few checks."""
         volume = volume_of(self.opened, [each.text for each in expressions])
         with Renderer() as device:
-            device.show(volume, self.opened)
+            device.show(volume)
             check_volume(self.opened.name, volume, device)
             yield volume, device
 

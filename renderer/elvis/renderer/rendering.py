@@ -14,11 +14,12 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import map_names
+from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
-from elvis.plugins.serving import dimension_of, names_of, volume_of
+from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas, check_memory
@@ -67,11 +68,12 @@ def render(
     dataset = dataset if scene.time is None else replace(dataset, time=scene.time)
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device, progress)
-    asked, scene = scene, completed(dataset, scene)
+    kind = Kind.of(dataset)
+    asked, scene = scene, _arranged(_with_quantity(scene, dataset), kind)
     other = _other(device)
     if other is not None:
         return _noted(other(dataset, scene), asked)
-    if dimension_of(dataset) == 1:
+    if kind is Kind.LINE:
         return draw_curves(dataset, scene)
     with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
@@ -82,12 +84,12 @@ def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None =
     """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
     scene = _with_quantity(scene, opened)
     volume = volume_of(opened, quantities(scene))
-    asked, scene = scene, _with_plane(scene, volume.dimension)
+    asked, scene = scene, _arranged(scene, Kind(volume.dimension))
     other = _other(device)
     if other is not None:
         return _noted(other(opened, scene), asked)
     with Renderer(device, progress) as renderer:
-        renderer.show(volume, opened)
+        renderer.show(volume)
         remarks = check_volume(opened.name, volume, renderer)
         return _noted(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
 
@@ -106,8 +108,8 @@ def _is_exact(scene: Scene) -> bool:
 
 def default_field(data: Dataset | Opened) -> str:
     """The first field that doesn't give the map; SceneError where the data have none."""
-    maps = () if isinstance(data, Opened) else map_names(data)
-    names = [name for name in _names(data) if name not in maps]
+    maps = map_names(data) if isinstance(data, Dataset) else ()
+    names = [name for name in names_of(data).fields if name not in maps]
     if not names:
         raise SceneError(
             "the data hold a mesh but no field: give the field file too, or name a quantity, such as --field x"
@@ -117,19 +119,7 @@ def default_field(data: Dataset | Opened) -> str:
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
-    dimension = dimension_of(dataset)
-    if dimension == 1:
-        return _with_quantity(scene, dataset)
-    if dimension == 2 and (dataset.mesh.dimension == 1 or dataset.mesh.space > 2):
-        if any(not isinstance(item, Faces) for item in scene.every_object):
-            raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
-        scene = replace(scene, objects=scene.objects or (Faces(),))
-        return _with_quantity(scene, dataset)
-    return _with_plane(_with_quantity(scene, dataset), dimension)
-
-
-def _names(data: Dataset | Opened) -> tuple[str, ...]:
-    return data.fields if isinstance(data, Opened) else tuple(field.name for field in data.fields)
+    return _arranged(_with_quantity(scene, dataset), Kind.of(dataset))
 
 
 def _with_quantity(scene: Scene, data: Dataset | Opened) -> Scene:
@@ -141,9 +131,13 @@ def _with_quantity(scene: Scene, data: Dataset | Opened) -> Scene:
     return scene
 
 
-def _with_plane(scene: Scene, dimension: int) -> Scene:
-    """The scene with its objects: where none are given, 2D data in their plane and all outer faces of 3D data."""
-    if dimension == 2:
+def _arranged(scene: Scene, kind: Kind) -> Scene:
+    """The scene with its objects: where none are given, 2D data in their plane, and outer faces of the rest."""
+    if kind is Kind.LINE:
+        return scene
+    if kind is Kind.SURFACE and any(not isinstance(item, Faces) for item in scene.every_object):
+        raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
+    if kind is Kind.PLANE:
         ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
         if not scene.every_object:
             return replace(scene, plane=ground)
@@ -194,10 +188,10 @@ class Renderer:
         self.show(volume_of(dataset, quantities), dataset)
         self.seconds["load"] = perf_counter() - start
 
-    def show(self, volume: Volume, data: Dataset | Opened | None = None) -> None:
-        """Bring a volume to the device; ``data`` is what it was made of."""
+    def show(self, volume: Volume, dataset: Dataset | None = None) -> None:
+        """Bring a volume to the device; ``dataset`` is what it was made of, None where a runtime plugin has made it."""
         self._fitted = None
-        self._stages = Stages(Loaded(self.device, volume), volume, data)
+        self._stages = Stages(Loaded(self.device, volume), volume, dataset)
 
     @property
     def stages(self) -> Stages:

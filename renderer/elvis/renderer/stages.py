@@ -16,7 +16,6 @@ from elvis.core.quantities.bounding import quantity_range
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
-from elvis.plugins.opening import Opened
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.hit_buffer import HitBuffer
@@ -73,13 +72,13 @@ def is_straight(block: GeometryBlock) -> bool:
 class Stages:
     """The stages over a loaded volume, each made when it is first needed.
 
-    data  what the volume was made of
+    dataset  what the volume was made of; None where a runtime plugin has made it
     """
 
-    def __init__(self, loaded: Loaded, volume: Volume, data: Dataset | Opened | None) -> None:
+    def __init__(self, loaded: Loaded, volume: Volume, dataset: Dataset | None) -> None:
         self.loaded, self.volume = loaded, volume
         self._ranges: dict[str, tuple[float, float]] = {}
-        self.dataset = data if isinstance(data, Dataset) else None
+        self.dataset = dataset
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
     @cached_property

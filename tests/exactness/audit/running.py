@@ -58,7 +58,7 @@ class Gallery:
             if isinstance(data, Dataset):
                 self.renderer.load(data, *quantities(scene))
             else:
-                self.renderer.show(volume_of(data, quantities(scene)), data)
+                self.renderer.show(volume_of(data, quantities(scene)))
             return self.renderer.render(scene)
         except SceneError as error:
             if self.limit is not None and perf_counter() - start > self.limit:

@@ -12,6 +12,7 @@ import numpy as np
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch, patches
+from elvis.core.picturing import Kind
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
@@ -57,7 +58,7 @@ class NativeVolume:
         sloped = any(expression.order for expression in expressions)
         groups = [group for sort in (_by_affinity(found) if sloped else [found]) for group in _groups(sort, primary)]
         parts = [Elements(patches, geometry, names, expressions, attributes).part() for geometry, patches in groups]
-        if dimension == 2 and (dataset.mesh.dimension == 1 or dataset.mesh.space > 2):
+        if dimension == 2 and Kind.of(dataset) is Kind.SURFACE:
             parts = [_in_space(part) for part in parts]
         return NativeVolume(dimension, parts)
 
