@@ -44,6 +44,7 @@ class Evaluation:
 
     opened: Opened
     report: Callable[[str], object]
+    dataset: None = None  # none is native (see elvis.renderer.commands.sources)
 
     def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
         """The quantities, or all fields; ElvisError for what names none, and for data without fields."""
@@ -98,6 +99,10 @@ class Evaluation:
         ends = np.maximum(np.abs(least), np.abs(greatest))
         rows = zip(names, now, ends, greatest, strict=True)
         return {name: Norm(float(l2), float(linf), float(most)) for name, l2, linf, most in rows}
+
+    def box(self) -> dict[str, list[float]]:
+        """Ends of the boxes around the elements."""
+        return _box(volume_of(self.opened, self.opened.fields[:1]))
 
     def facts(self, texts: Sequence[str]) -> dict[str, Any]:
         """All facts, by topic, as plain data."""

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import data_argument, expressions, field_option, json_option, plugin_option
-from elvis.renderer.commands.source import source_of
+from elvis.core.arguments import data_argument, field_option, json_option, plugin_option
+from elvis.renderer.commands.sources import source_of
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
-    from elvis.core.quantities import Expression
     from elvis.formats.strict.finding import Finding
 
 Facts = dict[str, Any]
@@ -61,7 +60,6 @@ def info(
     with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
     --field adds the certified range of any quantity. What runtime plugins open is sampled where they give no bounds.
     """
-    from elvis.core.dataset import Dataset
     from elvis.core.terminal import stage
 
     many = None if everything else _MANY
@@ -71,25 +69,14 @@ def info(
         _check(data, as_json)
         return
     source = source_of(data, plugin)
-    if not isinstance(source, Dataset):
-        if jacobian:
-            raise click.UsageError("--jacobian proves what is native, but a runtime plugin opens these data")
-        with stage("measuring"):
-            facts = source.facts(quantities)
-        _tell(facts, as_json, lambda: _print_opened(facts))
-        return
     if jacobian:
-        _prove(source, as_json, many)
+        if source.dataset is None:
+            raise click.UsageError("--jacobian proves what is native, but a runtime plugin opens these data")
+        _prove(source.dataset, as_json, many)
         return
-    from elvis.core.summary import summary
-
     with stage("measuring"):
-        facts = summary(source)
-        if quantities:
-            asked = expressions(source, quantities)
-            facts["quantities"] = {each.text: _range(source, each) for each in asked}
-            facts["distances"] = _distances(source, asked)
-    _tell(facts, as_json, lambda: _print(facts, many))
+        facts = source.facts(quantities)
+    _tell(facts, as_json, lambda: _print_opened(facts) if source.dataset is None else _print(facts, many))
 
 
 def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:
@@ -117,26 +104,6 @@ def _print_opened(facts: Facts) -> None:
     if fields:
         click.echo()
         print_table(("field", "lower bound", "upper bound", "least found", "greatest found"), fields)
-
-
-def _range(dataset: Dataset, expression: Expression) -> Facts | None:
-    """The bounds of a quantity and what is attained; None where it has no values."""
-    from dataclasses import asdict
-
-    from elvis.core.quantities.bounding import quantity_range
-
-    found = quantity_range(dataset, expression)
-    return None if found is None else asdict(found)
-
-
-def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
-    """What distances are measured to: how many faces, and whether they are closed, so that distances have a sign."""
-    from elvis.core.distances import surface_of
-    from elvis.core.quantities.attributes import target_of
-
-    targets = {target for each in asked for name in each.attributes if (target := target_of(name)) is not None}
-    found = {target: surface_of(dataset, target) for target in sorted(targets)}
-    return {target: {"faces": own.faces, "closed": own.is_closed} for target, own in found.items()}
 
 
 def _check(data: tuple[Path, ...], as_json: bool) -> None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import data_argument, expressions, field_option, json_option, plugin_option
-from elvis.renderer.commands.source import source_of
+from elvis.core.arguments import data_argument, field_option, json_option, plugin_option
+from elvis.renderer.commands.sources import source_of
 
 if TYPE_CHECKING:
     from elvis.core.norms import Norm
@@ -36,19 +36,11 @@ def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, pl
     integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
     are refined until they agree.
     """
-    from elvis.core.dataset import Dataset
-    from elvis.core.norms import norms as norms_of
-    from elvis.core.norms import quantity_norm
     from elvis.core.terminal import print_json, print_table, stage
 
     source = source_of(data, plugin)
     with stage("integrating"):
-        if not isinstance(source, Dataset):
-            found = source.norms(quantities or None)
-        elif quantities:
-            found = {each.text: quantity_norm(source, each) for each in expressions(source, quantities)}
-        else:
-            found = norms_of(source)
+        found = source.norms(quantities or None)
     _tell_measure(quantities, found)
     if as_json:
         print_json({name: {"L2": norm.l2, "Linf": norm.linf} for name, norm in found.items()})

@@ -15,7 +15,6 @@ from elvis.core.arguments import (
     Triple,
     asked,
     data_argument,
-    expressions,
     field_option,
     inputs,
     overwrite_option,
@@ -23,15 +22,14 @@ from elvis.core.arguments import (
     triples,
 )
 from elvis.core.errors import ElvisError
-from elvis.renderer.commands.source import source_of
+from elvis.renderer.commands.sources import source_of
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
-    from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
     from elvis.core.files.nrrd import Grid
     from elvis.core.quantities import Expression
-    from elvis.renderer.evaluation import Evaluation
+    from elvis.renderer.commands.sources import Source
 
 _COLUMNS = ("point", "x", "y", "z", "element", "status")
 
@@ -176,23 +174,13 @@ def _places(
     return points_in_table(points)
 
 
-def _columns(source: Dataset | Evaluation, places: Floats, texts: list[str] | None, every: bool) -> Columns:
+def _columns(source: Source, places: Floats, texts: list[str] | None, every: bool) -> Columns:
     """The table: what was asked, what was found, and one column a quantity."""
-    from elvis.core.dataset import Dataset
-    from elvis.core.quantities.evaluator import Sampler
     from elvis.core.terminal import stage
 
-    if not isinstance(source, Dataset):
-        quantities = _checked(source.expressions(texts))
-        with stage(f"probing {len(places)} points"):
-            return source.probe(places, quantities, every)
-    wanted = _checked(expressions(source, texts))
-    names = [expression.text for expression in wanted]
+    wanted = _checked(source.expressions(texts))
     with stage(f"probing {len(places)} points"):
-        found = Sampler(source, wanted).sample(places, all=every)
-    x, y, z = found.points.T
-    answers = (found.location.point, x, y, z, found.location.element_id, found.location.status.astype(int))
-    return dict(zip((*_COLUMNS, *names), (*answers, *found.values.T), strict=True))
+        return source.probe(places, wanted, every)
 
 
 def _write_grid(
@@ -229,15 +217,12 @@ def _write_grid(
     write_nrrd(output, grid, list(opening), parts())
 
 
-def _grid(source: Dataset | Evaluation, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
+def _grid(source: Source, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
     """The grid in a box, by default that of the data; ElvisError where several points would be at one place."""
-    from elvis.core.dataset import Dataset
     from elvis.core.files.nrrd import Grid
-    from elvis.core.geometry import geometry
-    from elvis.core.summary import box as box_of
 
     if box is None:
-        found = box_of(source, geometry(source)) if isinstance(source, Dataset) else source.facts(())["box"]
+        found = source.box()
         lower, upper = ([float(end or 0.0) for end in found[name]] for name in ("lower", "upper"))
         box = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
     for name, low, high, count in zip("xyz", *box, counts, strict=True):

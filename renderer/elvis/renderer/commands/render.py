@@ -82,16 +82,14 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 
 def _frame(scene: Scene) -> Frame:
     """Read the data, or let a runtime plugin open them, and draw them."""
-    from elvis.core.terminal import progress, warn
-    from elvis.formats.reading import read_data
-    from elvis.plugins.opening import open_files
+    from elvis.core.terminal import progress
     from elvis.renderer import SceneError
     from elvis.renderer import render as draw
+    from elvis.renderer.commands.sources import open_data
 
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
-    files = tuple(map(Path, scene.data))
-    dataset = open_files(files, scene.plugin, warn) or read_data(files)
+    dataset = open_data(tuple(map(Path, scene.data)), scene.plugin)
     with progress("drawing") as told:
         return draw(dataset, scene, device=scene.device, progress=told)
 
