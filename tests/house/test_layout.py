@@ -15,15 +15,6 @@ AREAS = {
     "reference": ("reference",),
 }
 
-#: base names that still stand twice in an area, to be renamed; none may come to them
-TWICE = {
-    "formats": set(),
-    "plugins": set(),
-    "converters": set(),
-    "renderer": {"commands", "errors"},
-    "reference": {"drawing", "volumes"},
-}
-
 #: written so that this file does not match itself
 REGISTRIES = re.compile(
     r"py[p]i\.org|python[h]osted|deb\.d[e]bian|archive\.u[b]untu|crates\.i[o]\b|npm[j]s|proxy\.gol[a]ng|repo1?\.mav[e]n",
@@ -56,7 +47,7 @@ def base_names(paths):
 def test_no_base_name_stands_twice_in_an_area(root, modules, area):
     paths = [path.relative_to(root) for path in modules]
     names = base_names([path for path in paths if path.parts[0] == area])
-    assert {name for name, count in Counter(names).items() if count > 1} <= TWICE[area]
+    assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
 def test_base_names_are_counted_with_folders():

@@ -48,6 +48,10 @@ def test_help_of_a_command_that_draws_loads_nothing_heavy(command, heavy):
 
 def test_a_scene_of_options_loads_no_pydantic():
     """It is for what comes from outside: scene files and --set."""
-    lines = ("import sys", "from elvis.scene.commands.composing import composed", "composed((), {'opacity': 0.5}, ())")
+    lines = (
+        "import sys",
+        "from elvis.scene.commandline.composing import composed",
+        "composed((), {'opacity': 0.5}, ())",
+    )
     code = "; ".join([*lines, "assert 'pydantic' not in sys.modules"])
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

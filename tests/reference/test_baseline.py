@@ -8,7 +8,7 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.formats import Dataset
-from elvis.reference.baseline.drawing import Baseline, affordable
+from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.baseline.mesh import estimate, joined
 from elvis.reference.baseline.sections import section
 from elvis.reference.baseline.templates import pulling, template

@@ -127,7 +127,7 @@ def test_meshes_are_kept_on_request(block_files, tmp_path):
 
 def test_meshes_come_back_from_vtk(block_files, blocks, tmp_path):
     vtk_reader = pytest.importorskip("vtkmodules.vtkIOXML")
-    from elvis.reference.baseline.drawing import Baseline
+    from elvis.reference.baseline.linear_drawing import Baseline
     from elvis.reference.baseline.saving import save_mesh
     from elvis.reference.quantities import Quantities
 

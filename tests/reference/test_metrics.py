@@ -10,7 +10,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset
 from elvis.reference.baseline.distances import surface_distance, topology
-from elvis.reference.baseline.drawing import Baseline
+from elvis.reference.baseline.linear_drawing import Baseline
 from elvis.reference.cameras import same_camera
 from elvis.reference.contours import crossings, displacement
 from elvis.reference.metrics import check_comparable, errors

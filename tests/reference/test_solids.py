@@ -11,7 +11,7 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats import Dataset
-from elvis.reference.baseline.drawing import Baseline
+from elvis.reference.baseline.linear_drawing import Baseline
 from elvis.reference.baseline.templates import drawn_out, pulling, template
 from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities, names_of

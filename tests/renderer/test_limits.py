@@ -28,7 +28,7 @@ from elvis.renderer import (
     render,
     rendering,
 )
-from elvis.renderer.errors import DeviceLostError
+from elvis.renderer.device_errors import DeviceLostError
 from elvis.scene.palette import NOT_A_NUMBER
 from elvis.scene.view import seen
 
@@ -222,7 +222,7 @@ def test_a_terminal_is_told_what_is_known_of_the_pixels(run, tmp_path, monkeypat
 def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
     from dataclasses import fields
 
-    from elvis.scene.commands.options import OBJECTS, STYLES, scene_options
+    from elvis.scene.commandline.options import OBJECTS, STYLES, scene_options
 
     keys = {field.name for field in fields(Scene)} - {"data", "objects"}
     names = [option.name for option in scene_options(())]

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from elvis.renderer import Scene, SceneError
-from elvis.scene.commands.composing import composed
+from elvis.scene.commandline.composing import composed
 from elvis.scene.files import SUFFIXES, read_scene, write_scene
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from elvis.renderer import Camera, Faces, Scene, SceneError, Sphere, Style
 from elvis.renderer.commands.render import render
 from elvis.scene import scene_schema
-from elvis.scene.commands.options import scene_options
+from elvis.scene.commandline.options import scene_options
 from elvis.scene.files import read_scene
 from elvis.scene.settings import Model, settings
 from elvis.scene.tables import scene_of, table_of

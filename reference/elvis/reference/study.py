@@ -16,8 +16,8 @@ from elvis.core.memory import free_memory
 from elvis.core.patch import Patch
 from elvis.core.picturing import Kind
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
-from elvis.reference.baseline.drawing import Baseline, affordable
 from elvis.reference.baseline.exact import FINE, exact_isosurface
+from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.baseline.mesh import LinearMesh, estimate
 from elvis.reference.baseline.vtk import VtkBaseline
 from elvis.reference.extras import MissingExtraError

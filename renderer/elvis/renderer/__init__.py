@@ -8,7 +8,7 @@ from elvis import scene
 from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from elvis.renderer.errors import DeviceError
+    from elvis.renderer.device_errors import DeviceError
     from elvis.renderer.rendering import Renderer, default_field, render
     from elvis.scene import *  # noqa: F403
 
@@ -18,7 +18,7 @@ __all__ += scene.__all__
 __getattr__ = lazy_names(
     __name__,
     {
-        "elvis.renderer.errors": ("DeviceError",),
+        "elvis.renderer.device_errors": ("DeviceError",),
         "elvis.renderer.rendering": ("Renderer", "default_field", "render"),
         "elvis.scene": tuple(scene.__all__),
     },

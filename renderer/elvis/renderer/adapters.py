@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.diagnostics import errors_alone
-from elvis.renderer.errors import DeviceError
 from elvis.renderer.kernel_cache import kernel_cache
 
 if TYPE_CHECKING:

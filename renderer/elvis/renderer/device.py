@@ -14,8 +14,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.adapters import choose, opened
+from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
-from elvis.renderer.errors import DeviceError, DeviceLostError
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
 from elvis.renderer.pacing import Pace, Watch
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from elvis.renderer.errors import DeviceError
+from elvis.renderer.device_errors import DeviceError
 
 #: a diagnostic starts with its kind; the next line says where it is meant
 _START = re.compile(r"^(?=(?:fatal )?(?:error|warning|note)\[E\d+\]|(?:fatal )?error \d+)", re.M)

@@ -25,8 +25,8 @@ from elvis.plugins.volume_checks import Samples
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
+from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.element_samples import sample_elements
-from elvis.renderer.errors import DeviceError, DeviceLostError
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places

@@ -10,7 +10,7 @@ from elvis.core.arrays import Ints
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.pointwise import positions
 from elvis.core.patch import Patch
-from elvis.reference.baseline.drawing import Baseline
+from elvis.reference.baseline.linear_drawing import Baseline
 from elvis.reference.baseline.mesh import LinearMesh, joined
 from elvis.reference.baseline.sections import section
 from elvis.reference.quantities import Quantities

@@ -19,7 +19,7 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.plugins.exporting import exporter
-from elvis.reference.baseline.drawing import layers_of
+from elvis.reference.baseline.linear_drawing import layers_of
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.composing import record

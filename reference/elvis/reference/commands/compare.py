@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import overwrite_option
-from elvis.scene.commands.command import SceneCommand
+from elvis.scene.commandline.command import SceneCommand
 
 if TYPE_CHECKING:
     from elvis.reference.study import Study
@@ -133,7 +133,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
     from elvis.core.terminal import stage
     from elvis.formats.reading import read_data
     from elvis.reference.study import compare_scene
-    from elvis.scene.commands.composing import composed
+    from elvis.scene.commandline.composing import composed
     from elvis.scene.errors import SceneError
     from elvis.scene.files import scene_text
 

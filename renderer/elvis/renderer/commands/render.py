@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import overwrite_option
-from elvis.scene.commands.command import OUTPUT, SceneCommand, parsed
+from elvis.scene.commandline.command import OUTPUT, SceneCommand, parsed
 
 if TYPE_CHECKING:
     from elvis.scene import Scene
@@ -52,7 +52,7 @@ def render(
 
     A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
-    from elvis.scene.commands.composing import composed
+    from elvis.scene.commandline.composing import composed
 
     scene = composed(data, options, settings)
     _check_places(scene, data, save_scene, overwrite)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -33,6 +34,22 @@ _ROUNDS, _BATCH = 48, 1 << 14
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 #: drafts of a part: pieces in which rays take too many steps are drawn once more in parts, with closer bounds
 _DRAFTS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """A value of a quantity of one part, seen in a view: what all stages of a drawing are about.
+
+    number    of the part
+    quantity  one of the part's quantities; None is its own field
+    buffers   what the stages read and write
+    """
+
+    view: View
+    number: int
+    quantity: str | None
+    value: float
+    buffers: dict[str, Buffer]
 
 
 class IsosurfaceDrawer:
@@ -71,10 +88,11 @@ class IsosurfaceDrawer:
             straight = self.traversal.is_straight(number, own)
             draw = self._kernel("iso_line" if straight else "iso_draw", number, own)
             buffers = {**self.loaded.bound(number, own), **image, "beyond": before}
+            asked = _Level(view, number, own, level, buffers)
             if straight:
-                self._draw_straight(draw, view, number, own, level, buffers)
+                self._draw_straight(draw, asked)
             else:
-                self._draw_pieces(draw, view, number, own, level, buffers)
+                self._draw_pieces(draw, asked)
         hits = _left(HitBuffer.on_device(self.device, held), value)
         hits.status[unproved & (hits.status == Status.MISS)] = Status.AMBIGUOUS
         assert hits.doubt is not None
@@ -104,16 +122,9 @@ class IsosurfaceDrawer:
         wrong = ~np.isfinite(found) | (np.abs(found - value) > 1e-6 * abs(value) if value else False)
         hits.status[np.flatnonzero(hit)[wrong]] = Status.AMBIGUOUS
 
-    def _draw_straight(
-        self,
-        draw: Kernel,
-        view: View,
-        number: int,
-        quantity: str | None,
-        value: float,
-        buffers: dict[str, Buffer],
-    ) -> None:
+    def _draw_straight(self, draw: Kernel, level: _Level) -> None:
         """The straight tetrahedra of a part that may have the value."""
+        view, number, quantity, value, buffers = level.view, level.number, level.quantity, level.value, level.buffers
         flat = self.traversal.flat(number, quantity, value)
         self.counts["flat"] += int(flat.sum())
         undefined = np.isnan(self.loaded.bounds(number, quantity)[0])
@@ -149,20 +160,19 @@ class IsosurfaceDrawer:
         pieces["error"] = self.traversal.rounding(number, quantity, value)[elements]
         return pieces
 
-    def _pieces(
-        self, view: View, number: int, quantity: str | None, value: float, weary: NDArray[Any] | None = None
-    ) -> NDArray[Any]:
+    def _pieces(self, level: _Level, weary: NDArray[Any] | None = None) -> NDArray[Any]:
         """Pieces of a part that are to be drawn, in order of depth: of all its elements, or parts of those given."""
+        number, quantity, value = level.number, level.quantity, level.value
         start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
         parents = self._whole(split, number, quantity, value) if weary is None else weary
         degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
         buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
         done = [parents[:0]]
-        for level in range(_ROUNDS):
-            last = len(parents) > MOST_PIECES or level == _ROUNDS - 1
-            ask = partial(self._ask, split, view, number, value, last=last)
-            halved = level > 0 or weary is not None
+        for turn in range(_ROUNDS):
+            last = len(parents) > MOST_PIECES or turn == _ROUNDS - 1
+            ask = partial(self._ask, split, level, last=last)
+            halved = turn > 0 or weary is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
             found = [self._kept(split if halved else start, batch, halved, buffers, ask) for batch in batches]
             done += [pieces[pieces["fate"] != SPLIT] for pieces in found]
@@ -197,26 +207,18 @@ class IsosurfaceDrawer:
         centre = pieces["centre"]
         return pieces[np.lexsort([*centre.T, pieces["element"], pieces["near"]])]
 
-    def _draw_pieces(
-        self,
-        draw: Kernel,
-        view: View,
-        number: int,
-        quantity: str | None,
-        value: float,
-        buffers: dict[str, Buffer],
-    ) -> None:
+    def _draw_pieces(self, draw: Kernel, level: _Level) -> None:
         """The other elements of a part, in pieces, and in parts of those in which rays take too many steps."""
-        self.counts["flat"] += int(self.traversal.flat(number, quantity, value).sum())
-        certified = self.traversal.degree(number, quantity) > 0
-        ask = partial(self._ask, draw, view, number, value, certified=certified)
+        self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
+        certified = self.traversal.degree(level.number, level.quantity) > 0
+        ask = partial(self._ask, draw, level, certified=certified)
         weary = None
         for draft in range(_DRAFTS):
-            pieces = self._pieces(view, number, quantity, value, weary)
+            pieces = self._pieces(level, weary)
             if not len(pieces):
                 return
             last = draft == _DRAFTS - 1 or len(pieces) > MOST_PIECES
-            weary = pieces[self._draft(draw, buffers, pieces, partial(ask, last=last))]
+            weary = pieces[self._draft(draw, level.buffers, pieces, partial(ask, last=last))]
             if not len(weary):
                 return
 
@@ -237,11 +239,12 @@ class IsosurfaceDrawer:
         draw(len(tiles), {**buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
         return np.asarray(self.device.read(lists["weary"], np.uint32)[: len(pieces)] > 0)
 
-    def _ask(self, kernel: Kernel, view: View, number: int, value: float, **other: int) -> Buffer:
+    def _ask(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:
         """The Ask record of the stages (iso.slang)."""
+        view = level.view
         errors = {"apart": APART * self.loaded.reach, "misplaced": misplaced(view, self.loaded.reach)}
-        across, first = 1 / np.linalg.norm(view.column), self.loaded.first[number]
-        record = record_of(kernel, "ask", view, level=value, across=across, first=first, **errors, **other)
+        place = {"across": 1 / np.linalg.norm(view.column), "first": self.loaded.first[level.number]}
+        record = record_of(kernel, "ask", view, level=level.value, **place, **errors, **other)
         return self.device.buffer(record)
 
 

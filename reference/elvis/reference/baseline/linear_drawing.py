@@ -12,11 +12,11 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch
+from elvis.reference.baseline.linear_volumes import volume_fragments
 from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_meshes
 from elvis.reference.baseline.probing import Probe
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.tracing import Tracer
-from elvis.reference.baseline.volumes import volume_fragments
 from elvis.reference.clipping import clipped
 from elvis.reference.composing import Fragments, Layer, colored, is_lit, record
 from elvis.reference.hits import Hits

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import click
 
-from elvis.scene.commands.command import parsed
+from elvis.scene.commandline.command import parsed
 from elvis.scene.objects import SceneObject, Style
 from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.whole import Scene

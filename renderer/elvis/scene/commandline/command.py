@@ -23,7 +23,7 @@ class SceneCommand(click.Command):
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Arguments, the options of a scene, its own options."""
-        from elvis.scene.commands.options import scene_options
+        from elvis.scene.commandline.options import scene_options
 
         self._scene_options = self._scene_options or scene_options(self.leaving)
         own = super().get_params(ctx)
@@ -35,7 +35,7 @@ def parsed(parse: str) -> Parsed:
     """The type of texts that a function of `parameters`, imported when it is needed, reads."""
 
     def read(text: str) -> Any:
-        from elvis.scene.commands import parameters
+        from elvis.scene.commandline import parameters
 
         function: Callable[[str], Any] = getattr(parameters, parse)
         return function(text)

@@ -29,7 +29,7 @@ def composed(
     unused    keys of a scene file that have no meaning for the caller
     """
     from elvis.scene import CutSurface, Plane, Scene
-    from elvis.scene.commands.options import OBJECTS, STYLES
+    from elvis.scene.commandline.options import OBJECTS, STYLES
     from elvis.scene.files import is_scene_file, read_scene
 
     scene_files = [file for file in files if is_scene_file(file)]
