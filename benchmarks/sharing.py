@@ -16,8 +16,8 @@ from shown import Shown
 from tables import Table, seconds
 
 from elvis.renderer import Renderer, Scene, compositing
-from elvis.renderer.compositing import Coats
-from elvis.renderer.passes.volume.volume_rendering import Gathered, Medium, VolumeRenderer
+from elvis.renderer.compositing import FragmentLists
+from elvis.renderer.passes.volume.volume_rendering import Medium, RayIntegrals, VolumeRenderer
 from elvis.renderer.stages import Stages
 
 PARTS = ("cut", "faces", "isosurface", "volume")
@@ -51,8 +51,8 @@ def measure(shown: Shown, device: str, side: int, rounds: int, quick: bool) -> d
 def _level(renderer: Renderer, scene: Scene) -> float:
     """Processor seconds of finding the isosurface, without colours: all that lists shared with volumes could save."""
     view = renderer.render(scene, references=False).view
-    sheet = renderer.stages.sheets(scene)[0]
-    return in_turn({"level": lambda: sheet.draw(view, None).depth}, 3)["level"].effort
+    draw_call = renderer.stages.draw_calls(scene)[0]
+    return in_turn({"level": lambda: draw_call.draw(view, None).depth}, 3)["level"].effort
 
 
 def _without(name: str, renderer: Renderer, scene: Scene) -> Any:
@@ -65,12 +65,21 @@ def _without(name: str, renderer: Renderer, scene: Scene) -> Any:
 def _off(name: str) -> Iterator[None]:
     draw, layers = VolumeRenderer.draw, Stages.layers
 
-    def stretches(self: VolumeRenderer, view: Any, media: Any, coats: Coats, error: float, clips: Any) -> Gathered:
-        depths = coats.device.read(coats.buffers["coat_depths"], np.float64).reshape(coats.count, -1)
+    def stretches(
+        self: VolumeRenderer, view: Any, media: Any, fragments: FragmentLists, error: float, clips: Any
+    ) -> RayIntegrals:
+        depths = fragments.device.read(fragments.buffers["fragment_depths"], np.float64).reshape(fragments.count, -1)
         for depth in depths:
             wall = [(depth, np.ones((len(depth), 3)), np.ones(len(depth)))]
-            draw(self, view, media, Coats.of(coats.device, coats.pixels, wall, (1, 1, 1)).compose(), error, clips)
-        return draw(self, view, media, coats, error, clips)
+            draw(
+                self,
+                view,
+                media,
+                FragmentLists.of(fragments.device, fragments.pixels, wall, (1, 1, 1)).compose(),
+                error,
+                clips,
+            )
+        return draw(self, view, media, fragments, error, clips)
 
     def twice(self: Stages, *arguments: Any) -> Iterator[Any]:
         for layer in layers(self, *arguments):

@@ -17,7 +17,7 @@ SAMPLE = {
     "faces": (3, 7),
     "isosurfaces: multiplicity": (2, 3),
     "isosurfaces: touching": (0, 5),
-    "isosurfaces: sheets": (3, 4),
+    "isosurfaces: draw_calls": (3, 4),
     "isosurfaces: near pairs": (2,),
     "volumes": (5,),
     "waves": (1,),
@@ -51,7 +51,7 @@ def test_nothing_certain_is_wrong(gallery, device, family, number):
 
 def test_levels_that_miss_the_certified_range_by_rounding_alone_are_drawn(gallery):
     """The bounds of (x - 3/4)^2 begin at 3.5e-18: its isosurface at 0 is no mistake of the user's."""
-    found = gallery("vulkan").count(case_of("isosurfaces: sheets", 3, 10, (12, 9)))
+    found = gallery("vulkan").count(case_of("isosurfaces: draw_calls", 3, 10, (12, 9)))
     assert found.pixels == 12 * 9
     assert found.wrong == 0
 

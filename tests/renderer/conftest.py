@@ -17,7 +17,7 @@ from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as render_reference
 from elvis.renderer import Renderer, Scene, Status
 from elvis.renderer.adapters import ADVICE, adapters
-from elvis.renderer.compositing import Coats
+from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.volume_rendering import Medium, VolumeRenderer
@@ -115,16 +115,16 @@ def same_on(draw):
 
 
 @pytest.fixture(scope="session")
-def gather(renderer):
-    """What rays gather in a dataset's first field, and from coats given as depths, colours and alphas."""
+def integrate(renderer):
+    """What rays accumulate in a dataset's first field, and from fragments given as depths, colours and alphas."""
 
-    def draw(dataset, view, *looks, coats=(), **options):
-        media = [look if isinstance(look, Medium) else Medium(look) for look in looks]
+    def draw(dataset, view, *media_or_transfers, fragments=(), **options):
+        media = [each if isinstance(each, Medium) else Medium(each) for each in media_or_transfers]
         names = {medium.quantity for medium in media} - {None}
         volume = volume_of(dataset, [dataset.fields[0].name, *sorted(names)])
         loaded = Loaded(renderer("vulkan").device, volume)
         faces = FaceDrawer(loaded, faces_of(dataset, volume))
-        under = Coats.of(loaded.device, view.count, coats, (0.0, 0.0, 0.0)).compose()
+        under = FragmentLists.of(loaded.device, view.count, fragments, (0.0, 0.0, 0.0)).compose()
         return VolumeRenderer(loaded, lambda: faces).draw(view, media, under, **options)
 
     return draw

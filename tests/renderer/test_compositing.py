@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from elvis.renderer import Camera
-from elvis.renderer.compositing import Coats
+from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.painting import Brush, Look
+from elvis.renderer.painting import FragmentShader, Material
 from elvis.renderer.passes.lines.lines import UNITS, Marks
 from elvis.scene import Light
 from elvis.scene.palette import NOT_A_NUMBER, Palette
@@ -24,32 +24,34 @@ def layer_at(depths, normal=(0.0, 0.0, 1.0)):
     return layer
 
 
-def coat(depths, color, opacity=1.0):
-    """A coat of one colour."""
+def fragment(depths, color, opacity=1.0):
+    """A fragment of one colour."""
     alpha = np.where(np.isfinite(depths), opacity, 0.0)
     return np.asarray(depths, float), alpha[:, None] * color, alpha
 
 
 @pytest.fixture(params=["vulkan", "cpu"], scope="module")
-def brush(request, renderer):
-    return Brush(renderer(request.param).device)
+def shader(request, renderer):
+    return FragmentShader(renderer(request.param).device)
 
 
 @pytest.fixture
-def composite(brush):
-    """(n, 3) colours of coats over a background."""
-    return lambda coats, behind: Coats.of(brush._device, len(coats[0][0]), coats, tuple(behind)).compose().colors()
+def composite(shader):
+    """(n, 3) colours of fragments over a background."""
+    return lambda fragments, behind: (
+        FragmentLists.of(shader._device, len(fragments[0][0]), fragments, tuple(behind)).compose().colors()
+    )
 
 
 @pytest.fixture
-def coated(brush):
-    """(n, 3) colours times alpha, and (n,) alphas, of a layer that is painted as the last coat of two."""
+def fragments_of(shader):
+    """(n, 3) colours times alpha, and (n,) alphas, of a layer that is painted as the last fragment of two."""
 
-    def paint(view, layer, look):
-        coats = Coats(brush._device, view.count, 2, tuple(WHITE))
-        brush.coat(view, layer, look, coats, 1)
-        made = brush._device.read(coats.buffers["coat_colors"], np.float64).reshape(2, view.count, 4)[1]
-        depths = brush._device.read(coats.buffers["coat_depths"], np.float64).reshape(2, view.count)[1]
+    def paint(view, layer, material):
+        fragments = FragmentLists(shader._device, view.count, 2, tuple(WHITE))
+        shader.add(view, layer, material, fragments, 1)
+        made = shader._device.read(fragments.buffers["fragment_colors"], np.float64).reshape(2, view.count, 4)[1]
+        depths = shader._device.read(fragments.buffers["fragment_depths"], np.float64).reshape(2, view.count)[1]
         assert np.array_equal(depths, layer.depth)
         return made[:, :3], made[:, 3]
 
@@ -57,23 +59,23 @@ def coated(brush):
 
 
 def test_the_nearest_hides_what_lies_behind_pixel_by_pixel(composite):
-    result = composite([coat([1, 3, np.inf, np.inf], RED), coat([2, 2, 2, np.inf], GREEN)], WHITE)
+    result = composite([fragment([1, 3, np.inf, np.inf], RED), fragment([2, 2, 2, np.inf], GREEN)], WHITE)
     assert np.array_equal(result, [RED, GREEN, GREEN, WHITE])
 
 
 def test_opacity_in_depth_order_whatever_the_order_given(composite):
-    coats = [coat([3.0], RED), coat([1.0], BLUE, 0.25), coat([2.0], GREEN, 0.5)]
+    fragments = [fragment([3.0], RED), fragment([1.0], BLUE, 0.25), fragment([2.0], GREEN, 0.5)]
     expected = 0.25 * BLUE + 0.75 * (0.5 * GREEN + 0.5 * RED)
     for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
-        assert np.allclose(composite([coats[k] for k in order], WHITE), expected, rtol=0, atol=1e-15)
+        assert np.allclose(composite([fragments[k] for k in order], WHITE), expected, rtol=0, atol=1e-15)
 
 
 def test_equal_depths_keep_the_order_given(composite):
-    assert np.array_equal(composite([coat([1.0], RED), coat([1.0], GREEN)], WHITE), [RED])
+    assert np.array_equal(composite([fragment([1.0], RED), fragment([1.0], GREEN)], WHITE), [RED])
 
 
 def test_random_coats_are_mixed_as_by_hand(composite):
-    """Twelve coats of 500 pixels, some of them not there, some at one depth, some opaque."""
+    """Twelve fragments of 500 pixels, some of them not there, some at one depth, some opaque."""
     rng = np.random.default_rng(5)
     depths = rng.choice([1.0, 2.0, 3.5, 7.0, np.inf], size=(12, 500))
     alphas = np.where(np.isfinite(depths), rng.choice([0.2, 0.7, 1.0], size=depths.shape), 0.0)
@@ -93,45 +95,45 @@ def sight(count, **camera):
     return View.through(Camera((0, 0, 2), (0, 0, 0), (0, 1, 0), **(camera or {"height": 1.0})), (count, 1))
 
 
-def marks(brush, distances, width):
+def marks(shader, distances, width):
     """Lines as far from pixels as that."""
-    held = brush._device.buffer((np.asarray(distances) * UNITS).astype(np.uint32))
-    return Marks(brush._device, held, width, np.zeros(len(distances), np.uint32))
+    held = shader._device.buffer((np.asarray(distances) * UNITS).astype(np.uint32))
+    return Marks(shader._device, held, width, np.zeros(len(distances), np.uint32))
 
 
-def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(brush, coated):
+def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(shader, fragments_of):
     """Lines of a pixel's width cover 1 - their distance of it."""
     layer = layer_at([1.0, 1.0, 1.0, np.inf])
-    mesh, contours = marks(brush, [1.0, 0.5, 0.0, 0.0], 1.0), marks(brush, [1.0, 1.0, 0.75, 0.0], 1.0)
+    mesh, contours = marks(shader, [1.0, 0.5, 0.0, 0.0], 1.0), marks(shader, [1.0, 1.0, 0.75, 0.0], 1.0)
     assert np.array_equal(mesh.coverage, [0.0, 0.5, 1.0, 1.0])
-    look = Look(tuple(GREEN), 0.5, mesh=(mesh, tuple(RED)), contours=(contours, tuple(BLUE)))
+    material = Material(tuple(GREEN), 0.5, mesh=(mesh, tuple(RED)), contours=(contours, tuple(BLUE)))
     surface = 0.5 * GREEN + 0.5 * WHITE
     expected = [surface, 0.5 * RED + 0.5 * surface, 0.25 * BLUE + 0.75 * RED, WHITE]
-    assert np.allclose(brush.over(sight(4), layer, look, WHITE, whole=False), expected)
-    color, alpha = coated(sight(4), layer, look)
+    assert np.allclose(shader.over(sight(4), layer, material, WHITE, whole=False), expected)
+    color, alpha = fragments_of(sight(4), layer, material)
     assert np.allclose(color + (1 - alpha)[:, None] * WHITE, expected)
     assert np.array_equal(
-        brush.over(sight(4), layer, look, WHITE, whole=True), np.floor(255 * np.array(expected) + 0.5)
+        shader.over(sight(4), layer, material, WHITE, whole=True), np.floor(255 * np.array(expected) + 0.5)
     )
 
 
-def test_colours_are_those_of_the_colour_map(brush):
+def test_colours_are_those_of_the_colour_map(shader):
     """To the last bit; what is not a finite number has its own."""
     palette = Palette.named("viridis", -1.0, 2.0)
     values = np.concatenate([np.linspace(-1.5, 2.5, 40), [np.nan, np.inf, -np.inf]])
     layer = layer_at(np.ones(len(values))).showing(values)
-    painted = brush.over(sight(len(values)), layer, Look(palette), WHITE, whole=False)
+    painted = shader.over(sight(len(values)), layer, Material(palette), WHITE, whole=False)
     assert np.array_equal(painted, palette.colors(values))
     assert np.array_equal(painted[-3:], np.tile(NOT_A_NUMBER, (3, 1)))
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 75.0])
-def test_lambert_s_law(coated, degrees):
+def test_lambert_s_law(fragments_of, degrees):
     angle = np.deg2rad(degrees)
     layer = layer_at([5.0], (np.sin(angle), 0.0, np.cos(angle)))
 
     def shade(*lights, ambient=0.2):
-        return coated(sight(1), layer, Look(tuple(WHITE), 1.0, lights, ambient))[0][0, 0]
+        return fragments_of(sight(1), layer, Material(tuple(WHITE), 1.0, lights, ambient))[0][0, 0]
 
     assert shade(Light(None, 0.5)) == pytest.approx(0.2 + 0.5 * np.cos(angle))
     assert shade(Light((3.0, 0.0, 0.0), 0.5)) == pytest.approx(0.2 + 0.5 * np.sin(angle))
@@ -141,9 +143,9 @@ def test_lambert_s_law(coated, degrees):
     assert shade(ambient=1.0) == 1.0
 
 
-def test_headlight_shines_along_each_ray(coated):
+def test_headlight_shines_along_each_ray(fragments_of):
     view, layer = sight(3, fov=90.0), layer_at([2.0, 2.0, 2.0])
     towards = view.rays(np.arange(3), np.zeros(3))[1]
     expected = 0.5 * 2.0 / np.linalg.norm(2.0 * towards, axis=1)
-    look = Look(tuple(WHITE), 1.0, [Light(None, 0.5)], 0.0)
-    assert np.allclose(coated(view, layer, look)[0][:, 0], expected)
+    material = Material(tuple(WHITE), 1.0, [Light(None, 0.5)], 0.0)
+    assert np.allclose(fragments_of(view, layer, material)[0][:, 0], expected)

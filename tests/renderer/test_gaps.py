@@ -78,7 +78,7 @@ def test_nothing_is_missed_along_a_plane(same_on, linear, shape, seed):
 
 
 def test_these_are_hard_cases(draw, linear, monkeypatch):
-    """Without the second look there are holes; else they would prove nothing."""
+    """Without the second search there are holes; else they would prove nothing."""
     dataset, scene = picture(linear, *BENT[2])
     whole = draw(dataset, **scene)
     monkeypatch.setattr(Gaps, "close", lambda *_: None)

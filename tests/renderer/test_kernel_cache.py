@@ -12,7 +12,7 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.renderer import Plane, kernel_cache, render
-from elvis.renderer.compositing import Coats
+from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import Device
 from elvis.renderer.kernel_cache import KernelCache, cache_folder
 
@@ -20,10 +20,10 @@ COLOR = (0.25, 0.5, 0.75)
 #: a process that compiles a kernel, and says how many were at hand
 PROGRAM = """
 import sys
-from elvis.renderer.compositing import Coats
+from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import Device
 with Device("vulkan") as device:
-    assert (Coats.of(device, 5, [], (0.25, 0.5, 0.75)).compose().colors() == (0.25, 0.5, 0.75)).all()
+    assert (FragmentLists.of(device, 5, [], (0.25, 0.5, 0.75)).compose().colors() == (0.25, 0.5, 0.75)).all()
     print(device._device.shader_cache_stats.hit_count)
 """
 
@@ -51,7 +51,7 @@ def compose(renderer):
 
     def compose():
         with Device("vulkan") as device:
-            assert (Coats.of(device, 5, [], COLOR).compose().colors() == COLOR).all()
+            assert (FragmentLists.of(device, 5, [], COLOR).compose().colors() == COLOR).all()
             stats = device._device.shader_cache_stats
             return stats.hit_count, stats.miss_count, device.cache.remarks
 

@@ -197,8 +197,8 @@ def test_remarks_are_warnings(run, tmp_path):
 
 
 def test_a_saved_scene_makes_the_same_bytes(run, tmp_path):
-    look = ("--contours", "5", "--mesh-lines", "--opacity", "0.7", "--light", "1,-1,1:0.5", "--samples", "2")
-    first = ("--faces", "all", "--cut", "sphere:0.5,0.5,0.5:0.4", *look, "--size", "50x40", "--camera", "iso")
+    options = ("--contours", "5", "--mesh-lines", "--opacity", "0.7", "--light", "1,-1,1:0.5", "--samples", "2")
+    first = ("--faces", "all", "--cut", "sphere:0.5,0.5,0.5:0.4", *options, "--size", "50x40", "--camera", "iso")
     status, err, _ = run(
         *first, "-o", tmp_path / "a.png", "-o", tmp_path / "a.npz", "--save-scene", tmp_path / "s.toml"
     )

@@ -43,8 +43,8 @@ def test_surfaces_isosurfaces_and_volume_share_one_depth(draw, cube):
     camera = Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0)
     plane = CutSurface(Plane((0.5, 0.5, 0.5), (1.0, 0.2, 0.4)), Style(color=(1.0, 0.0, 0.0), lit=False))
     level = Isosurface((0.09,), style=Style(color=(0.0, 0.0, 1.0), lit=False))
-    look = {"camera": camera, "size": (60, 50)}
-    one, other, both = (draw(cube, objects=shown, **look) for shown in ((plane,), (level,), (plane, level)))
+    options = {"camera": camera, "size": (60, 50)}
+    one, other, both = (draw(cube, objects=shown, **options) for shown in ((plane,), (level,), (plane, level)))
     depth = np.fmin(np.where(one.seen, one.depth, np.inf), np.where(other.seen, other.depth, np.inf))
     assert np.array_equal(np.where(both.seen, both.depth, np.inf), depth)
     assert (one.seen & other.seen & (one.depth < other.depth)).sum() > 20
@@ -54,8 +54,8 @@ def test_surfaces_isosurfaces_and_volume_share_one_depth(draw, cube):
 
     # green volume: what is seen is dimmed by the volume before it alone, never by that behind
     volume = VolumeRendering(Transfer((-9.0, 9.0), (0.7, 0.7), ((0.0, 1.0, 0.0),) * 2), error=1e-6)
-    dim = draw(cube, objects=(plane, level, volume), **look)
-    whole = draw(cube, objects=(volume,), **look)
+    dim = draw(cube, objects=(plane, level, volume), **options)
+    whole = draw(cube, objects=(volume,), **options)
     assert (dim.color[..., 1] <= whole.color[..., 1] + 1e-5)[both.seen].all()
     front = both.seen & (both.depth < np.nanmin(both.depth[both.seen]) + 0.05)
     assert (dim.color[front][:, 1] < 0.5).all()

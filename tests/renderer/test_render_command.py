@@ -84,8 +84,8 @@ def test_the_automatic_size_follows_what_is_seen(render, tmp_path, case_name):
 
 
 def test_cameras_ranges_and_colours(render, tmp_path):
-    look = ("--camera", "2,-1.5,1.4:0.5,0.5,0.5:0,0,1:40", "--range", "0:1", "--colormap", "gray", "--size", "50x40")
-    assert render(CUBE, *PLANE, *look)[0] == 0
+    options = ("--camera", "2,-1.5,1.4:0.5,0.5,0.5:0,0,1:40", "--range", "0:1", "--colormap", "gray", "--size", "50x40")
+    assert render(CUBE, *PLANE, *options)[0] == 0
     record = np.load(tmp_path / "a.npz")
     seen = record["element"] >= 0
     grey = record["color"][seen]

@@ -78,20 +78,20 @@ SURFACES = {
 
 @pytest.mark.parametrize("camera", VIEWS)
 @pytest.mark.parametrize("kind", SURFACES)
-def test_chords_inside_and_outside_of_clips(gather, kind, camera):
+def test_chords_inside_and_outside_of_clips(integrate, kind, camera):
     view = View.through(VIEWS[camera], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
     scale = np.linalg.norm(view.every_ray()[1], axis=1)
     inside = scale * overlap(spans(view, kind), box_spans(view))
     assert inside.max() > 0.2
     for away, expected in (("outside", inside), ("inside", chord(view) - inside)):
-        light = gather(data, view, EVEN, clips=[Clip(SURFACES[kind], away)])
+        light = integrate(data, view, EVEN, clips=[Clip(SURFACES[kind], away)])
         assert np.abs(light.length - expected).max() < 1e-9
         assert np.abs(light.alpha - (1 - np.exp(-expected))).max() < 1e-9
 
 
 @pytest.mark.parametrize("camera", VIEWS)
-def test_what_one_clip_leaves_another_takes(gather, camera):
+def test_what_one_clip_leaves_another_takes(integrate, camera):
     """Out of the sphere, behind the plane, within the cylinder: lengths by counting points along rays."""
     view = View.through(VIEWS[camera], (20, 16))
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
@@ -105,10 +105,10 @@ def test_what_one_clip_leaves_another_takes(gather, camera):
         seen &= ((depths > first[:, None]) & (depths < last[:, None])) == inside
     expected = seen.sum(axis=1) * 8.0 / 40000 * np.linalg.norm(view.every_ray()[1], axis=1)
     assert expected.max() > 0.1
-    assert np.abs(gather(data, view, EVEN, clips=clips).length - expected).max() < 2e-3
+    assert np.abs(integrate(data, view, EVEN, clips=clips).length - expected).max() < 2e-3
 
 
-def test_cones_in_closed_form(gather):
+def test_cones_in_closed_form(integrate):
     """Along the axis of a cone of 45 degrees, from its side: the part beyond the apex that lies within."""
     view = View.through(VIEWS["parallel"], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 2)
@@ -120,11 +120,11 @@ def test_cones_in_closed_form(gather):
     enters = (apex - origins) @ forward + np.linalg.norm(aside, axis=1) / np.tan(np.deg2rad(30.0))
     expected = overlap(np.stack([enters, 0 * enters + 99], axis=1), box_spans(view))
     assert expected.max() > 0.2
-    light = gather(data, view, EVEN, clips=[Clip(cone, "outside")])
+    light = integrate(data, view, EVEN, clips=[Clip(cone, "outside")])
     assert np.abs(light.length - expected).max() < 1e-9
 
 
-def test_meshes_of_triangles(gather, tmp_path):
+def test_meshes_of_triangles(integrate, tmp_path):
     """A closed box, off the lattice of the elements, is a clip like any other."""
     trimesh = pytest.importorskip("trimesh")
     low, high = np.array([0.21, 0.13, 0.32]), np.array([0.81, 0.93, 0.72])
@@ -135,41 +135,41 @@ def test_meshes_of_triangles(gather, tmp_path):
     data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 2)
     inside = chord(view, low=low, high=high)
     for away, expected in (("outside", inside), ("inside", chord(view) - inside)):
-        light = gather(data, view, EVEN, clips=[Clip(TriangleMesh(str(tmp_path / "box.stl")), away)])
+        light = integrate(data, view, EVEN, clips=[Clip(TriangleMesh(str(tmp_path / "box.stl")), away)])
         assert np.abs(light.length - expected).max() < 2e-6  # corners are in single precision in the file
 
 
 @pytest.mark.parametrize("away", ["inside", "outside"])
-def test_clips_by_a_quantity(gather, away):
+def test_clips_by_a_quantity(integrate, away):
     """The sphere as an expression: it is cut where the quantity along the ray is zero."""
     view = View.through(VIEWS["perspective"], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
     name = "(x-0.45)^2 + (y-0.55)^2 + (z-0.5)^2 - 0.09"
-    light = gather(data, view, EVEN, Medium.clip(name, away))
+    light = integrate(data, view, EVEN, Medium.clip(name, away))
     inside = np.linalg.norm(view.every_ray()[1], axis=1) * overlap(spans(view, "sphere"), box_spans(view))
     expected = inside if away == "outside" else chord(view) - inside
     assert np.abs(light.length - expected).max() < 1e-9
 
 
-def test_two_volumes_of_half_the_density_are_one(gather):
+def test_two_volumes_of_half_the_density_are_one(integrate):
     view = View.through(VIEWS["perspective"], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: ((p - 0.5) ** 2).sum(axis=1), 3)
     hues = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
     whole, half = (Transfer((0.1, 0.2, 0.5), tuple(f * d for d in (0.0, 6.0, 2.0)), hues) for f in (1.0, 0.5))
-    one, two = gather(data, view, whole, error=1e-7), gather(data, view, half, half, error=1e-7)
+    one, two = integrate(data, view, whole, error=1e-7), integrate(data, view, half, half, error=1e-7)
     assert one.alpha.max() > 0.5
     assert np.abs(one.color - two.color).max() < 1e-7
     assert np.abs(one.alpha - two.alpha).max() < 1e-12
     assert np.abs(one.length - two.length).max() < 1e-12
 
 
-def test_volumes_of_two_quantities_are_mixed(gather):
+def test_volumes_of_two_quantities_are_mixed(integrate):
     """Red of density 2 everywhere, green of density 3 where y > 1/2: C and alpha of each stretch follow from both."""
     view = View.through(VIEWS["parallel"], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
     red = Medium(Transfer((0.0,), (2.0,), ((1.0, 0.0, 0.0),)))
     green = Medium(Transfer((0.5 - 1e-12, 0.5), (0.0, 3.0), ((0.0, 1.0, 0.0),) * 2), "y")
-    light = gather(data, view, red, green, error=1e-6)
+    light = integrate(data, view, red, green, error=1e-6)
     upper = chord(view, low=(0, 0.5, 0))
     lower = chord(view) - upper
     assert lower.max() > 0.1
@@ -187,19 +187,19 @@ def sheared(points):
     return points + np.outer(0.3 * x * y - 0.2 * y**2, [0, 0, 1])
 
 
-def test_curved_elements_are_cut_and_mixed_too(gather):
+def test_curved_elements_are_cut_and_mixed_too(integrate):
     """A sphere well within bent elements."""
     view = View.through(VIEWS["parallel"], SIZE)
     data = with_field(curved(grid(Shape.TETRAHEDRON, 2), sheared, 3), lambda p: p[:, 0], 4)
-    free = gather(data, view, EVEN)
-    halves = [gather(data, view, EVEN, clips=[Clip(SURFACES["sphere"], away)]) for away in ("inside", "outside")]
+    free = integrate(data, view, EVEN)
+    halves = [integrate(data, view, EVEN, clips=[Clip(SURFACES["sphere"], away)]) for away in ("inside", "outside")]
     assert min(light.length.max() for light in halves) > 0.2
     assert np.abs(sum(light.length for light in halves) - free.length).max() < 1e-9
     within = overlap(spans(view, "sphere"), box_spans(view))
     assert np.abs(halves[1].length - within).max() < 1e-9
-    gated = gather(data, view, EVEN, Medium.clip(BALL, "outside"), error=1e-6)
+    gated = integrate(data, view, EVEN, Medium.clip(BALL, "outside"), error=1e-6)
     assert np.abs(gated.length - within).max() < 1e-6
-    both = gather(data, view, Transfer((0.0,), (0.5,), (WHITE,)), Medium(Transfer((0.0,), (0.5,), (WHITE,)), BALL))
+    both = integrate(data, view, Transfer((0.0,), (0.5,), (WHITE,)), Medium(Transfer((0.0,), (0.5,), (WHITE,)), BALL))
     assert np.abs(both.alpha - free.alpha).max() < 1e-9
 
 

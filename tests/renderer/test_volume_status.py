@@ -138,7 +138,7 @@ def test_bad_volumes_are_one_sentence_and_no_file(renderer, tmp_path, capfd, ask
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cube.fld", "cube.xml"]
 
 
-def test_volume_integrals_converge_with_the_error_asked_for(gather):
+def test_volume_integrals_converge_with_the_error_asked_for(integrate):
     """Density 400 z^2, as much red as z^2, from above: D(z) = 400 (1 - z^3) / 3, C the integral of 400 z^4 exp(-D).
 
     Light comes from a layer a hundredth thick.  Asked for, estimated, wrong: the table falls.
@@ -146,13 +146,13 @@ def test_volume_integrals_converge_with_the_error_asked_for(gather):
     view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), (4, 4))
     mesh = grid(Shape.TETRAHEDRON, 1)
     data = with_field(mesh, lambda p: p[:, 2] ** 2)
-    look = Transfer((0.0, 1.0), (0.0, 400.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    transfer = Transfer((0.0, 1.0), (0.0, 400.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
     nodes, weights = np.polynomial.legendre.leggauss(60)
     z = np.concatenate([end + 0.05 * (nodes + 1) for end in np.arange(10) / 10])
     exact = np.tile(0.05 * weights, 10) @ (400 * z**4 * np.exp(-400 * (1 - z**3) / 3))
     asked, errors, estimates = 10.0 ** -np.arange(1, 11), [], []
     for error in asked:
-        light = gather(data, view, look, error=error)
+        light = integrate(data, view, transfer, error=error)
         errors.append(np.abs(light.color[:, 0] - exact).max())
         estimates.append(light.error.max())
     assert (np.array(estimates) <= asked).all()

@@ -66,7 +66,7 @@ class Canvas:
     def __post_init__(self) -> None:
         self.done, self.total, self.undefined = 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
-        self.sheets = self.stages.sheets(self.scene)
+        self.draw_calls = self.stages.draw_calls(self.scene)
         self.contours: Counter[Status] = Counter()
         self.arrays = _arrays(self.view, self.records and self.view.count > self.most)
 
@@ -74,12 +74,12 @@ class Canvas:
     def _proves(self) -> bool:
         """Whether what is proved of contours is counted: for statistics and records alone."""
         asked = self.scene.stats or any(not name.lower().endswith(".png") for name in self.scene.outputs)
-        return bool(asked) and any(sheet.style.contours is not None for sheet in self.sheets)
+        return bool(asked) and any(draw_call.style.contours is not None for draw_call in self.draw_calls)
 
     def frame(self) -> Frame:
         """The whole picture.  Where colours depend on all bands, those that can't be kept are drawn twice."""
         bands, samples = list(self._bands()), self.scene.samples**2 + (self.scene.samples % 2 == 0)
-        first = bands if len(bands) > 1 and not self.painter.settled(self.sheets) else []
+        first = bands if len(bands) > 1 and not self.painter.settled(self.draw_calls) else []
         self.total, room = len(first) + len(bands) * samples, KEPT
         kept: dict[int, Drawn] = {}
         for band in first:
@@ -91,14 +91,14 @@ class Canvas:
             own = band.rows.start
             self._fill(band, kept.pop(own) if own in kept else self._drawn(band.view))
         arrays = self.arrays
-        drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.sheets))
+        drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.draw_calls))
         drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
-        stats |= {"remarks": self.painter.remarks(self.sheets), "not_a_number": self.undefined}
+        stats |= {"remarks": self.painter.remarks(self.draw_calls), "not_a_number": self.undefined}
         if self._proves:
             stats["contours"] = {status.name.lower(): self.contours[status] for status in self.contours}
-        if self.painter.gathered:
-            stats["volume"] = {**self.painter.gathered, "inverted_elements": self.stages.inverted}
+        if self.painter.volume_counts:
+            stats["volume"] = {**self.painter.volume_counts, "inverted_elements": self.stages.inverted}
         record, element, reference = (arrays[name] for name in ("field", "element", "reference"))
         reference = reference if self.records else None
         return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)
@@ -124,7 +124,7 @@ class Canvas:
             found = inner(self.painter.contour_status(drawn, band.view))
             self.contours.update({word: int((found == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)})
         self._keep("color", rows, color if self.records else whole(color))
-        self._keep("status", rows, inner(np.maximum(record.status, self.glow)))
+        self._keep("status", rows, inner(np.maximum(record.status, self.volume_status)))
         if self.records:
             self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
             known = record.uncertainty
@@ -140,11 +140,11 @@ class Canvas:
             self.arrays[name][rows] = values
 
     def _drawn(self, view: View) -> Drawn:
-        """All hit buffers of all sheets."""
+        """All hit buffers of all draw calls."""
         start, drawn = perf_counter(), []
-        for sheet in self.sheets:
-            for hits in self.stages.hit_buffers(sheet, view, self.scene.clip):
-                drawn.append((sheet, hits))
+        for draw_call in self.draw_calls:
+            for hits in self.stages.hit_buffers(draw_call, view, self.scene.clip):
+                drawn.append((draw_call, hits))
                 check_time()
         self.seconds["surfaces"] = self.seconds.get("surfaces", 0.0) + perf_counter() - start
         self.done += 1
@@ -153,7 +153,7 @@ class Canvas:
 
     def _colors(self, drawn: Drawn, view: View) -> Floats | NDArray[np.uint8]:
         """(n, 3) means over the samples of each pixel; ``drawn`` are the hit buffers at its centre."""
-        count, self.glow = self.scene.samples, np.zeros(view.count, np.uint8)
+        count, self.volume_status = self.scene.samples, np.zeros(view.count, np.uint8)
         steps = (np.arange(count) - 0.5 * (count - 1)) / count
         total: Any = 0.0
         for x, y in product(steps, steps):
@@ -162,7 +162,7 @@ class Canvas:
             start = perf_counter()
             colors = self.painter.paint(hit_buffers, here, whole=count == 1 and not self.records)
             total = colors if count == 1 else total + colors / count**2
-            self.glow = np.maximum(self.glow, self.painter.glow)
+            self.volume_status = np.maximum(self.volume_status, self.painter.volume_status)
             self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start
             check_time()
         return np.asarray(total)

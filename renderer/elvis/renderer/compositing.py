@@ -1,4 +1,4 @@
-"""Coats of colour on a device: what lies before over what lies behind (coats.slang, compose.slang)."""
+"""FragmentLists of colour on a device: what lies before over what lies behind (fragments.slang, compose.slang)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from elvis.scene import Vector
 FAINT = 1e-3
 
 
-class Coats:
+class FragmentLists:
     """What some hit buffers add to n pixels, in any order, and the picture that they make over a background.
 
-    Once they are composed the buffers have the picture, what volumes are to add to it (see Gathered), and the depths
-    beyond which nothing counts.
+    Once they are composed the buffers have the picture, what volumes are to add to it (see RayIntegrals), and the
+    depths beyond which nothing counts.
 
     whole  whether colours are wanted in steps of 1/255, as numbers of 8 bits
     """
@@ -28,29 +28,33 @@ class Coats:
     def __init__(self, device: Device, pixels: int, count: int, background: Vector, *, whole: bool = False) -> None:
         self.device, self.pixels, self.count, self.background, self.whole = device, pixels, count, background, whole
         self.buffers: dict[str, Buffer] = {}
-        for name, size in (("coat_depths", 1), ("coat_colors", 4)):
+        for name, size in (("fragment_depths", 1), ("fragment_colors", 4)):
             self.buffers[name] = device.empty(np.float64, size * pixels * count)
 
     @staticmethod
-    def of(device: Device, pixels: int, coats: Sequence[tuple[Floats, Floats, Floats]], background: Vector) -> Coats:
-        """Coats with depths (n,), infinite where they have nothing, colours (n, 3) times alpha, and alphas (n,)."""
-        made = Coats(device, pixels, len(coats), background)
-        if coats:
-            made.buffers["coat_depths"] = device.buffer(np.concatenate([depth for depth, _, _ in coats]))
-            colors = [np.column_stack([color, alpha]) for _, color, alpha in coats]
-            made.buffers["coat_colors"] = device.buffer(np.concatenate(colors))
+    def of(
+        device: Device, pixels: int, fragments: Sequence[tuple[Floats, Floats, Floats]], background: Vector
+    ) -> FragmentLists:
+        """Fragments with depths (n,), infinite where there are none, colours (n, 3) times alpha, and alphas (n,)."""
+        made = FragmentLists(device, pixels, len(fragments), background)
+        if fragments:
+            made.buffers["fragment_depths"] = device.buffer(np.concatenate([depth for depth, _, _ in fragments]))
+            colors = [np.column_stack([color, alpha]) for _, color, alpha in fragments]
+            made.buffers["fragment_colors"] = device.buffer(np.concatenate(colors))
         return made
 
-    def compose(self) -> Coats:
+    def compose(self) -> FragmentLists:
         """Make the picture, as far as there are no volumes in it."""
         kernel, device = self.device.kernel("compose"), self.device
-        pile = np.zeros(1, kernel.dtype("pile"))
-        pile["background"], pile["count"], pile["pixels"] = self.background, self.count, self.pixels
-        pile["whole"] = self.whole
+        composition = np.zeros(1, kernel.dtype("composition"))
+        composition["background"] = self.background
+        composition["count"] = self.count
+        composition["pixels"] = self.pixels
+        composition["whole"] = self.whole
         made = {"picture": (np.float64, 0 if self.whole else 3), "packed": (np.uint32, int(self.whole))}
         made |= {"end": (np.float64, 1), "tally": (np.uint32, 2)}
         self.buffers |= {name: device.empty(dtype, size * self.pixels) for name, (dtype, size) in made.items()}
-        self.buffers |= {"pile": device.buffer(pile), "faint": device.buffer(np.array([FAINT]))}
+        self.buffers |= {"composition": device.buffer(composition), "faint": device.buffer(np.array([FAINT]))}
         kernel(self.pixels, self.buffers)
         return self
 

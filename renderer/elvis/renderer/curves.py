@@ -126,9 +126,9 @@ def _frame(
 ) -> Frame:
     """Pixels that are covered half or more show the nearest point of a curve."""
     shape, seen = (view.height, view.width), coverage >= 0.5
-    ink = palette.colors(curves.value[number]) if style.color is None else np.tile(style.color, (view.count, 1))
+    line_color = palette.colors(curves.value[number]) if style.color is None else np.tile(style.color, (view.count, 1))
     part = (style.opacity * coverage)[:, None]
-    color = (1.0 - part) * np.asarray(scene.background) + part * ink
+    color = (1.0 - part) * np.asarray(scene.background) + part * line_color
     depth = np.where(seen, view.depth_of(curves.place[number]), np.inf)
     reference = np.where(seen[:, None], np.pad(curves.reference[number, None], ((0, 0), (0, 2))), np.nan)
     drawing = Drawing(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.renderer.camera import record_of
-from elvis.renderer.compositing import Coats
+from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import Buffer, Device
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.lines.lines import Marks
@@ -20,8 +20,8 @@ from elvis.scene.view import View
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """How a surface is to look.
+class Material:
+    """The material of a surface.
 
     colors   a colour map for its field, or one colour
     lights   none where it is unlit; its colours are multiplied by ambient + sum of intensity times cosine, at most 1,
@@ -37,79 +37,84 @@ class Look:
     contours: tuple[Marks, Vector] | None = None
 
 
-class Brush:
-    """Paints hit buffers on a device."""
+class FragmentShader:
+    """Makes fragments of hit buffers on a device (paint.slang)."""
 
     def __init__(self, device: Device) -> None:
         self._device, self._nothing = device, device.empty(np.float64, 1)
 
-    def coat(self, view: View, hits: HitBuffer, look: Look, coats: Coats, number: int) -> None:
-        """Paint a hit buffer as one of the coats of a picture."""
-        buffers = {name: coats.buffers[name] for name in ("coat_depths", "coat_colors")}
-        self._paint(view, hits, look, (0.0, 0.0, 0.0), {**buffers, "packed": self._nothing}, number * view.count)
+    def add(self, view: View, hits: HitBuffer, material: Material, fragments: FragmentLists, number: int) -> None:
+        """Add the fragments of a hit buffer, number ``number`` of those of a picture."""
+        buffers = {name: fragments.buffers[name] for name in ("fragment_depths", "fragment_colors")}
+        self._paint(view, hits, material, (0.0, 0.0, 0.0), {**buffers, "packed": self._nothing}, number * view.count)
 
-    def over(self, view: View, hits: HitBuffer, look: Look, background: Vector, *, whole: bool) -> Any:
+    def over(self, view: View, hits: HitBuffer, material: Material, background: Vector, *, whole: bool) -> Any:
         """Colours (n, 3) of hits over a background, or (``whole``) these in steps of 1/255 as numbers of 8 bits."""
         if not whole:
-            coats = Coats(self._device, view.count, 1, background)
-            self.coat(view, hits, look, coats, 0)
-            return coats.compose().colors()
+            fragments = FragmentLists(self._device, view.count, 1, background)
+            self.add(view, hits, material, fragments, 0)
+            return fragments.compose().colors()
         packed = self._device.empty(np.uint32, view.count)
-        made = {"coat_depths": self._nothing, "coat_colors": self._nothing, "packed": packed}
-        self._paint(view, hits, look, background, made, whole=True)
+        made = {"fragment_depths": self._nothing, "fragment_colors": self._nothing, "packed": packed}
+        self._paint(view, hits, material, background, made, whole=True)
         return self._device.read(packed, np.uint8).reshape(-1, 4)[: view.count, :3]
 
     def _paint(
         self,
         view: View,
         hits: HitBuffer,
-        look: Look,
+        material: Material,
         behind: Vector,
         made: Mapping[str, Buffer],
         first: int = 0,
         *,
         whole: bool = False,
     ) -> None:
-        """Run paint.slang: packed colours where they are to be whole, else a coat."""
+        """Run paint.slang: packed colours where they are to be whole, else a fragment."""
         device, kernel = self._device, self._device.kernel("paint")
-        record = np.zeros(1, kernel.dtype("look"))
-        table = np.array([look.colors, look.colors])
-        if isinstance(look.colors, Palette):
-            table, span = np.vstack([look.colors.table, NOT_A_NUMBER]), look.colors.high - look.colors.low
-            record["low"], record["scale"] = look.colors.low, (len(table) - 1) / span if span > 0 else 0.0
-        record["steps"], record["lights"], record["whole"] = len(table) - 1, len(look.lights), whole
+        record = np.zeros(1, kernel.dtype("material"))
+        table = np.array([material.colors, material.colors])
+        if isinstance(material.colors, Palette):
+            table, span = np.vstack([material.colors.table, NOT_A_NUMBER]), material.colors.high - material.colors.low
+            record["low"], record["scale"] = material.colors.low, (len(table) - 1) / span if span > 0 else 0.0
+        record["steps"], record["lights"], record["whole"] = len(table) - 1, len(material.lights), whole
         record["first"] = first
-        record["opacity"], record["ambient"], record["behind"] = look.opacity, look.ambient, behind
-        is_lit = look.ambient < 1.0 or len(look.lights) > 0
+        record["opacity"], record["ambient"], record["behind"] = material.opacity, material.ambient, behind
+        is_lit = material.ambient < 1.0 or len(material.lights) > 0
         wanted = [name for name, needed in (("normal", is_lit), ("depth", not whole)) if needed]
         buffers = {
             **dict.fromkeys(("hit_normal", "hit_depth"), self._nothing),
             **hits.bound(device, "owner", "field", *wanted),
-            "look": device.buffer(record),
+            "material": device.buffer(record),
             "table": device.buffer(table),
             "view": device.buffer(record_of(kernel, "view", view, count=view.count, flat=hits.flat is not None)),
-            "lamps": device.buffer(_lamps(look.lights, kernel.dtype("lamps"))),
-            **self._lines(look, kernel.dtype("inks")),
+            "lights": device.buffer(_light_records(material.lights, kernel.dtype("lights"))),
+            **self._lines(material, kernel.dtype("line_styles")),
         }
         kernel(view.count, {**buffers, **made})
 
-    def _lines(self, look: Look, dtype: np.dtype[Any]) -> dict[str, Buffer]:
-        """Marks of mesh lines and contours, and the Ink records of both."""
-        inks, marks = np.zeros(2, dtype), {}
-        for ink, name in zip(inks, ("mesh", "contours"), strict=True):
-            lines = getattr(look, name)
-            marks[name] = self._nothing if lines is None else lines[0].held
-            if lines is not None:
-                width, ink["mask"], ink["color"] = lines[0].width, lines[0].mask, lines[1]
-                ink["reach"], ink["most"] = 0.5 * width + 0.5, min(1.0, width)
-        return {**marks, "inks": self._device.buffer(inks)}
+    def _lines(self, material: Material, dtype: np.dtype[Any]) -> dict[str, Buffer]:
+        """Marks of mesh lines and contours, and the LineStyle records of both."""
+        line_styles, marks = np.zeros(2, dtype), {}
+        for line_style, name in zip(line_styles, ("mesh", "contours"), strict=True):
+            lines = getattr(material, name)
+            if lines is None:
+                marks[name] = self._nothing
+                continue
+            own, color = lines
+            marks[name] = own.held
+            line_style["mask"] = own.mask
+            line_style["color"] = color
+            line_style["half_width"] = 0.5 * own.width + 0.5
+            line_style["most"] = min(1.0, own.width)
+        return {**marks, "line_styles": self._device.buffer(line_styles)}
 
 
-def _lamps(lights: Sequence[Light], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The Lamp records of paint.slang."""
-    lamps = np.zeros(len(lights), dtype)
-    for lamp, light in zip(lamps, lights, strict=True):
+def _light_records(lights: Sequence[Light], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The Light records of paint.slang."""
+    records = np.zeros(len(lights), dtype)
+    for record, light in zip(records, lights, strict=True):
         if light.direction is not None:
-            lamp["towards"] = unit(light.direction, "the direction of a light")
-        lamp["intensity"] = light.intensity
-    return lamps
+            record["towards"] = unit(light.direction, "the direction of a light")
+        record["intensity"] = light.intensity
+    return records

@@ -275,13 +275,13 @@ class Renderer:
         if isinstance(view, PlaneView) and scene.is_plain:
             hit = self.stages.cutter.draw(view, references=False).owner != NOBODY
         else:
-            for sheet in self.stages.sheets(scene):
-                opaque = replace(sheet, style=replace(sheet.style, opacity=1.0))
+            for draw_call in self.stages.draw_calls(scene):
+                opaque = replace(draw_call, style=replace(draw_call.style, opacity=1.0))
                 for hits in self.stages.hit_buffers(opaque, view, scene.clip):
                     hit |= hits.owner != NOBODY
             painter = Painter(scene, self.stages)
             painter.paint([], view)
-            hit |= painter.glow > 0
+            hit |= painter.volume_status > 0
         return np.asarray(hit.reshape(view.height, view.width))
 
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool) -> Frame:

@@ -1,4 +1,4 @@
-"""From hit buffers to colours: the colour map of each sheet, its range and its lines, and how all of them add up."""
+"""From hit buffers to colours: the colour map of each draw call, its range and its lines, and their sum."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
-from elvis.renderer.compositing import Coats
+from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.painting import Brush, Look
+from elvis.renderer.painting import FragmentShader, Material
 from elvis.renderer.passes.lines.contour_proof import ContourProof
 from elvis.renderer.passes.lines.lines import levels
 from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.stages import Sheet, Stages
+from elvis.renderer.stages import DrawCall, Stages
 from elvis.scene import Implicit, Scene, Style, Vector, VolumeRendering
 from elvis.scene.conditioning import uncertainties
 from elvis.scene.frame import Legend, Status
@@ -30,7 +30,7 @@ from elvis.scene.view import View
 NEAR = 2e-8
 #: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
 Key: TypeAlias = tuple[str, str, object]
-Drawn: TypeAlias = list[tuple[Sheet, HitBuffer]]
+Drawn: TypeAlias = list[tuple[DrawCall, HitBuffer]]
 
 
 def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
@@ -44,17 +44,17 @@ def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
     best, opacity = HitBuffer.empty(view.count), np.zeros(view.count)
     best.uncertainty = np.full(view.count, np.nan)
     failed, source = np.zeros(view.count, bool), np.full(view.count, -1)
-    for number, (sheet, hits) in enumerate(drawn):
+    for number, (draw_call, hits) in enumerate(drawn):
         failed |= hits.status == Status.FAILED
-        nearer = (sheet.style.opacity == opacity) & (hits.depth < best.depth)
-        better = np.flatnonzero((hits.owner != NOBODY) & (nearer | (sheet.style.opacity > opacity)))
-        opacity[better], source[better] = sheet.style.opacity, number
+        nearer = (draw_call.style.opacity == opacity) & (hits.depth < best.depth)
+        better = np.flatnonzero((hits.owner != NOBODY) & (nearer | (draw_call.style.opacity > opacity)))
+        opacity[better], source[better] = draw_call.style.opacity, number
         for name in ("owner", "field", "depth", "status", *(("reference", "normal") if whole else ())):
             getattr(best, name)[better] = getattr(hits, name)[better]
         best.uncertainty[better] = np.nan if hits.uncertainty is None else hits.uncertainty[better]
-    for sheet, hits in drawn:
-        counts = sheet.style.opacity >= opacity
-        best.status[_overlooked(hits, best, counts, sheet.style.opacity > opacity)] = Status.AMBIGUOUS
+    for draw_call, hits in drawn:
+        counts = draw_call.style.opacity >= opacity
+        best.status[_overlooked(hits, best, counts, draw_call.style.opacity > opacity)] = Status.AMBIGUOUS
         pixel = np.flatnonzero(_beside(hits, best) & counts)
         around = _uncertain(hits, view, pixel)
         for other in np.unique(source[pixel]):
@@ -102,10 +102,10 @@ class Painter:
 
     def __init__(self, scene: Scene, stages: Stages) -> None:
         self.scene, self.stages = scene, stages
-        self._brush = Brush(stages.loaded.device)
+        self._shader = FragmentShader(stages.loaded.device)
         self._shown: set[int] = set()
-        self.glow: NDArray[np.uint8] = np.zeros(0, np.uint8)  # what is known of volumes in the last painting
-        self.gathered: Counter[str] = Counter()  # segments of rays in volumes, and what is wrong with some
+        self.volume_status: NDArray[np.uint8] = np.zeros(0, np.uint8)  # what is known of volumes in the last painting
+        self.volume_counts: Counter[str] = Counter()  # segments of rays in volumes, and what is wrong with some
         self._seen: dict[str, tuple[float, float]] = {}
         self._palettes: dict[Key, Palette] = {}
 
@@ -114,12 +114,12 @@ class Painter:
 
         cropped  leaves of an array of all pixels those of the picture
         """
-        for sheet, hits in drawn:
-            self._note(sheet.quantity, cropped(hits.field))
-            self._shown |= {id(sheet)} if (cropped(hits.owner) != NOBODY).any() else set()
-            contours = sheet.style.contours
-            if contours and contours.count and self._of_contours(sheet) != sheet.quantity:
-                quantity = self._of_contours(sheet)
+        for draw_call, hits in drawn:
+            self._note(draw_call.quantity, cropped(hits.field))
+            self._shown |= {id(draw_call)} if (cropped(hits.owner) != NOBODY).any() else set()
+            contours = draw_call.style.contours
+            if contours and contours.count and self._of_contours(draw_call) != draw_call.quantity:
+                quantity = self._of_contours(draw_call)
                 self._note(quantity, cropped(self.stages.resampled(hits, "", quantity).field))
 
     def _note(self, quantity: str | None, values: Floats) -> None:
@@ -133,10 +133,10 @@ class Painter:
             low, high = self._seen.get(quantity or "", (np.inf, -np.inf))
             self._seen[quantity or ""] = min(low, float(least)), max(high, float(most))
 
-    def _of_contours(self, sheet: Sheet) -> str | None:
-        contours = sheet.style.contours
+    def _of_contours(self, draw_call: DrawCall) -> str | None:
+        contours = draw_call.style.contours
         if contours is None or contours.quantity is None:
-            return sheet.quantity
+            return draw_call.quantity
         return self.stages.named(contours.quantity, self.scene)
 
     def range_of(self, quantity: str | None, asked: object) -> tuple[float, float]:
@@ -150,30 +150,30 @@ class Painter:
     def paint(self, drawn: Drawn, view: View, *, whole: bool = False) -> Floats | NDArray[np.uint8]:
         """(n, 3) colours of all hits of a view over the background; numbers of 8 bits are welcome where ``whole``."""
         volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
-        self.glow = np.zeros(view.count, np.uint8)
+        self.volume_status = np.zeros(view.count, np.uint8)
         if len(drawn) == 1 and not volumes:
-            look = self._look(view, *drawn[0])
-            painted: Floats = self._brush.over(view, drawn[0][1], look, self.scene.background, whole=whole)
+            material = self._material(view, *drawn[0])
+            painted: Floats = self._shader.over(view, drawn[0][1], material, self.scene.background, whole=whole)
             return painted
-        coats = Coats(self.stages.loaded.device, view.count, len(drawn), self.scene.background, whole=whole)
-        for number, (sheet, hits) in enumerate(drawn):
-            self._brush.coat(view, hits, self._look(view, sheet, hits), coats, number)
-        coats.compose()
+        fragments = FragmentLists(self.stages.loaded.device, view.count, len(drawn), self.scene.background, whole=whole)
+        for number, (draw_call, hits) in enumerate(drawn):
+            self._shader.add(view, hits, self._material(view, draw_call, hits), fragments, number)
+        fragments.compose()
         if volumes:
-            self._fog(view, volumes, coats)
-        return coats.colors()
+            self._draw_volumes(view, volumes, fragments)
+        return fragments.colors()
 
-    def _fog(self, view: View, volumes: Sequence[VolumeRendering], coats: Coats) -> None:
-        """Draw volumes before, between and behind coats."""
+    def _draw_volumes(self, view: View, volumes: Sequence[VolumeRendering], fragments: FragmentLists) -> None:
+        """Draw volumes before, between and behind fragments."""
         clips = [(clip.surface, clip.away) for clip in self.scene.clip]
         media = [self._medium(item) for item in volumes]
         for surface, away in clips:
             if isinstance(surface, Implicit):
                 media.append(Medium.clip(self.stages.named(surface.expression, self.scene), away))
         error = min(item.error for item in volumes)
-        light = self.stages.volumes.draw(view, media, coats, error, self.scene.clip)
-        self.glow = light.status()
-        self.gathered.update(light.counts())
+        light = self.stages.volumes.draw(view, media, fragments, error, self.scene.clip)
+        self.volume_status = light.status()
+        self.volume_counts.update(light.counts())
 
     def _medium(self, item: VolumeRendering) -> Medium:
         """A volume with its colours."""
@@ -185,28 +185,28 @@ class Painter:
             transfer = replace(transfer, colors=tuple(map(tuple, colors.tolist())))
         return Medium(transfer, quantity)
 
-    def _look(self, view: View, sheet: Sheet, hits: HitBuffer) -> Look:
-        """How a hit buffer of a sheet is to look, with its lines."""
-        style, scene = sheet.style, self.scene
-        colors = style.color if style.color is not None else self._palette(sheet.quantity, style)
-        light = (tuple(scene.lights), scene.ambient) if sheet.lit else ((), 1.0)
+    def _material(self, view: View, draw_call: DrawCall, hits: HitBuffer) -> Material:
+        """How a hit buffer of a draw_call is to material, with its lines."""
+        style, scene = draw_call.style, self.scene
+        colors = style.color if style.color is not None else self._palette(draw_call.quantity, style)
+        light = (tuple(scene.lights), scene.ambient) if draw_call.lit else ((), 1.0)
         mesh, contours = style.mesh_lines, style.contours
         edges = None if mesh is None else (self.stages.lines.mesh(view, hits, mesh.width), mesh.color)
         levels = None
         if contours is not None:
-            quantity = self._of_contours(sheet)
-            of = self.stages.resampled(hits, sheet.quantity, quantity)
-            marks = self.stages.lines.contours(view, of, self.values(sheet), contours.width, quantity)
+            quantity = self._of_contours(draw_call)
+            of = self.stages.resampled(hits, draw_call.quantity, quantity)
+            marks = self.stages.lines.contours(view, of, self.values(draw_call), contours.width, quantity)
             levels = marks, contours.color
-        return Look(colors, style.opacity, *light, edges, levels)
+        return Material(colors, style.opacity, *light, edges, levels)
 
     def contour_status(self, drawn: Drawn, view: View) -> NDArray[np.uint8]:
         """(n,) what is proved of the contours in each pixel's square, of all surfaces together (see contour_proof)."""
         status = np.zeros(view.count, np.uint8)
-        for sheet, hits in drawn:
-            if sheet.style.contours is not None:
-                quantity, lines = self._of_contours(sheet), self.stages.lines
-                proof = ContourProof(self.stages.loaded, lines, view, hits, self.values(sheet), quantity)
+        for draw_call, hits in drawn:
+            if draw_call.style.contours is not None:
+                quantity, lines = self._of_contours(draw_call), self.stages.lines
+                proof = ContourProof(self.stages.loaded, lines, view, hits, self.values(draw_call), quantity)
                 status = np.maximum(status, proof.status)
         return status
 
@@ -222,24 +222,24 @@ class Painter:
         general = self.scene.range if quantity is None or isinstance(self.scene.range, str) else None
         return style.range or general or "seen"
 
-    def values(self, sheet: Sheet) -> Floats:
-        """(k,) ascending values of a sheet's contours."""
-        contours = sheet.style.contours
+    def values(self, draw_call: DrawCall) -> Floats:
+        """(k,) ascending values of a draw call's contours."""
+        contours = draw_call.style.contours
         assert contours is not None
         if contours.count is None:
             return np.unique(np.asarray(contours.values, dtype=np.float64))
-        quantity = self._of_contours(sheet)
-        asked = self._asked(quantity, sheet.style) if quantity == sheet.quantity else "seen"
+        quantity = self._of_contours(draw_call)
+        asked = self._asked(quantity, draw_call.style) if quantity == draw_call.quantity else "seen"
         return levels(*self.range_of(quantity, asked), contours.count)
 
-    def legends(self, sheets: Sequence[Sheet]) -> tuple[Legend, ...]:
-        """What the colours and contours of all sheets mean, each said once."""
+    def legends(self, draw_calls: Sequence[DrawCall]) -> tuple[Legend, ...]:
+        """What the colours and contours of all draw calls mean, each said once."""
         marks: dict[str | None, dict[tuple[float, Vector], None]] = {}
-        for sheet in sheets:
-            contours = sheet.style.contours
+        for draw_call in draw_calls:
+            contours = draw_call.style.contours
             if contours is not None:
-                own = marks.setdefault(self._of_contours(sheet), {})
-                own.update(dict.fromkeys((float(value), contours.color) for value in self.values(sheet)))
+                own = marks.setdefault(self._of_contours(draw_call), {})
+                own.update(dict.fromkeys((float(value), contours.color) for value in self.values(draw_call)))
         found = []
         for key, palette in self._palettes.items():
             found.append(Legend(key[0] or self.scene.field, palette, tuple(marks.pop(key[0] or None, ()))))
@@ -255,19 +255,19 @@ class Painter:
         lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
         return max((int(np.ceil(0.5 * line.width)) + 2 for line in lines), default=0)
 
-    def remarks(self, sheets: Sequence[Sheet]) -> list[str]:
+    def remarks(self, draw_calls: Sequence[DrawCall]) -> list[str]:
         """What a user should know: objects that aren't there, contours of values that the data don't take."""
-        found = list(self.stages.remarks(self.scene, self.gathered))
-        for sheet in sheets:
-            if id(sheet) not in self._shown:
-                found.append(f"{sheet.name} shows nothing")
-            contours = sheet.style.contours
+        found = list(self.stages.remarks(self.scene, self.volume_counts))
+        for draw_call in draw_calls:
+            if id(draw_call) not in self._shown:
+                found.append(f"{draw_call.name} shows nothing")
+            contours = draw_call.style.contours
             if contours is not None:
-                quantity = self._of_contours(sheet)
+                quantity = self._of_contours(draw_call)
                 low, high = self._seen.get(quantity or "", (np.inf, -np.inf))
                 beyond = [value for value in contours.values if not low <= value <= high]
                 if beyond and (reason := self._outside(quantity, beyond)):
-                    found.append(f"{sheet.name} has no contour{reason}")
+                    found.append(f"{draw_call.name} has no contour{reason}")
         return list(dict.fromkeys(found))
 
     def _outside(self, quantity: str | None, values: Sequence[float]) -> str:
@@ -280,10 +280,10 @@ class Painter:
         beyond = ", ".join(f"{value:g}" for value in values if not low <= value <= high)
         return f" at {beyond}: {name} lies between {low:g} and {high:g}" if beyond else ""
 
-    def settled(self, sheets: Sequence[Sheet]) -> bool:
+    def settled(self, draw_calls: Sequence[DrawCall]) -> bool:
         """Whether nothing depends on the range of what is seen."""
         return all(
-            (sheet.style.color is not None or self._asked(sheet.quantity, sheet.style) != "seen")
-            and (sheet.style.contours is None or sheet.style.contours.count is None)
-            for sheet in sheets
+            (draw_call.style.color is not None or self._asked(draw_call.quantity, draw_call.style) != "seen")
+            and (draw_call.style.contours is None or draw_call.style.contours.count is None)
+            for draw_call in draw_calls
         )

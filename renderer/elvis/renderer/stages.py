@@ -1,4 +1,4 @@
-"""Which stage draws which object of a scene: objects become sheets, and sheets hit buffers."""
+"""Which stage draws which object of a scene: objects become draw_calls, and draw_calls hit buffers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Draw = Callable[[View, Floats | None], HitBuffer]
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class DrawCall:
     """A surface of a scene that one stage draws.
 
     name      what the scene calls it
@@ -127,8 +127,8 @@ class Stages:
             count += validity(self.dataset, curved).count(ValidityStatus.NOT_POSITIVE)
         return count
 
-    def remarks(self, scene: Scene, gathered: Mapping[str, int]) -> Iterator[str]:
-        """What a user should know of volumes, of what rays gathered in them, and of what isosurfaces leave out."""
+    def remarks(self, scene: Scene, counts: Mapping[str, int]) -> Iterator[str]:
+        """What a user should know of volumes, of what rays meet in them, and of what isosurfaces leave out."""
         volumes = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
         if volumes and self.inverted:
             yield f"elements that are inverted, all or in part, and drawn nonetheless: {self.inverted}"
@@ -142,8 +142,8 @@ class Stages:
         for name, value in dict.fromkeys((item.quantity or scene.field, v) for item in levels for v in item.values):
             if flat := self._flat(self.named(name, scene), value):
                 yield f"elements left out of an isosurface because their {name} is {value:g} all over: {flat}"
-        if gathered["lost"]:
-            yield f"places along rays in a volume that were not found: {gathered['lost']}"
+        if counts["lost"]:
+            yield f"places along rays in a volume that were not found: {counts['lost']}"
 
     def _flat(self, own: str | None, value: float) -> int:
         """Elements whose quantity is a value all over them, to rounding."""
@@ -182,9 +182,9 @@ class Stages:
         """The parts' quantity that a name in a scene means; None is the parts' own field, the scene's."""
         return None if name in (None, scene.field) else name
 
-    def sheets(self, scene: Scene) -> list[Sheet]:
+    def draw_calls(self, scene: Scene) -> list[DrawCall]:
         """All surfaces of a scene, in its order."""
-        found: list[Sheet] = []
+        found: list[DrawCall] = []
         for number, item in enumerate(scene.every_object, start=-1 if scene.plane else 0):
             if isinstance(item, VolumeRendering):
                 continue
@@ -193,22 +193,22 @@ class Stages:
             if isinstance(item, CutSurface):
                 once = isinstance(item.surface, Plane)
                 draw = partial(self.cut, item.surface, own)
-                found.append(Sheet(name, style, own, draw, bool(style.lit), once, item.surface))
+                found.append(DrawCall(name, style, own, draw, bool(style.lit), once, item.surface))
             elif isinstance(item, Faces):
                 found.append(self._faces(name, item, own))
             else:
                 found += [self._level(name, item, value, scene) for value in item.values]
         return found
 
-    def _faces(self, name: str, item: Faces, own: str | None) -> Sheet:
+    def _faces(self, name: str, item: Faces, own: str | None) -> DrawCall:
         """Element faces."""
 
         def draw(view: View, beyond: Floats | None) -> HitBuffer:
             return self.faces.draw(view, item.select, beyond, own)
 
-        return Sheet(name, item.style, own, draw, item.style.lit is not False)
+        return DrawCall(name, item.style, own, draw, item.style.lit is not False)
 
-    def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> Sheet:
+    def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> DrawCall:
         """One value of an isosurface, which its style may colour by another quantity."""
         of = self.named(item.quantity, scene)
         asked = item.quantity or scene.field
@@ -224,7 +224,7 @@ class Stages:
                 self._in_range(asked, of, value)
             return self.resampled(hits, of, own)
 
-        return Sheet(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
+        return DrawCall(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
 
     def _at_level(self, view: View, quantity: str | None, value: float, beyond: Floats | None) -> HitBuffer:
         """The isosurface of a quantity."""
@@ -275,17 +275,17 @@ class Stages:
         """The hit buffer with another quantity as its field."""
         return hits if known == wanted else hits.showing(sampled(self.loaded, hits, wanted))
 
-    def hit_buffers(self, sheet: Sheet, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:
-        """What is seen of a sheet, from near to far: the hits that no clip takes away, and all that shine through."""
+    def hit_buffers(self, draw_call: DrawCall, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:
+        """What is seen of a draw call, from near to far: the hits that no clip takes away, while any shine through."""
         beyond, through = None, 1.0
         while through > FAINT:
-            hits = sheet.draw(view, beyond)
+            hits = draw_call.draw(view, beyond)
             hit = hits.owner != NOBODY
-            gone, unsure = self.clipped(hits, view, [clip for clip in clips if clip.surface != sheet.surface])
+            gone, unsure = self.clipped(hits, view, [clip for clip in clips if clip.surface != draw_call.surface])
             yield hits.clipped(gone, unsure) if gone.any() or unsure.any() else hits
-            through *= 1.0 - sheet.style.opacity if not gone.any() else 1.0
-            further = hit if sheet.style.opacity < 1.0 else gone
-            if sheet.once or not further.any():
+            through *= 1.0 - draw_call.style.opacity if not gone.any() else 1.0
+            further = hit if draw_call.style.opacity < 1.0 else gone
+            if draw_call.once or not further.any():
                 return
             beyond = np.where(further, hits.depth + SAME * (self.loaded.reach + np.abs(hits.depth)), np.inf)
 

@@ -12,7 +12,7 @@ from elvis.scene.frame import Frame, Legend
 from elvis.scene.page import Page, Part
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
-INK = (30, 30, 30)
+TEXT_COLOR = (30, 30, 30)
 
 
 def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
@@ -76,14 +76,14 @@ def _framed(frame: Frame) -> Page:
     above, right_of = Part.blank((0, 0, right, top)), Part.blank((right, 0, width, height))
     under = Part.blank((0, bottom, right, height))
     for part in (above, right_of):
-        part.text((unit, top / 2), title, fill=INK, font=font, anchor="lm")
+        part.text((unit, top / 2), title, fill=TEXT_COLOR, font=font, anchor="lm")
     x = wide + 5 * unit // 2
     for bar in bars:
         bar.draw(right_of, (x, top))
         x += bar.width
     for number, line in enumerate(below):
         for part in (under, right_of):
-            part.text((unit, bottom + unit + foot * number), line, fill=INK, font=small, anchor="lt")
+            part.text((unit, bottom + unit + foot * number), line, fill=TEXT_COLOR, font=small, anchor="lt")
     made.parts += [above, right_of, under]
     if min(wide, high) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, made, unit, small)
@@ -108,20 +108,20 @@ class _Bar:
         column = palette.colors(np.linspace(palette.high, palette.low, self.height))[:, None, :]
         (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)
         part.paste(Image.fromarray(np.rint(column * 255).astype(np.uint8).repeat(width, axis=1), "RGB"), corner)
-        part.text((x, y - 1.2 * unit), self.name, fill=INK, font=self.font, anchor="lm")
+        part.text((x, y - 1.2 * unit), self.name, fill=TEXT_COLOR, font=self.font, anchor="lm")
 
-        def line(value: float, left: int, right: int, ink: tuple[int, ...]) -> float:
+        def line(value: float, left: int, right: int, color: tuple[int, ...]) -> float:
             level = y + (palette.high - value) / (palette.high - palette.low) * (self.height - 1)
-            part.line((x + left, level), (x + right, level), fill=ink, width=thin)
+            part.line((x + left, level), (x + right, level), fill=color, width=thin)
             return level
 
         for value, color in self.marks:
             if palette.low <= value <= palette.high:
                 line(value, 0, width - 1, tuple(round(255 * share) for share in color))
-        part.rectangle((x, y), (x + width - 1, y + self.height - 1), outline=INK)
+        part.rectangle((x, y), (x + width - 1, y + self.height - 1), outline=TEXT_COLOR)
         for value, text in self.scale:
-            level = line(value, width, width + unit // 3, INK)
-            part.text((x + width + unit // 2, level), text, fill=INK, font=self.font, anchor="lm")
+            level = line(value, width, width + unit // 3, TEXT_COLOR)
+            part.text((x + width + unit // 2, level), text, fill=TEXT_COLOR, font=self.font, anchor="lm")
 
 
 def shortest(value: float) -> str:

@@ -188,7 +188,7 @@ class Lines:
         """A stage over the pieces of each part, sorted by element."""
         pieces = _waves(pieces)
         ends = np.searchsorted(pieces.element, self._loaded.first)
-        gathered = "reference" not in hits.held
+        packed = "reference" not in hits.held
         for number, part in enumerate(self._loaded.parts):
             own = pieces[ends[number] : ends[number + 1]]
             count = len(own.pixel)
@@ -198,8 +198,8 @@ class Lines:
             place = {"first": self._loaded.first[number], "count": count, "facets": len(facets)}
             smooth = self._is_polynomial(number, quantity)
             flat = hits.flat is not None
-            record = record_of(kernel, "view", view, **place, **size, gathered=gathered, flat=flat, smooth=smooth)
-            references = self._device.buffer(hits.reference[own.base]) if gathered else hits.held["reference"]
+            record = record_of(kernel, "view", view, **place, **size, packed=packed, flat=flat, smooth=smooth)
+            references = self._device.buffer(hits.reference[own.base]) if packed else hits.held["reference"]
             data = {"pieces": own.records(kernel.dtype("pieces")), "facets": facets, "view": record}
             brought = {name: self._device.buffer(some) for name, some in data.items()}
             kernel(count, {**self._loaded.bound(number, quantity), **buffers, **brought, "references": references})

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.compositing import Coats
+from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
@@ -62,12 +62,12 @@ class Medium:
         return np.asarray((high < 0.0) & (self.gate < 0) | (low > 0.0) & (self.gate > 0))
 
 
-class Gathered:
-    """What n rays gather in volumes, and from the surfaces between.
+class RayIntegrals:
+    """The integrals of n rays through volumes and the surfaces between.
 
     color      (n, 3) times alpha
     alpha      (n,)   part in [0, 1] of what lies behind that is hidden
-    fog        (n,)   the same of the volumes alone
+    coverage   (n,)   the same of the volumes alone
     length     (n,)   of the segments in elements, as far as light comes from them, in units of length
     error      (n,)   estimated error of the colour
     segments   (n,)   their number; where there are none there is nothing else either
@@ -75,27 +75,27 @@ class Gathered:
     lost       (n,)   places in curved elements, and ends of segments, that were not found
     """
 
-    def __init__(self, tally: NDArray[np.uint32], lost: Ints, lights: Callable[[], NDArray[Any]]) -> None:
-        """From what volume_march.slang counts, and what reads its lights."""
+    def __init__(self, tally: NDArray[np.uint32], lost: Ints, integrals: Callable[[], NDArray[Any]]) -> None:
+        """From what volume_march.slang counts, and what reads its integrals."""
         self.segments, self.undefined, self.lost = tally[:, 0], tally[:, 1] >> 1, lost
-        self._glows, self._read = tally[:, 1] & 1, lights
+        self._covers, self._read = tally[:, 1] & 1, integrals
 
     @cached_property
     def _lights(self) -> NDArray[Any]:
-        lights = self._read().copy()
-        lights[self.segments == 0] = 0
-        return lights
+        integrals = self._read().copy()
+        integrals[self.segments == 0] = 0
+        return integrals
 
     def __getattr__(self, name: str) -> Any:
         """What is read from the device when it is first asked for."""
-        if name not in ("color", "alpha", "fog", "length", "error"):
+        if name not in ("color", "alpha", "coverage", "length", "error"):
             raise AttributeError(name)
         return self._lights[name]
 
     def status(self) -> NDArray[np.uint8]:
         """(n,) what is known of the volumes (see frame.Status): failed where something was not found, ambiguous where
         elements without numbers are left out."""
-        known = np.where(self._glows, Status.CERTAIN, Status.MISS)
+        known = np.where(self._covers, Status.CERTAIN, Status.MISS)
         known[self.undefined > 0] = Status.AMBIGUOUS
         known[self.lost > 0] = Status.FAILED
         return known.astype(np.uint8)
@@ -173,13 +173,13 @@ class VolumeRenderer:
         self,
         view: View,
         media: Sequence[Medium],
-        coats: Coats,
+        fragments: FragmentLists,
         error: float = 1e-3,
         clips: Sequence[Clip] = (),
-    ) -> Gathered:
+    ) -> RayIntegrals:
         """The light that reaches the eye from all volumes and surfaces, where there are volumes; it enters the picture.
 
-        coats  the picture's surfaces, composed
+        fragments  the picture's surfaces, composed
         error  greatest estimated error of a pixel's colour
         clips  what they take away of the volumes, by all but implicit surfaces, for which there are media
 
@@ -187,10 +187,10 @@ class VolumeRenderer:
         """
         for medium in media:
             self._check(medium.transfer)
-        march = _March(self, view, media, coats, error, clips)
+        march = _March(self, view, media, fragments, error, clips)
         for band in march.bands():
             march.band(band)
-        return march.gathered()
+        return march.ray_integrals()
 
     def _check(self, transfer: Transfer) -> None:
         if self.loaded.dimension != 3:
@@ -216,7 +216,7 @@ class _March:
         renderer: VolumeRenderer,
         view: View,
         media: Sequence[Medium],
-        coats: Coats,
+        fragments: FragmentLists,
         error: float,
         clips: Sequence[Clip],
     ) -> None:
@@ -232,8 +232,8 @@ class _March:
         self.bent = np.concatenate([np.any(some, axis=0) for some in bent])
         self.march = self.device.kernel("volume_march", line_degree=self.degree, media=len(media))
         self.lost = np.zeros(view.count, np.int64)
-        self.fixed = {**self.traversal.lines(self.degree), **coats.buffers}
-        self.fixed["lights"] = self.device.empty(self.march.dtype("lights"), view.count)
+        self.fixed = {**self.traversal.lines(self.degree), **fragments.buffers}
+        self.fixed["ray_integrals"] = self.device.empty(self.march.dtype("ray_integrals"), view.count)
         self.shared = self._shared()
         self.parts = [
             self._curved(k, n) if n in curved else self._straight(k, n)
@@ -341,11 +341,11 @@ class _March:
             lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
             self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
 
-    def gathered(self) -> Gathered:
-        """What all rays have gathered."""
-        count, dtype, device = self.view.count, self.march.dtype("lights"), self.device
+    def ray_integrals(self) -> RayIntegrals:
+        """The integrals along all rays."""
+        count, dtype, device = self.view.count, self.march.dtype("ray_integrals"), self.device
         tally = device.read(self.fixed["tally"], np.uint32)[: 2 * count].reshape(-1, 2)
-        return Gathered(tally, self.lost, lambda: device.read(self.fixed["lights"], dtype)[:count])
+        return RayIntegrals(tally, self.lost, lambda: device.read(self.fixed["ray_integrals"], dtype)[:count])
 
     def _listed(self, band: _Band) -> dict[str, Any]:
         """The segments of all parts; once more where the lists of some tiles were too short, which become longer."""
