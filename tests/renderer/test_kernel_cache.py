@@ -6,15 +6,15 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from elvis.core.files.keeping import Store
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.renderer import Plane, kernel_cache, render
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import Device
-from elvis.renderer.kernel_cache import KernelCache, cache_folder
+from elvis.renderer.kernel_cache import KernelCache
 
 COLOR = (0.25, 0.5, 0.75)
 #: a process that compiles a kernel, and says how many were at hand
@@ -97,17 +97,6 @@ def test_damaged_kernels_are_set_aside_and_made_again(process, compose, tmp_path
     assert compose() == (1, 0, [])
 
 
-def test_any_bit_counts(tmp_path):
-    path = kernel_cache._write(tmp_path, b"key", b"a kernel")
-    whole = path.read_bytes()
-    assert kernel_cache._parsed(whole) == (b"key", b"a kernel")
-    for bit in range(8 * len(whole)):
-        wrong = bytearray(whole)
-        wrong[bit // 8] ^= 1 << bit % 8
-        assert kernel_cache._parsed(bytes(wrong)) is None
-    assert all(kernel_cache._parsed(whole[:end]) is None for end in range(len(whole)))
-
-
 @pytest.mark.parametrize("place", ["a file", "a device"])
 def test_pictures_are_drawn_where_nothing_can_be_kept(process, compose, tmp_path, place):
     (tmp_path / "file").touch()
@@ -168,7 +157,7 @@ def test_processes_that_run_at_the_same_time(process, compose, tmp_path):
 
 
 def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
-    files = [kernel_cache._write(tmp_path, bytes([k]), np.full(1000, k, np.uint8).tobytes()) for k in range(5)]
+    files = [Store(tmp_path, "kernel", 1 << 20).write(bytes([k]), bytes([k]) * 1000) for k in range(5)]
     now = time.time()
     for age, file in enumerate(files):
         os.utime(file, (now - 1000 * age, now - 1000 * age))
@@ -196,29 +185,6 @@ def test_the_use_of_an_old_kernel_is_noted(process, compose, tmp_path):
     kernel_cache.kernel_cache()
     process()
     assert file.stat().st_mtime == 1e9
-
-
-@pytest.mark.parametrize(
-    ("cache_home", "home", "expected"),
-    [
-        ("/a/b", "/h", "/a/b/elvis/kernels"),
-        ("", "/h", "/h/.cache/elvis/kernels"),
-        (None, "/h", "/h/.cache/elvis/kernels"),
-        ("a/b", "/h", "/h/.cache/elvis/kernels"),
-        ("./a", "/h", "/h/.cache/elvis/kernels"),
-        (None, "relative", None),
-        ("", "", None),
-        ("/a", "", "/a/elvis/kernels"),
-    ],
-)
-def test_the_folder_follows_the_base_directory_specification(monkeypatch, cache_home, home, expected):
-    """Empty is as if it were not set; a relative path is ignored."""
-    monkeypatch.setenv("HOME", home)
-    if cache_home is None:
-        monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    else:
-        monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
-    assert cache_folder() == (None if expected is None else Path(expected))
 
 
 def test_without_a_home_kernels_are_not_kept(process, compose, tmp_path, monkeypatch):

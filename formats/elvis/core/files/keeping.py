@@ -1,0 +1,119 @@
+"""Results kept from one process to the next, each in a file of its own with a checksum, in the user's cache.
+
+A file begins with a mark that says what it is; then come the SHA-256 of all that follows, the length of the key in two
+bytes, the key and the content.  A file takes its name when it is whole, so that processes which run at the same time
+don't disturb each other; a damaged one is noticed before anything trusts it, and set aside.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+#: bytes of the checksum, and of the length of the key
+_CHECKSUM, _LENGTH = 32, 2
+#: seconds after which a use is noted, and after which what a killed process has left is removed
+_DAY, _HOUR = 86400.0, 3600.0
+_DAMAGED = ".damaged"
+
+
+def cache_folder(name: str) -> Path | None:
+    """Where results of a kind are kept: in $XDG_CACHE_HOME or ~/.cache; None where there is neither.
+
+    As its specification says, a relative $XDG_CACHE_HOME is ignored.
+    """
+    folder = os.environ.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(folder):
+        # without HOME the system's list of users tells; an empty one would mean the root of all folders
+        home = os.path.expanduser("~") if os.environ.get("HOME") != "" else ""
+        folder = os.path.join(home, ".cache")
+    return Path(folder) / "elvis" / name if os.path.isabs(folder) else None
+
+
+@dataclass(frozen=True)
+class Store:
+    """The kept results of one kind in a folder, which need not be there.
+
+    kind  in one word: the suffix of its files
+    most  bytes of all files; those that were not used for longest go
+    """
+
+    folder: Path
+    kind: str
+    most: int
+
+    @property
+    def mark(self) -> bytes:
+        """How its files begin."""
+        return f"elvis {self.kind} 1\n".encode()
+
+    def place(self, key: bytes) -> Path:
+        """The file of the result with this key."""
+        return self.folder / f"{sha256(key).hexdigest()[:40]}.{self.kind}"
+
+    def write(self, key: bytes, content: bytes) -> Path:
+        """Keep a result, in a file that takes its name when it is whole; OSError where that can't be."""
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path = self.place(key)
+        beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
+        rest = len(key).to_bytes(_LENGTH, "little") + key + content
+        try:
+            beside.write_bytes(self.mark + sha256(rest).digest() + rest)
+            beside.replace(path)
+        except OSError:
+            with suppress(OSError):
+                beside.unlink()
+            raise
+        return path
+
+    def read(self, path: Path) -> tuple[bytes, bytes] | None:
+        """Key and content of a file; None where it isn't as it was written, then it is set aside.
+
+        OSError where it can't be read.
+        """
+        about = path.stat()
+        if not stat.S_ISREG(about.st_mode):
+            raise OSError(f"{path} is no plain file")
+        entry = self.parsed(path.read_bytes()) if about.st_size <= 2 * self.most else None
+        if entry is None:
+            with suppress(OSError):
+                path.replace(path.with_suffix(_DAMAGED))
+        return entry
+
+    def parsed(self, data: bytes) -> tuple[bytes, bytes] | None:
+        """Key and content of the bytes of a file; None where they aren't as they were written."""
+        begin = len(self.mark) + _CHECKSUM
+        checksum, rest = data[len(self.mark) : begin], data[begin:]
+        if not data.startswith(self.mark) or sha256(rest).digest() != checksum:
+            return None
+        end = _LENGTH + int.from_bytes(rest[:_LENGTH], "little")
+        return rest[_LENGTH:end], rest[end:]
+
+    def note_use(self, path: Path) -> None:
+        """Let a file that was used count as new; once a day is enough."""
+        with suppress(OSError):
+            if path.stat().st_mtime < time.time() - _DAY:
+                os.utime(path)
+
+    def files(self) -> list[Path]:
+        """The files, the last used first; those that there is no room for, and what is stale, are removed."""
+        found: list[tuple[float, int, Path]] = []
+        with suppress(OSError):
+            for item in os.scandir(self.folder):
+                about = item.stat()
+                found.append((-about.st_mtime, about.st_size, Path(item.path)))
+        files, room, suffix = [], self.most, f".{self.kind}"
+        for age, size, path in sorted(found):
+            room -= size
+            is_stale = path.suffix not in (suffix, _DAMAGED) and -age < time.time() - _HOUR
+            if path.is_file() and (room < 0 or is_stale):
+                with suppress(OSError):
+                    path.unlink()
+            elif path.suffix == suffix:
+                files.append(path)
+        return files

@@ -1,0 +1,79 @@
+"""Results that are kept: found again where they are whole, and never trusted where they are not."""
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from elvis.core.files.keeping import Store, cache_folder
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store(tmp_path / "kept", "number", 1 << 20)
+
+
+def test_what_is_written_is_read_again(store):
+    path = store.write(b"pi", b"3.14")
+    assert path == store.place(b"pi")
+    assert store.read(path) == (b"pi", b"3.14")
+    assert store.files() == [path]
+    assert store.folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_any_bit_counts(store):
+    whole = store.write(b"key", b"a number").read_bytes()
+    assert store.parsed(whole) == (b"key", b"a number")
+    for bit in range(8 * len(whole)):
+        wrong = bytearray(whole)
+        wrong[bit // 8] ^= 1 << bit % 8
+        assert store.parsed(bytes(wrong)) is None
+    assert all(store.parsed(whole[:end]) is None for end in range(len(whole)))
+
+
+def test_files_of_another_kind_are_damaged_ones(store):
+    path = store.write(b"key", b"a number")
+    other = Store(store.folder, "letter", 1 << 20)
+    assert other.read(path) is None
+    assert [each.suffix for each in store.folder.iterdir()] == [".damaged"]
+
+
+def test_what_is_no_plain_file_is_not_opened(store, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path, tmp_path / "none"):
+        with pytest.raises(OSError, match="plain|No such file"):
+            store.read(path)
+
+
+def test_what_was_not_used_for_longest_makes_room(tmp_path):
+    store = Store(tmp_path, "number", 3500)
+    files = [store.write(bytes([k]), bytes([k]) * 1000) for k in range(5)]
+    now = time.time()
+    for age, file in enumerate(files):
+        os.utime(file, (now - 1000 * age, now - 1000 * age))
+    assert store.files() == files[:3]
+    assert sorted(tmp_path.iterdir()) == sorted(files[:3])
+
+
+@pytest.mark.parametrize(
+    ("cache_home", "home", "expected"),
+    [
+        ("/a/b", "/h", "/a/b/elvis/kernels"),
+        ("", "/h", "/h/.cache/elvis/kernels"),
+        (None, "/h", "/h/.cache/elvis/kernels"),
+        ("a/b", "/h", "/h/.cache/elvis/kernels"),
+        ("./a", "/h", "/h/.cache/elvis/kernels"),
+        (None, "relative", None),
+        ("", "", None),
+        ("/a", "", "/a/elvis/kernels"),
+    ],
+)
+def test_the_folder_follows_the_base_directory_specification(monkeypatch, cache_home, home, expected):
+    """Empty is as if it were not set; a relative path is ignored."""
+    monkeypatch.setenv("HOME", home)
+    if cache_home is None:
+        monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    else:
+        monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
+    assert cache_folder("kernels") == (None if expected is None else Path(expected))
