@@ -133,7 +133,7 @@ def test_the_list_tells_what_there_is(elvis):
     [
         ([], "expected FILES to convert and --output"),
         (["absent.msh", "-o", "out.xml"], "absent.msh: there is no such file"),
-        (["{text}", "-o", "{out}.xml"], "expected a file that a converter opens"),
+        (["{text}", "-o", "{out}.xml"], "expected a file of a known format"),
         (["{text}", "-o", "{out}.xml", "--from", "nobody"], "there is no converter 'nobody'; there are"),
         (["{text}", "-o", "{out}.png"], "expected a name ending in .xml"),
         (["{text}", "-o", "{out}.xml", "--set", "nodes"], "expected NAME=VALUE"),

@@ -100,6 +100,6 @@ def test_what_does_not_tell_is_refused(tmp_path):
     inside, mirrored = third_face(cell)
     folded = places.copy()
     folded[inside] = (places[inside] + places[mirrored]) / 2
-    with pytest.raises(FormatError, match=r"found 0 as of VTK 9 and 0 as of VTK 8; choose one with --wedges"):
+    with pytest.raises(FormatError, match=r"found 0 as of VTK 9 and 0 as of VTK 8; choose one with the option wedges"):
         Vtk([saved(tmp_path / "folded.vtu", degrees, folded)])
     assert Vtk([tmp_path / "folded.vtu"], wedges="as-read").blocks

@@ -42,7 +42,7 @@ def test_files_of_another_kind_are_damaged_ones(store):
 def test_what_is_no_plain_file_is_not_opened(store, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, tmp_path / "none"):
-        with pytest.raises(OSError, match="plain|No such file"):
+        with pytest.raises(OSError, match=r"plain|No such file"):
             store.read(path)
 
 

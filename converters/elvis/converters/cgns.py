@@ -29,6 +29,7 @@ class Cgns(Gmsh):
     keeps = "all shapes up to order 4, families by name"
     loses = "solutions, which the library passes over, zones and their order"
     options = ()
+    beside = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

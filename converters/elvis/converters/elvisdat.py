@@ -42,6 +42,7 @@ class ElVisDat(NodalConverter):
     format = "volume of the first ElVis (.dat)"
     keeps = "straight hexahedra and prisms, the field at any degrees"
     loses = "ranges of elements, which are computed again"
+    beside = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

@@ -29,6 +29,7 @@ class Exodus(NodalConverter):
     loses = "node sets, attributes, variables of sides and sets; elements of lower dimension"
     needs = ("scipy",)
     options = (STEP,)
+    beside = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

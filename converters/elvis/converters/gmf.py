@@ -49,6 +49,7 @@ class Gmf(NodalConverter):
     format = "GMF mesh and solution (.mesh, .meshb, .sol, .solb)"
     keeps = "elements of all shapes to order 4, nodes or Bezier points, solutions of any degree, references, time"
     loses = "corners, ridges, normals, edges in 3D; solutions on faces"
+    beside = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

@@ -37,6 +37,7 @@ class Gmsh(NodalConverter):
     loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
     needs = ("gmsh",)
     options: ClassVar[tuple[Option, ...]] = (STEP,)
+    beside = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

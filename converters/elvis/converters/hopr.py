@@ -66,6 +66,7 @@ class Hopr(NodalConverter):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         mesh, state = _roles(paths)
+        self.beside = [mesh]
         with opened(mesh) as file:
             self._read_mesh(file)
         if state is not None:

@@ -10,7 +10,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.plugins.conversion import Option
 
 #: the option of converters of series
-STEP = Option("step", "Which step of a series, counted from 0; the last by default.")
+STEP = Option("step", "Which step of a series in one file or of its index, counted from 0; the last by default.")
 
 
 def step_number(step: str | None, may_be_negative: bool = True) -> int:
@@ -19,7 +19,7 @@ def step_number(step: str | None, may_be_negative: bool = True) -> int:
         return -1
     digits = step.lstrip("-") if may_be_negative else step
     if not digits.isdigit():
-        raise ElvisError(f"expected a number for --step, found {step!r}")
+        raise ElvisError(f"expected a number for the option step, found {step!r}")
     return int(step)
 
 
@@ -33,7 +33,9 @@ def single(paths: Sequence[Path]) -> Path:
 def check_roles(meshes: int, others: int, what: str = "solution") -> None:
     """FormatError unless there are one mesh and at most one other file, which holds ``what``."""
     if meshes != 1 or others > 1:
-        raise FormatError(f"expected one mesh and at most one {what}, found {meshes} and {others}")
+        advice = f"; of the steps of a series give one {what}" if others > 1 else ""
+        advice = "; give its mesh too" if not meshes else advice
+        raise FormatError(f"expected one mesh and at most one {what}, found {meshes} and {others}{advice}")
 
 
 def check_rows(

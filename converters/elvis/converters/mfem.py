@@ -54,7 +54,9 @@ class Mfem(NodalConverter):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         found = pieces(paths)
-        texts = [source.text for piece in found for source in (piece.mesh, *piece.functions.values())]
+        sources = [source for piece in found for source in (piece.mesh, *piece.functions.values())]
+        self.beside = [source.named for source in sources]
+        texts = [source.text for source in sources]
         library = Apart(_WORKER, sum(map(len, texts)))
         with TemporaryDirectory() as folder:
             parts = [_Part(number, piece, Path(folder), library) for number, piece in enumerate(found)]

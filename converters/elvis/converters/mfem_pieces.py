@@ -68,7 +68,7 @@ def pieces(paths: Sequence[Path]) -> list[Piece]:
         return list(_streamed(paths, streams))
     meshes, functions = [p for p in paths if is_mesh(p)], [p for p in paths if not is_mesh(p)]
     if not meshes:
-        raise FormatError("expected one mesh, found 0", file=paths[0])
+        raise FormatError("expected a mesh too, found grid functions alone: give the .mesh file", file=paths[0])
     if all(_NUMBERED.fullmatch(path.name) for path in meshes):
         return _parallel(meshes, functions)
     if len(meshes) > 1:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import re
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from elvis.converters.hdf5 import holds
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError, FormatError
-from elvis.core.files.plain import leading
 from elvis.core.geometry import map_names
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Composite, Mesh
@@ -24,13 +20,8 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.shapes import Shape
 from elvis.formats import read
-from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
-from elvis.formats.nektar.xml import GZIP_SIGNATURE
+from elvis.formats.reading import is_native
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
-
-_ROOT = re.compile(rb"<NEKTAR[\s>/]")
-_PIECE = re.compile(r"(P\d+\.(xml(\.gz)?|fld)|Info\.xml)")
-_HEAD = 1 << 16
 
 #: differences of values at vertices, as a share of the field's range, below which a field may be continuous
 _NEAR = 1e-14
@@ -64,7 +55,7 @@ class Native(Converter):
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether every file or folder is of the native format."""
-        return bool(paths) and all(_is_native(path) for path in paths)
+        return bool(paths) and all(is_native(path) for path in paths)
 
     def __init__(self, paths: Sequence[Path], composites: str | None = None) -> None:
         dataset = read(*paths)
@@ -127,18 +118,6 @@ class Native(Converter):
         np.minimum.at(low, which, values)
         np.maximum.at(high, which, values)
         return bool((high - low).max() <= _NEAR * max(np.ptp(values), np.abs(values).max()))
-
-
-def _is_native(path: Path) -> bool:
-    try:
-        if path.is_dir():
-            return any(_PIECE.fullmatch(entry.name) for entry in path.iterdir())
-        head = leading(path, _HEAD)
-        if head.startswith(GZIP_SIGNATURE):
-            head = zlib.decompressobj(wbits=31).decompress(head, _HEAD)
-        return holds(path, "NEKTAR") if head.startswith(HDF5_SIGNATURE) else bool(_ROOT.search(head))
-    except (OSError, zlib.error):
-        return False
 
 
 def _domain(mesh: Mesh) -> list[Composite]:

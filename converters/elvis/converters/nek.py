@@ -60,6 +60,7 @@ class Nek(NodalConverter):
                     f"expected a Nek5000 field, .re2 or .nek5000 file, found {found_instead(path)}", file=path
                 )
         points, values = _steps(fields)
+        self.beside = [*points, *values]
         self._points, self._values = Step(points), Step(values)
         self._check_match()
         head = self._values.head
@@ -189,7 +190,10 @@ def _steps(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     ordered = [_whole(steps[key]) for key in sorted(steps, key=lambda key: (key[1], key[0]))]
     values = ordered[-1]
     if len(ordered) > 2:
-        raise FormatError(f"expected one step, and at most another with its points, found {len(ordered)}")
+        expected = "one step of the series, and at most another with its points"
+        raise FormatError(
+            f"expected {expected}, found {len(ordered)}: give one, or the .nek5000 file and --step (--reader step=N)"
+        )
     if "X" in read_header(values[0]).contents:
         return values, values
     if len(ordered) == 2 and "X" in read_header(ordered[0][0]).contents:

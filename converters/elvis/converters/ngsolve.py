@@ -43,6 +43,7 @@ class NGSolve(NodalConverter):
         "pickled sessions, which run what they hold: export from Python; .vol and .gfu files need the package ngsolve"
     )
     options = (Option("spaces", "Spaces of the .gfu files in their order, such as H1:5,L2:4,VectorH1:4."),)
+    beside = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -56,7 +57,7 @@ class NGSolve(NodalConverter):
     def hint(cls, path: Path) -> str:
         """Functions without their mesh, pickled sessions."""
         if path.suffix == ".gfu":
-            return "numbers of an NGSolve function (.gfu) without a mesh: give the .vol file too, and --spaces"
+            return "numbers of an NGSolve function (.gfu) without a mesh: give the .vol file and --reader spaces=H1:5"
         head = leading(path, _HEAD)
         if head.startswith(b"\x80") and b"ngsolve" in head:
             return f"a pickled NGSolve session, which would run what it holds: use {export.__module__}.export in Python"

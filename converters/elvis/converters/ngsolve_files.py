@@ -114,7 +114,9 @@ def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, t
     found = [part.strip() for part in (spaces or "").split(",") if part.strip()]
     if len(found) != len(functions):
         expected = f"a space for each of {len(functions)} .gfu files, which don't say theirs"
-        raise ElvisError(f"expected {expected} (--spaces H1:5,L2:4), found {len(found)}")
+        raise ElvisError(
+            f"expected {expected} (--reader spaces=H1:5,L2:4; of elvis convert --spaces), found {len(found)}"
+        )
     result = []
     for path, text in zip(functions, found, strict=True):
         match = _SPACE.fullmatch(text)

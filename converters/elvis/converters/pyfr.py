@@ -76,6 +76,8 @@ class PyFR(NodalConverter):
 
     def __init__(self, paths: Sequence[Path], primitive: bool = False, subset: bool = False) -> None:
         mesh, solution = _roles(paths)
+        # old ones are read with tables of PyFR's own
+        self.beside = None if _is_old(mesh) else [mesh]
         self._kinds: list[str] = []
         self.blocks: list[Elements] = []
         with opened(mesh) as file:
@@ -85,7 +87,7 @@ class PyFR(NodalConverter):
                 _check_uuid(file, _uuid(mesh), mesh)
                 self._read_solution(file, primitive, subset)
         elif primitive or subset:
-            raise ElvisError("expected a solution for the options --primitive and --subset, found none")
+            raise ElvisError("expected a solution for the options primitive and subset, found none")
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
         """Interpolation through the solution points; derived quantities from what is interpolated."""
@@ -168,7 +170,9 @@ class PyFR(NodalConverter):
         missing = total - sum(map(len, self.blocks))
         if missing and not subset:
             expected = f"values on all {total} elements of the mesh"
-            raise FormatError(f"expected {expected}, found none on {missing}; see --subset", file=file.filename)
+            raise FormatError(
+                f"expected {expected}, found none on {missing}; see the option subset", file=file.filename
+            )
         self.add_field("solution", self._names, values)
         if primitive:
             orders = [None if own is None else own.order for own in values]

@@ -61,7 +61,7 @@ class Vtk(NodalConverter):
         wedges: str = "auto",
         step: str | None = None,
     ) -> None:
-        self._grids = read(paths, step_number(step))
+        self._grids, self.beside = read(paths, step_number(step))
         self.notes = []
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
@@ -105,7 +105,7 @@ class Vtk(NodalConverter):
             if wrong > len(part.nodes) / 2:
                 raise FormatError(
                     f"expected nodes of edges near their edges, found those of two edges exchanged in {wrong} "
-                    "hexahedra, as by a wrong version of the file; see --hexahedra",
+                    "hexahedra, as by a wrong version of the file; see the option hexahedra",
                     file=part.grid.file,
                 )
 
@@ -120,7 +120,7 @@ class Vtk(NodalConverter):
                 for part in parts:
                     inside, mirrored = third_face(part.cell)
                     part.nodes[:, inside] = part.nodes[:, mirrored]
-            note = "wedges are numbered as by VTK 8, and were taken so (--wedges)"
+            note = "wedges are numbered as by VTK 8, and were taken so (option wedges)"
             if wedges == "auto" and note not in self.notes:
                 self.notes = [*self.notes, note]
 
@@ -134,12 +134,12 @@ class Vtk(NodalConverter):
             if nodes == "auto" and known:
                 self.notes = [
                     *self.notes,
-                    "nodes lie at Gauss-Lobatto places, which VTK doesn't expect, and were taken there (--nodes)",
+                    "nodes lie at Gauss-Lobatto places, which VTK doesn't expect, and were taken there (option nodes)",
                 ]
         elif nodes == "auto" and known and not even:
-            self.notes = [*self.notes, "all edges are curved; nodes were taken to be evenly spaced (--nodes)"]
+            self.notes = [*self.notes, "all edges are curved; nodes were taken to be evenly spaced (option nodes)"]
         elif nodes == "equispaced" and warped > even:
-            self.notes = [*self.notes, f"nodes of {warped} edges seem to lie at Gauss-Lobatto places (--nodes)"]
+            self.notes = [*self.notes, f"nodes of {warped} edges seem to lie at Gauss-Lobatto places (option nodes)"]
 
     def _add_fields(self, on_points: bool) -> None:
         """Point data, continuous where they agree; or cell data, constant."""
@@ -274,7 +274,9 @@ def _is_mirrored(parts: Sequence[Part], file: str) -> bool:
     own, other = np.sum(votes, axis=0) if votes else (1, 0)
     if bool(own) == bool(other):
         found = f"{own} as of VTK 9 and {other} as of VTK 8"
-        raise FormatError(f"expected wedges of one numbering, found {found}; choose one with --wedges", file=file)
+        raise FormatError(
+            f"expected wedges of one numbering, found {found}; choose one with the option wedges", file=file
+        )
     return bool(other)
 
 

@@ -94,8 +94,8 @@ def other_kind(path: Path) -> str:
     return words or f"VTK data of the kind {found[1].decode('ascii', 'replace')}: {_UNSTRUCTURED}"
 
 
-def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
-    """The grids of all files; of a series those of one step."""
+def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]:
+    """The grids of all files, of a series those of one step; and the files that they are in."""
     files: list[tuple[Path, float | None]] = []
     for path in paths:
         if not kind_of(path):
@@ -106,8 +106,8 @@ def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
             files += [(member, time) for member in members]
         else:
             files.append((path, None))
-    paths = [path for path, _ in files]
-    size = _checked_size(paths)
+    every = _with_pieces([path for path, _ in files])
+    size = _checked_size(every)
     grids: list[Grid] = []
     with Apart(_WORKER, size) as library:
         for path, when in files:
@@ -115,7 +115,7 @@ def read(paths: Sequence[Path], step: int = -1) -> list[Grid]:
             for grid in found:
                 grid.time = grid.time if when is None else when
             grids += found
-    return grids
+    return grids, every
 
 
 def _read_one(library: Apart, path: Path, size: int) -> list[dict[str, Any]]:
@@ -127,15 +127,20 @@ def _read_one(library: Apart, path: Path, size: int) -> list[dict[str, Any]]:
     return found
 
 
-def _checked_size(paths: Sequence[Path]) -> int:
-    """Bytes of all files, those that they name included; FormatError where one declares more than these hold."""
+def _with_pieces(paths: Sequence[Path]) -> list[Path]:
+    """The files, and those that they name."""
     every, left = dict.fromkeys(paths), list(paths)
     while left:
         found = [piece for piece in _pieces(left.pop()) if piece not in every]
         every.update(dict.fromkeys(found))
         left += found
-    size = sum(path.stat().st_size for path in every)
-    for path in every:
+    return list(every)
+
+
+def _checked_size(paths: Sequence[Path]) -> int:
+    """Bytes of all files; FormatError where one declares more than these hold."""
+    size = sum(path.stat().st_size for path in paths)
+    for path in paths:
         _check_counts(path, size)
     return size
 

@@ -28,7 +28,21 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, 
 
 
 plugin_option = click.option(
-    "--plugin", metavar="NAME|FILE.py", help="The runtime plugin that opens DATA, where these aren't native."
+    "--plugin", metavar="NAME|FILE.py", help="The runtime plugin that opens DATA; a file may define a converter too."
+)
+
+
+reader_option = click.option(
+    "--reader",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; from=NAME names it.  "
+    "Repeatable.",
+)
+
+
+cache_option = click.option(
+    "--no-cache", is_flag=True, help="Convert DATA anew, and don't keep that for the next time."
 )
 
 

@@ -93,13 +93,17 @@ class ExpansionRule:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A mesh with its fields, time and metadata (free key/text pairs, as in the file)."""
+    """A mesh with its fields, time and metadata (free key/text pairs, as in the file).
+
+    remarks  sentences on how the data were come by, which belong to all that is made of them
+    """
 
     mesh: Mesh
     fields: tuple[Field, ...] = ()
     time: float | None = None
     metadata: Mapping[str, str] = default(default_factory=dict)
     expansions: tuple[ExpansionRule, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def field(self, name: str) -> Field:
         """The field of this name; KeyError where there is none."""

@@ -104,6 +104,11 @@ def warn(sentence: str) -> None:
     print("elvis: warning:", one_line(sentence), file=sys.stderr)
 
 
+def note(sentence: str) -> None:
+    """Say on standard error what the user may want to know of a result."""
+    print("elvis: note:", one_line(sentence), file=sys.stderr)
+
+
 def _is_number(cell: str) -> bool:
     try:
         float(cell.replace(",", ""))

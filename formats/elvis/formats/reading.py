@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from elvis.core.dataset import Dataset
@@ -16,12 +18,13 @@ from elvis.formats.nektar.assembly import RawGeometry, assemble, unite
 from elvis.formats.nektar.fields_input import time_of
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.sections import Section
-from elvis.formats.nektar.xml import Element, head, load
+from elvis.formats.nektar.xml import GZIP_SIGNATURE, Element, head, load
 
 _MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
 _FIELD_PIECE = re.compile(r"P\d+\.fld")
+_ROOT = re.compile(rb"<NEKTAR[\s>/]")
 _HDF5_NAME = re.compile(rb"""HDF5FILE\s*=\s*["']([^"'<>]+)["']""")
-#: bytes at the beginning of a file in which it names another
+#: bytes at the beginning of a file in which it says what it is, and names another
 _HEAD = 1 << 20
 _PARTITIONS = ("Partition", "MultipleFldFiles")
 
@@ -55,6 +58,27 @@ def read_data(paths: Iterable[str | Path]) -> Dataset:
     files = tuple(map(Path, paths))
     with stage(f"reading {', '.join(file.name for file in files)}"):
         return read(*files)
+
+
+def is_native(path: Path) -> bool:
+    """Whether a file or a folder is of the native format: told by its beginning and its members, without raising."""
+    try:
+        if path.is_dir():
+            return any(_is_piece(entry.name) for entry in path.iterdir())
+        start = leading(path, _HEAD)
+        if start.startswith(HDF5_SIGNATURE):
+            with hdf5.opened(path) as file, hdf5.guarded():
+                return "NEKTAR" in file
+        if start.startswith(GZIP_SIGNATURE):
+            start = zlib.decompressobj(wbits=31).decompress(start, _HEAD)
+        return bool(_ROOT.search(start))
+    except (OSError, zlib.error, FormatError):
+        return False
+
+
+def _is_piece(name: str) -> bool:
+    """Whether a file of this name is one of a parallel run, or names these."""
+    return name == "Info.xml" or bool(_MESH_PIECE.fullmatch(name) or _FIELD_PIECE.fullmatch(name))
 
 
 def named_files(paths: Iterable[str | Path]) -> list[Path]:
@@ -166,10 +190,16 @@ class _Reader:
     def _mesh(self, names: list[str]) -> Mesh:
         pieces = list(self._raw_geometries())
         if not pieces:
-            raise FormatError(f"no geometry among {', '.join(names)}; give the mesh file too")
+            raise FormatError(f"no geometry among {', '.join(names)}{self._held()}; {_advice(Path(names[0]))}")
         self._geometries.clear()
         self._tags.clear()
         return assemble(unite(pieces))
+
+    def _held(self) -> str:
+        """What was found where a mesh should be."""
+        kinds = [("fields", bool(self._sections)), ("conditions", "CONDITIONS" in self._tags)]
+        held = [name for name, is_held in kinds if is_held]
+        return f", where only {' and '.join(held)} are" if held else ""
 
     def _raw_geometries(self) -> Iterator[RawGeometry]:
         if not self._geometries and len(self._bare) > 1:
@@ -190,6 +220,16 @@ class _Reader:
             if path.is_file():
                 return path
         raise element.error(f"expected the file {name} next to it or in the working folder, found none")
+
+
+def _advice(path: Path) -> str:
+    """What to do with data whose mesh is missing; one that lies beside them under their name is named."""
+    with suppress(OSError):
+        for other in sorted(path.parent.glob("*.xml*")):
+            stem = other.name.partition(".xml")[0]
+            if path.name.startswith(stem) and not other.samefile(path) and is_native(other):
+                return f"give the mesh file too, perhaps {other}"
+    return "give the mesh file too"
 
 
 def _file_name(entry: Element) -> str:

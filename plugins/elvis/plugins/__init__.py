@@ -2,3 +2,16 @@
 
 ``registry`` finds plugins of any distribution; ``command`` is the ``elvis`` command, made of the commands it finds.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from elvis.core.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from elvis.plugins.data import read
+
+__all__ = ["read"]
+
+__getattr__ = lazy_names(__name__, {"elvis.plugins.data": ("read",)})

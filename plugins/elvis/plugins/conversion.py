@@ -152,6 +152,9 @@ class Converter(ABC):
     notes                        sentences for the report: what was decided or left out in reading
     mesh                         of sources that have one of the native format, which is taken over as it is: then
                                  blocks hold elements of it by ``ids``, in its frame and order of vertices; None else
+    beside                       files that the constructor read though they were not given, such as the pieces that an
+                                 index names: conversions are kept until one of these or of the given changes.  None
+                                 where that is not known, so that none is kept; a class that reads no others says ()
     """
 
     format: ClassVar[str] = ""
@@ -169,6 +172,7 @@ class Converter(ABC):
     is_conforming: bool = True
     notes: Sequence[str] = ()
     mesh: Mesh | None = None
+    beside: Sequence[Path] | None = None
 
     @classmethod
     @abstractmethod

@@ -52,9 +52,15 @@ def installed() -> list[Candidate]:
 
 def in_file(path: Path) -> list[Candidate]:
     """The converters that a Python file defines, by class name; PluginError where it has none or doesn't load."""
-    own = [value for value in defined_in(path) if issubclass(value, Converter)]
+    own = converters_of(path)
     if not own:
         raise PluginError(f"{path}: expected a subclass of elvis.plugins.conversion.Converter, found none")
+    return own
+
+
+def converters_of(path: Path) -> list[Candidate]:
+    """As `in_file`, but a file may also define none."""
+    own = [value for value in defined_in(path) if issubclass(value, Converter)]
     return [Candidate(converter.__name__, converter) for converter in own]
 
 
@@ -84,7 +90,8 @@ def chosen(candidates: Sequence[Candidate], paths: Sequence[Path], name: str | N
     if not opening:
         raise ElvisError(_unopened(candidates, paths))
     if len(opening) > 1:
-        raise ElvisError(f"{files}: {' and '.join(c.name for c in opening)} open them all; choose one with --from")
+        several = " and ".join(c.name for c in opening)
+        raise ElvisError(f"{files}: {several} open them all; choose one with --from NAME (--reader from=NAME)")
     return _usable(opening[0])
 
 
@@ -99,15 +106,13 @@ def _unopened(candidates: Sequence[Candidate], paths: Sequence[Path]) -> str:
     if strange:
         known = [each.converter for each in candidates if each.converter]
         names = ", ".join(each.name for each in candidates) or "none"
-        return (
-            f"{strange[0]}: expected a file that a converter opens ({names}), found {found_instead(strange[0], known)}"
-        )
+        return f"{strange[0]}: expected a file of a known format ({names}), found {found_instead(strange[0], known)}"
     files = ", ".join(map(str, paths))
     if len({tuple(names) for names in alone.values()}) == 1:
         name = next(iter(alone.values()))[0]
         return f"{files}: expected files that belong together, found {len(paths)} that {name} opens one at a time"
     owners = ", ".join(f"{path.name} ({' or '.join(names)})" for path, names in alone.items())
-    return f"{files}: expected files of one converter, found {owners}: convert them one by one"
+    return f"{files}: expected files of one converter, found {owners}: give them one by one"
 
 
 def _usable(candidate: Candidate) -> Candidate:
@@ -125,16 +130,21 @@ def _usable(candidate: Candidate) -> Candidate:
 def with_defaults(converter: type[Converter], given: Mapping[str, str | bool]) -> dict[str, Any]:
     """Keywords for the constructor: what was given, checked against the options, and their defaults."""
     options = {option.name: option for option in converter.options}
-    for name, value in given.items():
+    for name in given:
         if name not in options:
             known = ", ".join(options) or "none"
             raise ElvisError(f"{converter.__name__} has no option {name!r}; its options are: {known}")
-        _check_choice(options[name], value)
     defaults = {name: option.default for name, option in options.items() if option.default is not None}
-    named: dict[str, Any] = {**defaults, **given}
+    named: dict[str, Any] = {**defaults, **{name: _checked(options[name], value) for name, value in given.items()}}
     return {name.replace("-", "_"): value for name, value in named.items()}
 
 
-def _check_choice(option: Option, value: str | bool) -> None:
+def _checked(option: Option, value: str | bool) -> str | bool:
+    """The value of an option; ElvisError where it can't have that."""
+    if option.choices is None and isinstance(value, str):
+        if value not in ("yes", "no"):
+            raise ElvisError(f"option {option.name}: expected yes or no, found {value!r}")
+        return value == "yes"
     if option.choices and value not in option.choices:
         raise ElvisError(f"option {option.name}: expected {', '.join(option.choices)}, found {value!r}")
+    return value

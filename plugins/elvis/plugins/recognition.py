@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 
 from elvis.core.errors import FormatError
 from elvis.plugins.conversion import Converter
 
 _HEAD = 4096
+#: files of a folder that are looked at
+_MANY = 200
 
 #: how files begin -> what they are, and what to do where there is something
 _BEGINNINGS: Sequence[tuple[bytes, str]] = (
@@ -38,7 +41,7 @@ _BEGINNINGS: Sequence[tuple[bytes, str]] = (
 def found_instead(path: Path, converters: Sequence[type[Converter]] = ()) -> str:
     """What a file is, in words that follow ``found``."""
     if path.is_dir():
-        return "a folder without pieces of a parallel run"
+        return _folder(path, converters)
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
@@ -51,6 +54,18 @@ def found_instead(path: Path, converters: Sequence[type[Converter]] = ()) -> str
         if hint:
             return hint
     return next(_described(path, head))
+
+
+def _folder(path: Path, converters: Sequence[type[Converter]]) -> str:
+    """A folder, which holds files that are to be given in its place, or doesn't."""
+    try:
+        files = sorted(each for each in islice(path.iterdir(), _MANY) if each.is_file())
+    except OSError as error:
+        return f"a folder that can't be read ({error.strerror})"
+    for file in files:
+        if any(converter.opens([file]) for converter in converters):
+            return f"a folder: give files of it, such as {file}"
+    return "a folder without pieces of a parallel run and without files of a known format"
 
 
 def _described(path: Path, head: bytes) -> Iterator[str]:

@@ -128,6 +128,18 @@ class Report:
             "notes": list(self.notes),
         }
 
+    def remark(self) -> str:
+        """One sentence on a conversion in memory: how large the errors are, and where to read more."""
+        worst = max((self.geometry, *self.fields), key=lambda measure: measure.relative)
+        lost = [measure for measure in (self.geometry, *self.fields) if not measure.is_exact]
+        if lost:
+            told = " and ".join(f"{measure.relative:.2g} in {measure.name}" for measure in _some_of(lost))
+            found = f"with errors of up to {told}, in parts of its range"
+        else:
+            found = f"exact to the rounding of its numbers (up to {worst.relative:.1g} of a range)"
+        more = "; elvis info tells more" if self.sentences() else ""
+        return f"{', '.join(self.files)}: converted in memory, {found}{more}"
+
     def metadata(self) -> dict[str, str]:
         """Keys and texts for the dataset."""
         short = {name: f"{len(ids)}: {_some(ids)}" for name, ids in self.listed.items() if ids}
@@ -163,6 +175,12 @@ def _row(measure: Measure) -> tuple[str, ...]:
     continuous = {None: "", True: "yes", False: "no"}[measure.is_continuous]
     numbers = (f"{measure.max:.3g}", f"{measure.relative:.3g}", f"{measure.l2:.3g}")
     return (measure.name, str(measure.order), measure.state, *numbers, str(measure.element), continuous)
+
+
+def _some_of(lost: Sequence[Measure]) -> Sequence[Measure]:
+    """The coordinates where they are among these, and the worst of the fields."""
+    fields = sorted((each for each in lost if each.is_continuous is not None), key=lambda each: -each.relative)
+    return [*(each for each in lost if each.is_continuous is None), *fields[:1]]
 
 
 def _some(ids: Sequence[int]) -> str:

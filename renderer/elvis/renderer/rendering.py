@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeAlias, cast
 
@@ -16,6 +17,8 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import map_names
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
+from elvis.core.terminal import warn
+from elvis.plugins.data import Reading, open_data, pairs
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import Opened
 from elvis.plugins.registry import load, plugins
@@ -48,15 +51,16 @@ Drawing: TypeAlias = Callable[[Dataset | Opened, Scene], Frame]
 
 
 def render(
-    dataset: Dataset | Opened,
+    data: Dataset | Opened | str | Path | Sequence[str | Path],
     scene: Scene | None = None,
     *,
     device: str = "auto",
     progress: Progress | None = None,
     **options: Any,
 ) -> Frame:
-    """A picture of a dataset, or of what a runtime plugin has opened.
+    """A picture of a dataset, of what a runtime plugin has opened, or of files of any format.
 
+    data      what `read` returns, or files as it takes them; these are converted where they aren't native
     scene     what to draw; or its parts as keywords: ``render(data, field="u", plane=Plane((0, 0, 0), (0, 0, 1)))``
     device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
     progress  is told how much of how much is done
@@ -64,6 +68,7 @@ def render(
     Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used.
     """
     scene = scene or Scene(**options)
+    dataset = _at_hand(data, scene)
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
     dataset = dataset if scene.time is None else replace(dataset, time=scene.time)
     if isinstance(dataset, Opened):
@@ -72,12 +77,20 @@ def render(
     asked, scene = scene, _arranged(_with_quantity(scene, dataset), kind)
     other = _other(device)
     if other is not None:
-        return _noted(other(dataset, scene), asked)
+        return _noted(other(dataset, scene), asked, dataset.remarks)
     if kind is Kind.LINE:
-        return draw_curves(dataset, scene)
+        return _noted(draw_curves(dataset, scene), asked, dataset.remarks)
     with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
-        return _noted(renderer.render(scene, references=_is_exact(scene)), asked)
+        return _noted(renderer.render(scene, references=_is_exact(scene)), asked, dataset.remarks)
+
+
+def _at_hand(data: Dataset | Opened | str | Path | Sequence[str | Path], scene: Scene) -> Dataset | Opened:
+    """The data, read where they are files, as the scene says."""
+    if isinstance(data, (Dataset, Opened)):
+        return data
+    files = [data] if isinstance(data, (str, Path)) else data
+    return open_data([Path(file) for file in files], Reading(scene.plugin, pairs(scene.reader)), warn)
 
 
 def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None = None) -> Frame:

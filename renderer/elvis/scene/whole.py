@@ -213,9 +213,20 @@ class Scene(Model):
             "The runtime plugin that opens the data, by its name; the option takes a file of Python too.",
             option="--plugin",
             metavar="NAME|FILE.py",
-            option_help="The runtime plugin that opens DATA.",
+            option_help="The runtime plugin that opens DATA; a file may define a converter too.",
         ),
     ] = None
+    reader: Annotated[
+        tuple[str, ...],
+        Setting(
+            "Options of the converter that reads the data, as NAME=VALUE, such as step=3; from=NAME names it.",
+            option="--reader",
+            metavar="NAME=VALUE",
+            option_help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; "
+            "from=NAME names it.",
+            repeatable=True,
+        ),
+    ] = ()
     device: Annotated[
         str,
         Setting("The device that draws, see elvis devices; reference computes in NumPy.", option="--device"),

@@ -107,7 +107,13 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     "--overwrite", is_flag=True, help="Also write over the inputs, and over or away with the files of another mesh."
 )
 @click.option(
-    "--set", "pairs", multiple=True, metavar="NAME=VALUE", callback=_pairs, help="An option of the converter."
+    "--set",
+    "--reader",
+    "pairs",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=_pairs,
+    help="An option of the converter, as --reader of other commands; from=NAME names it.",
 )
 def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **options: Any) -> None:
     """Convert FILES, a solver's mesh and solution, and report what that cost.
@@ -210,6 +216,7 @@ def _converted(
     from elvis.plugins.converting import convert as convert_source
     from elvis.plugins.discovery import chosen, in_file, installed, with_defaults
 
+    name = pairs.pop("from", name)
     own = {key: value for key, value in options.items() if not key.startswith("converter_")}
     names = None if fields is None else tuple(part.strip() for part in fields.split(","))
     settings = Settings(fields=names, **own)

@@ -327,7 +327,10 @@ def _check_repeats(name: str, ids: Ints, values: Floats) -> None:
     same = np.isclose(values[repeated], values[first[inverse[repeated]]], rtol=0, atol=_SAME * scale, equal_nan=True)
     if not same.all():
         wrong = ids[repeated[np.flatnonzero(~same.all(axis=1))[0]]]
-        raise FormatError(f"expected field {name} once on element {wrong}, found it twice with other data")
+        raise FormatError(
+            f"expected field {name} once on element {wrong}, found it twice with other data; "
+            "of the steps of a series give one"
+        )
 
 
 def _unite_planes(parts: list[Piece]) -> list[Piece]:

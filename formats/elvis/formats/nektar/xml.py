@@ -96,7 +96,7 @@ class Element:
 
 
 #: what to do with data that aren't native
-OTHERS = "files of other programs become native by elvis convert"
+OTHERS = "elvis.plugins.read takes the files of other programs"
 
 
 def check_root(root: Element, file: str) -> None:

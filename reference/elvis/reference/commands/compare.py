@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import overwrite_option
+from elvis.core.arguments import cache_option, overwrite_option
 from elvis.scene.commandline.command import SceneCommand
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
 @click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a tolerance is exceeded.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers of summary.json.")
 @overwrite_option
+@cache_option
 def compare(
     data: tuple[Path, ...],
     output: Path | None,
@@ -130,15 +131,15 @@ def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None)
 
 def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
     """The exact picture of a scene against linear ones; ``output`` is to hold the scene."""
-    from elvis.core.terminal import stage
-    from elvis.formats.reading import read_data
+    from elvis.core.terminal import note, stage
+    from elvis.plugins.data import Reading, dataset_of, pairs
     from elvis.reference.study import compare_scene
     from elvis.scene.commandline.composing import composed
     from elvis.scene.errors import SceneError
     from elvis.scene.files import scene_text
 
-    own = ("refinements", "memory_limit", "judge", "meshes")
-    levels, limit, validation_size, meshes = (options.pop(name) for name in own)
+    own = ("refinements", "memory_limit", "judge", "meshes", "no_cache")
+    levels, limit, validation_size, meshes, no_cache = (options.pop(name) for name in own)
     scene = composed(data, options, (), unused=("outputs", "stats"))
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
@@ -146,7 +147,9 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         raise SceneError("linear meshes are made of the native format only: leave the plugin out")
     if output is not None:
         scene_text(scene, output / "scene.toml")
-    dataset = read_data(tuple(map(Path, scene.data)))
+    dataset = dataset_of(tuple(map(Path, scene.data)), Reading(None, pairs(scene.reader), not no_cache))
+    for remark in dataset.remarks:
+        note(remark)
     with stage("comparing"):
         return compare_scene(dataset, scene, levels, limit, validation_size=validation_size, meshes=meshes)
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import data_argument, field_option, json_option, plugin_option
-from elvis.renderer.commands.sources import source_of
+from elvis.core.arguments import field_option, json_option
+from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -33,7 +33,6 @@ Examples:
 
 
 @click.command("info", epilog=EPILOG, short_help="Tell what is in a dataset: shapes, orders, fields, ranges, validity.")
-@data_argument
 @field_option
 @json_option
 @click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
@@ -43,15 +42,14 @@ Examples:
     help="Check the rules for other programs of the format; fail where a required one is broken.",
 )
 @click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive all over; fail if it isn't.")
-@plugin_option
+@data_options
 def info(
-    data: tuple[Path, ...],
+    data: Data,
     quantities: tuple[str, ...],
     as_json: bool,
     everything: bool,
     strict: bool,
     jacobian: bool,
-    plugin: str | None,
 ) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
@@ -66,9 +64,9 @@ def info(
     if strict and jacobian:
         raise click.UsageError("expected --strict or --jacobian, found both")
     if strict:
-        _check(data, as_json)
+        _check(data.paths, as_json)
         return
-    source = source_of(data, plugin)
+    source = data.source()
     if jacobian:
         if source.dataset is None:
             raise click.UsageError("--jacobian proves what is native, but a runtime plugin opens these data")

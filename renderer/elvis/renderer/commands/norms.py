@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import data_argument, field_option, json_option, plugin_option
-from elvis.renderer.commands.sources import source_of
+from elvis.core.arguments import field_option, json_option
+from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.norms import Norm
@@ -23,11 +22,10 @@ Examples:
 
 
 @click.command("norms", epilog=EPILOG, short_help="Print the L2 and maximum norm of coordinates and fields.")
-@data_argument
 @field_option
 @json_option
-@plugin_option
-def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, plugin: str | None) -> None:
+@data_options
+def norms(data: Data, quantities: tuple[str, ...], as_json: bool) -> None:
     """Print the L2 and maximum norm of each coordinate and each field over the domain.
 
     The quadrature is that of the solver, so that the numbers can be laid beside those of FieldConvert. Linf is the
@@ -38,7 +36,7 @@ def norms(data: tuple[Path, ...], quantities: tuple[str, ...], as_json: bool, pl
     """
     from elvis.core.terminal import print_json, print_table, stage
 
-    source = source_of(data, plugin)
+    source = data.source()
     with stage("integrating"):
         found = source.norms(quantities or None)
     _tell_measure(quantities, found)

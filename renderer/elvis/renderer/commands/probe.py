@@ -14,15 +14,12 @@ from elvis.core.arguments import (
     Parsed,
     Triple,
     asked,
-    data_argument,
     field_option,
-    inputs,
     overwrite_option,
-    plugin_option,
     triples,
 )
 from elvis.core.errors import ElvisError
-from elvis.renderer.commands.sources import source_of
+from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -72,7 +69,6 @@ Examples:
 
 
 @click.command("probe", epilog=EPILOG, short_help="Evaluate fields exactly at points, along a line or over a plane.")
-@data_argument
 @click.option("--points", metavar="FILE", help="Points from a table, - for standard input: columns x, y, z.")
 @click.option("--line", metavar="P:Q", type=_PAIR, help="Points from P to Q, as 0,0,0:1,0,0.")
 @click.option(
@@ -90,7 +86,6 @@ Examples:
 )
 @click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
 @field_option
-@plugin_option
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
 @click.option(
     "-o",
@@ -99,8 +94,9 @@ Examples:
     help="File to write, .csv or .npz, of a grid .nrrd.  [default: CSV on standard output]",
 )
 @overwrite_option
+@data_options
 def probe(
-    data: tuple[Path, ...],
+    data: Data,
     points: str | None,
     line: tuple[Triple, Triple] | None,
     plane: tuple[Triple, Triple, Triple] | None,
@@ -109,7 +105,6 @@ def probe(
     counts: tuple[int, ...] | None,
     fields: str | None,
     quantities: tuple[str, ...],
-    plugin: str | None,
     every: bool,
     output: Path | None,
     overwrite: bool,
@@ -124,13 +119,13 @@ def probe(
     from elvis.core.terminal import visible
 
     if output is not None:
-        _check_output(output, (grid or box) is not None, inputs(data, plugin, points), overwrite)
+        _check_output(output, (grid or box) is not None, data.inputs(points), overwrite)
     if grid is not None or box is not None:
         others = [way for way in (points, line, plane, counts) if way is not None]
-        _write_grid(data, plugin, asked(fields, quantities), grid, box, output, alone=not others and not every)
+        _write_grid(data, asked(fields, quantities), grid, box, output, alone=not others and not every)
         return
     places = _places(points, line, plane, counts)
-    columns = _columns(source_of(data, plugin), places, asked(fields, quantities), every)
+    columns = _columns(data.source(), places, asked(fields, quantities), every)
     if output is not None:
         write_columns(output, columns)
     else:
@@ -184,8 +179,7 @@ def _columns(source: Source, places: Floats, texts: list[str] | None, every: boo
 
 
 def _write_grid(
-    data: tuple[Path, ...],
-    plugin: str | None,
+    data: Data,
     texts: list[str] | None,
     counts: tuple[int, int, int] | None,
     box: tuple[Triple, Triple] | None,
@@ -199,7 +193,7 @@ def _write_grid(
 
     if counts is None or output is None or not alone:
         raise click.UsageError("expected --grid with -o NAME.nrrd, and no other points", click.get_current_context())
-    source = source_of(data, plugin)
+    source = data.source()
     grid = _grid(source, counts, box)
     step = max(1, _TOGETHER // (counts[0] * counts[1]))
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import overwrite_option
+from elvis.core.arguments import cache_option, overwrite_option
 from elvis.scene.commandline.command import OUTPUT, SceneCommand, parsed
 
 if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
+    from elvis.plugins.opening import Opened
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
 
@@ -41,24 +44,28 @@ Examples:
 )
 @click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
 @overwrite_option
+@cache_option
 def render(
     data: tuple[Path, ...],
     settings: tuple[tuple[str, str], ...],
     save_scene: Path | None,
     overwrite: bool,
+    no_cache: bool,
     **options: Any,
 ) -> None:
     """Draw DATA (mesh and field files, in any order): every pixel from the solver's own functions.
 
     A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
+    from elvis.plugins.opening import Opened
     from elvis.scene.commandline.composing import composed
 
     scene = composed(data, options, settings)
     _check_places(scene, data, save_scene, overwrite)
-    frame = _frame(scene)
+    opened = _opened(scene, not no_cache)
+    frame = _frame(opened, scene)
     _write(frame, scene, save_scene)
-    _report(frame)
+    _report(frame, () if isinstance(opened, Opened) else opened.remarks)
 
 
 def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
@@ -80,18 +87,25 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
 
 
-def _frame(scene: Scene) -> Frame:
-    """Read the data, or let a runtime plugin open them, and draw them."""
-    from elvis.core.terminal import progress
+def _opened(scene: Scene, is_kept: bool) -> Dataset | Opened:
+    """The data of the scene, read, converted or opened by a runtime plugin."""
+    from elvis.core.terminal import warn
+    from elvis.plugins.data import Reading, open_data, pairs
     from elvis.renderer import SceneError
-    from elvis.renderer import render as draw
-    from elvis.renderer.commands.sources import open_data
 
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
-    dataset = open_data(tuple(map(Path, scene.data)), scene.plugin)
+    reading = Reading(scene.plugin, pairs(scene.reader), is_kept)
+    return open_data(tuple(map(Path, scene.data)), reading, warn)
+
+
+def _frame(opened: Dataset | Opened, scene: Scene) -> Frame:
+    """A picture of the data."""
+    from elvis.core.terminal import progress
+    from elvis.renderer import render as draw
+
     with progress("drawing") as told:
-        return draw(dataset, scene, device=scene.device, progress=told)
+        return draw(opened, scene, device=scene.device, progress=told)
 
 
 def _write(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
@@ -115,9 +129,9 @@ def _write(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
         warn(f"{save_scene}: without {key}, which goes further than a scene file may: give it as an option again")
 
 
-def _report(frame: Frame) -> None:
-    """Warnings; on a terminal also what is known of the pixels."""
-    from elvis.core.terminal import warn
+def _report(frame: Frame, known: Sequence[str]) -> None:
+    """Warnings, and notes on the data; on a terminal also what is known of the pixels."""
+    from elvis.core.terminal import note, warn
 
     counts = frame.counts()
     if counts["failed"]:
@@ -125,6 +139,6 @@ def _report(frame: Frame) -> None:
     if counts["not_a_number"]:
         warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
     for remark in frame.stats.get("remarks", ()):
-        warn(remark)
+        (note if remark in known else warn)(remark)
     if sys.stderr.isatty():
         click.echo(", ".join(f"{counts[name]} pixels {name}" for name in ("certain", "ambiguous", "failed")), err=True)

@@ -1,14 +1,17 @@
-"""What a command is asked about: a native dataset, or what a runtime plugin opens.
+"""What a command is asked about: files that become a dataset, or that a runtime plugin opens.
 
 Which of the two it is is decided here, once: both answer the same questions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
+
+from elvis.core.arguments import cache_option, data_argument, inputs, plugin_option, reader_option
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -16,33 +19,58 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.norms import Norm
     from elvis.core.quantities import Expression
-    from elvis.plugins.opening import Opened
     from elvis.renderer.evaluation import Evaluation
 
 Source: TypeAlias = Union["NativeSource", "Evaluation"]
 Facts = dict[str, Any]
 
 
-def open_data(paths: Sequence[Path], plugin: str | None) -> Dataset | Opened:
-    """The dataset of native files, or what a runtime plugin opens."""
-    from elvis.core.terminal import warn
-    from elvis.formats.reading import read_data
-    from elvis.plugins.opening import open_files
+@dataclass(frozen=True)
+class Data:
+    """The files that a command is given, of any format, and the options that say how they are read."""
 
-    return open_files(paths, plugin, warn) or read_data(paths)
+    paths: tuple[Path, ...]
+    plugin: str | None
+    reader: tuple[str, ...]
+    is_kept: bool
+
+    def inputs(self, points: str | None = None) -> list[Path]:
+        """All files that are read, with a table of points where there is one."""
+        return inputs(self.paths, self.plugin, points)
+
+    def source(self) -> Source:
+        """What answers questions about the files, after a word on what a conversion lost.
+
+        What a runtime plugin opens is evaluated on a device.
+        """
+        from elvis.core.dataset import Dataset
+        from elvis.core.terminal import note, warn
+        from elvis.plugins.data import Reading, open_data, pairs
+
+        opened = open_data(self.paths, Reading(self.plugin, pairs(self.reader), self.is_kept), warn)
+        if isinstance(opened, Dataset):
+            for remark in opened.remarks:
+                note(remark)
+            return NativeSource(opened)
+        from elvis.renderer.evaluation import Evaluation
+
+        return Evaluation(opened, warn)
 
 
-def source_of(paths: Sequence[Path], plugin: str | None) -> Source:
-    """What answers questions about files; what a runtime plugin opens is evaluated on a device."""
-    from elvis.core.dataset import Dataset
-    from elvis.core.terminal import warn
+def data_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose parameter ``data`` is made of its files and of all options that say how they are read."""
 
-    data = open_data(paths, plugin)
-    if isinstance(data, Dataset):
-        return NativeSource(data)
-    from elvis.renderer.evaluation import Evaluation
+    @data_argument
+    @plugin_option
+    @reader_option
+    @cache_option
+    @wraps(command)
+    def parsed(
+        data: tuple[Path, ...], plugin: str | None, reader: tuple[str, ...], no_cache: bool, **rest: Any
+    ) -> None:
+        command(data=Data(data, plugin, reader, not no_cache), **rest)
 
-    return Evaluation(data, warn)
+    return parsed
 
 
 @dataclass

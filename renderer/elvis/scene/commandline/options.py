@@ -14,7 +14,7 @@ from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.whole import Scene
 
 #: keys of a scene whose options stand before all others in the help
-FIRST = ("field", "plugin", "plane", "objects")
+FIRST = ("field", "plugin", "reader", "plane", "objects")
 #: options of the style of every object, by the key of Style
 STYLES = tuple(name for name, setting in settings(Style).items() if setting.option)
 #: options that add objects, by the key ``kind``

@@ -1,0 +1,100 @@
+"""Data of any format: native files are read, others converted in memory by the converter that recognises them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.files.plain import check_plain_or_folder
+from elvis.core.terminal import stage
+from elvis.formats.reading import is_native, read_data
+from elvis.plugins.discovery import Candidate, chosen, converters_of, installed, with_defaults
+from elvis.plugins.opening import Opened, open_files
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How files become data.
+
+    plugin   a runtime plugin by name, or a Python file that defines one, or that defines a converter
+    options  of the converter, by name; ``from`` is the name of the converter itself
+    is_kept  whether a conversion is kept for the next time, and one that was kept is taken
+    """
+
+    plugin: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    is_kept: bool = True
+
+
+def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:
+    """The dataset in files of any format, in any order: of a mesh and, where given, of its fields.
+
+    What isn't native is converted in memory; the remarks of the dataset tell with what error.
+
+    reader  options of the converter, as ``{"step": "3"}`` or ``["step=3"]``; ``from`` names the converter itself
+    cache   whether a conversion is kept for the next time, and one that was kept is taken
+
+    Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where nothing reads the
+    files, or a library is missing.
+    """
+    if not paths:
+        raise ElvisError("expected files to read, found none")
+    options = dict(reader) if isinstance(reader, Mapping) else pairs(reader)
+    return dataset_of(tuple(map(Path, paths)), Reading(None, options, cache))
+
+
+def pairs(texts: Sequence[str]) -> dict[str, str]:
+    """``NAME=VALUE`` texts by name; ElvisError for others."""
+    for text in texts:
+        if not text.partition("=")[0].strip() or "=" not in text:
+            raise ElvisError(f"expected an option of a converter as NAME=VALUE, found {text!r}")
+    found = (text.partition("=") for text in texts)
+    return {name.strip(): value.strip() for name, _, value in found}
+
+
+def open_data(
+    paths: Sequence[Path], reading: Reading | None = None, report: Callable[[str], object] = str
+) -> Dataset | Opened:
+    """What a runtime plugin opens, else the dataset in the files.
+
+    report  is told, in a sentence, of plugins that fail when they are asked
+
+    Raises as `read`, and PluginError for plugins that don't exist or don't work.
+    """
+    reading = reading or Reading()
+    own = _converters_in(reading.plugin)
+    if own:
+        return _converted(paths, own, replace(reading, is_kept=False))
+    opened = None if reading.options else open_files(paths, reading.plugin, report)
+    return opened or dataset_of(paths, reading)
+
+
+def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
+    """The dataset in native files, and in others by way of a converter; the plugin of ``reading`` is not asked."""
+    for path in paths:
+        check_plain_or_folder(path)
+    if not reading.options and all(map(is_native, paths)):
+        return read_data(paths)
+    return _converted(paths, installed(), reading)
+
+
+def _converters_in(plugin: str | None) -> list[Candidate]:
+    """The converters that a Python file defines; none where it defines none, or a plugin is given by its name."""
+    if plugin is None or Path(plugin).suffix != ".py":
+        return []
+    return converters_of(Path(plugin))
+
+
+def _converted(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Dataset:
+    """The dataset that a converter makes of the files, or that was kept when it did."""
+    from elvis.plugins.kept_conversions import Work, kept
+
+    options = dict(reading.options)
+    candidate = chosen(candidates, paths, options.pop("from", None))
+    assert candidate.converter is not None
+    keywords = with_defaults(candidate.converter, options)
+    with stage(f"converting {', '.join(path.name for path in paths)}"):
+        return kept(Work(candidate.name, candidate.converter, tuple(paths), keywords), reading.is_kept)

@@ -1,0 +1,208 @@
+"""Conversions in memory, kept in the user's cache until the files, the options or the code that made them change.
+
+What is kept are the native files that `elvis convert` would write, and what comes out is always what these hold: so a
+picture is the same whether the data were converted now, once, or by hand.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from hashlib import sha256
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.files.keeping import Store, cache_folder
+from elvis.formats import read, write
+from elvis.plugins.conversion import Converter
+from elvis.plugins.converting import convert
+
+#: most bytes of conversions that are kept: those that were not used for longest go
+MOST_BYTES = 2 << 30
+#: packages that every conversion goes through
+_PACKAGES = ("elvis.core", "elvis.formats", "elvis.plugins")
+#: bytes of a file that are read at once
+_PART = 1 << 20
+#: the native files by the name under which they are kept
+_MESH, _LENGTH = "converted.xml", 8
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a conversion is made of: a converter, its files and the keywords of its constructor."""
+
+    name: str
+    converter: type[Converter]
+    paths: tuple[Path, ...]
+    keywords: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class _Result:
+    """A conversion as it is kept.
+
+    files   native files by name
+    beside  digests of what was read though it was not given, by paths from the folder of the first file that was
+    remark  on the errors
+    """
+
+    files: Mapping[str, bytes]
+    beside: Mapping[str, str]
+    remark: str
+
+    def packed(self) -> bytes:
+        """All of it: the length of a head, the head, which is JSON, and the files one after another."""
+        sizes = {name: len(data) for name, data in self.files.items()}
+        head = json.dumps({"files": sizes, "beside": dict(self.beside), "remark": self.remark}).encode()
+        return len(head).to_bytes(_LENGTH, "little") + head + b"".join(self.files.values())
+
+    @classmethod
+    def unpacked(cls, content: bytes) -> _Result:
+        """What was packed."""
+        start = _LENGTH + int.from_bytes(content[:_LENGTH], "little")
+        head = json.loads(content[_LENGTH:start])
+        files = {}
+        for name, size in head["files"].items():
+            files[name], start = content[start : start + size], start + size
+        return cls(files, head["beside"], head["remark"])
+
+    def dataset(self) -> Dataset:
+        """The dataset in the files."""
+        with TemporaryDirectory(prefix="elvis-") as folder:
+            paths = [Path(folder, Path(name).name) for name in self.files]
+            for path, data in zip(paths, self.files.values(), strict=True):
+                path.write_bytes(data)
+            return replace(read(*paths), remarks=(self.remark,))
+
+
+def kept(work: Work, is_kept: bool = True) -> Dataset:
+    """The dataset of a conversion, which is looked for among those that were kept, and kept.
+
+    is_kept  False does neither
+
+    The remarks of the dataset tell of its errors, and of what went wrong with the cache, which never stops the work.
+    """
+    folder = cache_folder("conversions") if is_kept else None
+    if folder is None:
+        return _made(work)[1]
+    store, remarks = Store(folder, "conversion", MOST_BYTES), list[str]()
+    before = _digests(work.paths)
+    key = None if before is None else _key(work, before)
+    found = None if key is None else _found(store, key, work.paths, remarks)
+    if found is not None:
+        return replace(found, remarks=(*found.remarks, *remarks))
+    result, dataset = _made(work)
+    if key is not None and result is not None and _digests(work.paths) == before:
+        _keep(store, key, result, remarks)
+    return replace(dataset, remarks=(*dataset.remarks, *remarks))
+
+
+def _found(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -> Dataset | None:
+    """The dataset that was kept, if it is sound and nothing that it was made of has changed."""
+    path = store.place(key)
+    try:
+        entry = store.read(path)
+    except OSError:
+        return None
+    if entry is None:
+        remarks.append(f"a conversion that was kept in {store.folder} is damaged: it was set aside and made again")
+        return None
+    if entry[0] != key:
+        return None
+    result = _Result.unpacked(entry[1])
+    if _digests([paths[0].parent / name for name in result.beside]) != list(result.beside.values()):
+        return None
+    try:
+        dataset = result.dataset()
+    except OSError:
+        return None
+    store.note_use(path)
+    return dataset
+
+
+def _made(work: Work) -> tuple[_Result | None, Dataset]:
+    """What is to be kept, None where nothing can be, and the dataset."""
+    source = work.converter(work.paths, **work.keywords)
+    conversion = convert(source, files=work.paths)
+    remark = conversion.report.remark()
+    others = None if source.beside is None else [path for path in source.beside if path not in work.paths]
+    try:
+        with TemporaryDirectory(prefix="elvis-") as folder:
+            written = write(conversion.dataset, Path(folder, _MESH))
+            files = {path.name: path.read_bytes() for path in written}
+        result = _Result(files, {}, remark)
+        dataset = result.dataset()
+    except (OSError, ElvisError):
+        # there is no room for files, or the format can't hold the data: they are here nonetheless
+        return None, replace(conversion.dataset, remarks=(remark,))
+    digests = None if others is None else _digests(others)
+    if others is None or digests is None:
+        return None, dataset
+    names = [os.path.relpath(path, work.paths[0].parent) for path in others]
+    return replace(result, beside=dict(zip(names, digests, strict=True))), dataset
+
+
+def _keep(store: Store, key: bytes, result: _Result, remarks: list[str]) -> None:
+    """Write a conversion to the cache, where there is room for it."""
+    content = result.packed()
+    if len(content) > store.most:
+        return
+    try:
+        store.write(key, content)
+    except OSError as error:
+        remarks.append(f"conversions can't be kept in {store.folder}: {error.strerror or error}")
+        return
+    store.files()
+
+
+def _key(work: Work, digests: Sequence[str]) -> bytes | None:
+    """What a conversion depends on, as a digest; None where its code can't be read."""
+    kind = work.converter
+    # a converter in a package may use all of that
+    package, _, module = kind.__module__.rpartition(".")
+    code = [_code(name) for name in (*_PACKAGES, package or module)]
+    libraries = [_version(name) for name in ("elvis-viz", "numpy", "h5py", *kind.needs)]
+    named = [work.name, kind.__module__, kind.__qualname__, sorted(work.keywords.items())]
+    parts = [code, libraries, named, [path.name for path in work.paths], list(digests)]
+    return sha256(json.dumps(parts).encode()).digest() if all(code) else None
+
+
+def _digests(paths: Sequence[Path]) -> list[str] | None:
+    """SHA-256 of each file's content; None where one is a folder or can't be read."""
+    found = []
+    for path in paths:
+        total = sha256()
+        try:
+            with path.open("rb") as file:
+                while part := file.read(_PART):
+                    total.update(part)
+        except OSError:
+            return None
+        found.append(total.hexdigest())
+    return found
+
+
+@cache
+def _code(name: str) -> str:
+    """A digest of the code of a package or a module; empty where it can't be read."""
+    module = import_module(name)
+    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
+    own = getattr(module, "__file__", None)
+    paths = [path for folder in folders for path in folder.rglob("*.py")] or ([Path(own)] if own else [])
+    digests = _digests(sorted(paths))
+    return sha256("".join(digests).encode()).hexdigest() if digests else ""
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return ""

@@ -1,0 +1,173 @@
+"""Every command takes the files of every format: they are converted in memory, and one sentence tells the error."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from elvis.formats import ElvisError, FormatError
+from elvis.plugins import read
+from elvis.renderer import render
+
+FORMATS = {
+    "cgns": ["cgns/gmsh_mixed_o2.cgns"],
+    "exodus": ["exodus/simple-cube-multi-element-order2.e"],
+    "gmf": ["gmf/ball_tetP3_sol4.meshb", "gmf/ball_tetP3_sol4.solb"],
+    "gmsh": ["gmsh/mixed_o3.msh"],
+    "hopr": ["hopr_flexi/convcurved_N4_State.h5"],
+    "mfem": ["mfem/escher_p3.mesh", "mfem/escher_p3.u.gf"],
+    "nek": ["nek5000/ethier.nek5000"],
+    "ngsolve": ["ngsolve/hexprism_p3_hex.elems.npz"],
+    "pyfr": ["pyfr/mixed3d_p3.pyfrm", "pyfr/mixed3d_p3-01.pyfrs"],
+    "vtk": ["vtk/dealii_shell_p4.vtu"],
+}
+NOTE = "converted in memory, "
+
+
+@pytest.fixture(scope="module", autouse=True)
+def home(tmp_path_factory):
+    """A cache for all of these tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(params=FORMATS)
+def files(request, solvers):
+    return [solvers / name for name in FORMATS[request.param]]
+
+
+def test_read_and_commands_tell_the_same(files, elvis, elvis_json, capsys, tmp_path):
+    dataset = read(*files)
+    (remark,) = dataset.remarks
+    assert remark.startswith(", ".join(file.name for file in files) + ": " + NOTE)
+    facts = elvis_json("info", *files)
+    assert sum(facts["mesh"]["elements"].values()) == len(dataset.mesh.domain_ids())
+    assert elvis_json("norms", *files)["x"]["L2"] > 0
+    elvis("probe", *files, "--line", "0,0,0:0.1,0.2,0.3", "-n", "3", "--field", "x+2*y", "-o", tmp_path / "p.npz")
+    capsys.readouterr()
+    with np.load(tmp_path / "p.npz") as found:
+        inside, wanted = found["status"] == 1, found["x"] + 2 * found["y"]
+        assert np.allclose(found["x+2*y"][inside], wanted[inside], rtol=0, atol=1e-10)
+        assert np.isnan(found["x+2*y"][~inside]).all()
+
+
+@pytest.mark.parametrize("name", ["vtk", "gmsh", "mfem", "cgns"])
+def test_pictures_of_files_and_of_what_convert_writes_are_equal(name, solvers, elvis, tmp_path):
+    files = [solvers / part for part in FORMATS[name]]
+    elvis("convert", *files, "-o", tmp_path / "a.xml")
+    options = {"field": "x*y", "camera": "iso", "size": (24, 16), "device": "reference"}
+    direct, by_hand = render(files, **options), render(read(*sorted(tmp_path.glob("a.*"))), **options)
+    assert direct.status.any()
+    for key in ("field", "element", "position", "status"):
+        assert np.array_equal(getattr(direct, key), getattr(by_hand, key), equal_nan=True)
+    assert [NOTE in remark for remark in direct.stats["remarks"]].count(True) == 1
+
+
+def test_a_picture_has_one_note(solvers, elvis, tmp_path):
+    from click.testing import CliRunner
+
+    from elvis.plugins.command import elvis as group
+
+    options = [
+        "--faces",
+        "all",
+        "--camera",
+        "iso",
+        "--size",
+        "24x16",
+        "--device",
+        "reference",
+        "-o",
+        tmp_path / "a.png",
+    ]
+    arguments = ["render", solvers / FORMATS["vtk"][0], *options, "--save-scene", tmp_path / "a.toml"]
+    done = CliRunner().invoke(group, list(map(str, arguments)), standalone_mode=False)
+    assert done.exception is None
+    assert done.stderr.count(NOTE) == 1
+    assert done.stderr.startswith("elvis: note: dealii_shell_p4.vtu: converted in memory, exact")
+    assert "reader" not in (tmp_path / "a.toml").read_text()
+
+
+def test_compare_takes_them_too(solvers, elvis, capsys):
+    elvis("compare", solvers / FORMATS["vtk"][0], "--faces", "all", "--camera", "iso", "--size", "40x30",
+          "--refinements", "0", "--judge", "0")  # fmt: skip
+
+
+def test_options_of_converters(solvers, elvis, elvis_json, tmp_path):
+    pytest.importorskip("ngsolve")
+    files = [solvers / "ngsolve" / "ballbox_p4.vol", solvers / "ngsolve" / "ballbox_p4.u.gfu"]
+    with pytest.raises(ElvisError, match=r"--reader spaces=H1:5,L2:4"):
+        read(*files)
+    spaces = {"spaces": "H1:5"}
+    assert read(*files, reader=spaces).fields[0].name == "u"
+    facts = elvis_json("info", *files, "--reader", "spaces=H1:5")
+    assert facts["fields"][0]["name"] == "u"
+    with pytest.raises(ElvisError, match=r"NGSolve has no option 'space'; its options are: spaces"):
+        read(*files, reader={"space": "H1:5"})
+    with pytest.raises(ElvisError, match=r"as NAME=VALUE, found 'spaces'"):
+        read(*files, reader=["spaces"])
+    with pytest.raises(ElvisError, match=r"there is no converter 'netgen'"):
+        read(*files, reader={"from": "netgen"})
+
+
+def test_native_files_stay_as_they_are(solvers, elvis, tmp_path):
+    elvis("convert", solvers / FORMATS["vtk"][0], "-o", tmp_path / "a.xml")
+    native = read(tmp_path / "a.xml", tmp_path / "a.fld")
+    assert native.remarks == ()
+    part = read(tmp_path / "a.xml", tmp_path / "a.fld", reader=["from=native"])
+    assert len(part.remarks) == 1
+
+
+def test_a_converter_in_a_file(elvis_json, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\nfrom elvis.core.shapes import Shape\n"
+        "from elvis.plugins.conversion import Converter, Elements\n\n\n"
+        "class Mine(Converter):\n"
+        "    @classmethod\n    def opens(cls, paths):\n        return True\n\n"
+        "    def __init__(self, paths):\n        self.blocks = [Elements(Shape.TETRAHEDRON, 1)]\n\n"
+        "    def positions(self, block, points):\n        return points[None]\n"
+    )
+    (tmp_path / "a.mine").write_text("one tetrahedron")
+    facts = elvis_json("info", tmp_path / "a.mine", "--plugin", tmp_path / "mine.py")
+    assert facts["mesh"]["elements"] == {"tetrahedron": 1}
+
+
+def test_what_nobody_recognises(solvers, tmp_path):
+    (tmp_path / "a.txt").write_text("hello")
+    with pytest.raises(ElvisError, match=r"a\.txt: expected a file of a known format \(cgns, .*vtk\), found a text"):
+        read(tmp_path / "a.txt")
+    with pytest.raises(ElvisError, match=r": expected a file of a known .*without files of a known format$"):
+        read(tmp_path)
+    shutil.copy(solvers / FORMATS["vtk"][0], tmp_path)
+    with pytest.raises(ElvisError, match=r"found a folder: give files of it, such as .*dealii_shell_p4\.vtu$"):
+        read(tmp_path)
+    with pytest.raises(FormatError, match="there is no such file"):
+        read(tmp_path / "none.vtu")
+
+
+def test_roles_and_steps(solvers, nektar, tmp_path):
+    with pytest.raises(ElvisError, match=r"found grid functions alone: give the \.mesh file"):
+        read(solvers / "mfem" / "escher_p3.u.gf")
+    steps = [solvers / "pyfr" / f"mixed3d_p3{name}" for name in (".pyfrm", "-00.pyfrs", "-01.pyfrs")]
+    with pytest.raises(FormatError, match="found 1 and 2; of the steps of a series give one solution"):
+        read(*steps)
+    chk = nektar / "hex_chk" / "Hex_channel_m3_0.chk"
+    with pytest.raises(
+        FormatError, match=r"where only fields are; give the mesh file too, perhaps .*Hex_channel_m3\.xml$"
+    ):
+        read(chk)
+    (tmp_path / "conditions.xml").write_text("<NEKTAR><CONDITIONS><P>x</P></CONDITIONS></NEKTAR>")
+    with pytest.raises(FormatError, match=r"where only conditions are; give the mesh file too$"):
+        read(tmp_path / "conditions.xml")
+
+
+@pytest.mark.parametrize("name", ["vtk/dealii_shell_p4.vtu", "pyfr/mixed3d_p3-01.pyfrs", "gmsh/mixed_o3.msh"])
+def test_damaged_files_are_refused_in_a_sentence(solvers, tmp_path, name):
+    whole = (solvers / name).read_bytes()
+    for end in (len(whole) // 7, len(whole) // 2):
+        path = tmp_path / name.rpartition("/")[2]
+        path.write_bytes(whole[:end])
+        with pytest.raises(ElvisError) as told:
+            read(path)
+        assert "\n" not in str(told.value)

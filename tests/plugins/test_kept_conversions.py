@@ -1,0 +1,257 @@
+"""Conversions in memory that are kept: found again where nothing changed, checked, and never in the way of the work."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from elvis.core.shapes import Shape
+from elvis.formats import ElvisError, read, write
+from elvis.plugins import kept_conversions
+from elvis.plugins.conversion import Converter, Elements, SourceField
+from elvis.plugins.converting import convert
+from elvis.plugins.kept_conversions import Work, kept
+
+
+class Cubes(Converter):
+    """Unit cubes side by side, with a field u = slope x; a file beside it may say the slope."""
+
+    format = "cubes"
+    made = 0
+
+    @classmethod
+    def opens(cls, paths):
+        return True
+
+    def __init__(self, paths, times="1"):
+        Cubes.made += 1
+        facts = json.loads(paths[0].read_text())
+        others = [paths[0].parent / name for name in facts.get("others", [])]
+        slopes = [facts.get("slope", 0), *(json.loads(path.read_text()) for path in others)]
+        self.beside = None if facts.get("secretive") else others
+        self.slope = sum(slopes) * float(times)
+        self.blocks = [Elements(Shape.HEXAHEDRON, facts["cubes"])]
+        self.fields = [SourceField("u", 1)]
+
+    def positions(self, block, points):
+        first = np.arange(len(block))[:, None, None] if block.rows == slice(None) else np.arange(99)[block.rows]
+        low = np.reshape(first, (-1, 1, 1)) * [1.0, 0.0, 0.0]
+        return low + (1 + points) / 2
+
+    def sample(self, block, field, points):
+        return self.slope * self.positions(block, points)[..., 0]
+
+
+class Secretive(Cubes):
+    """The same under another name."""
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "elvis" / "conversions"
+
+
+@pytest.fixture
+def case(tmp_path):
+    def write_case(name="a.json", folder=tmp_path, **facts):
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_text(json.dumps({"cubes": 2, **facts}))
+        return folder / name
+
+    return write_case
+
+
+def same(one, other):
+    """Whether two things hold the same, in the same order, to the last bit."""
+    if dataclasses.is_dataclass(one):
+        names = [field.name for field in dataclasses.fields(one)]
+        return type(one) is type(other) and all(same(getattr(one, name), getattr(other, name)) for name in names)
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other)
+    if isinstance(one, (tuple, list)):
+        return len(one) == len(other) and all(map(same, one, other))
+    if hasattr(one, "items"):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    return one == other
+
+
+def asked(*paths, converter=Cubes, is_kept=True, **keywords):
+    """The largest value of the dataset, its remarks but for that on errors, and whether it was made anew."""
+    before = Cubes.made
+    dataset = kept(Work("cubes", converter, paths, keywords), is_kept)
+    (field,) = dataset.fields
+    highest = 2 * max(block.coefficients.max() for block in field.blocks)
+    assert dataset.remarks[0].startswith(f"{paths[0].name}: converted in memory, exact to the rounding")
+    return round(highest / 4, 9), dataset.remarks[1:], Cubes.made - before
+
+
+def test_a_conversion_is_found_again(home, case):
+    path = case(slope=3)
+    first = asked(path)
+    assert first[1:] == ((), 1)
+    assert [each.suffix for each in home.iterdir()] == [".conversion"]
+    assert asked(path) == (first[0], (), 0)
+
+
+def test_what_comes_out_is_what_convert_writes(home, case, tmp_path):
+    path = case(slope=3)
+    by_hand = read(*write(convert(Cubes([path]), files=[path]).dataset, tmp_path / "by_hand.xml"))
+    for is_kept in (False, True, True):
+        assert same(dataclasses.replace(kept(Work("cubes", Cubes, (path,), {}), is_kept), remarks=()), by_hand)
+
+
+@pytest.mark.parametrize("change", ["content", "option", "converter", "name", "file beside", "code", "not to be kept"])
+def test_what_has_changed_is_converted_anew(home, case, tmp_path, monkeypatch, change):
+    path, keywords, converter, is_kept = case(slope=3, others=["b.json"]), {}, Cubes, True
+    (tmp_path / "b.json").write_text("2")
+    before = asked(path)[0]
+    if change == "content":
+        case(slope=4, others=["b.json"])
+    elif change == "option":
+        keywords = {"times": "2"}
+    elif change == "converter":
+        converter = Secretive
+    elif change == "name":
+        path = path.rename(tmp_path / "c.json")
+    elif change == "file beside":
+        (tmp_path / "b.json").write_text("7")
+    elif change == "code":
+        monkeypatch.setattr(kept_conversions, "_code", lambda name: f"{name}, newer")
+    else:
+        is_kept = False
+    after, _, made = asked(path, converter=converter, is_kept=is_kept, **keywords)
+    assert made == 1
+    assert (after != before) == (change in ("content", "option", "file beside"))
+
+
+def test_files_beside_are_those_of_the_same_folder(home, case, tmp_path):
+    """The same file in another folder has other neighbours."""
+    found = {}
+    for name, slope in (("one", "2"), ("two", "7")):
+        path = case(folder=tmp_path / name, slope=3, others=["b.json"])
+        (path.parent / "b.json").write_text(slope)
+        found[name] = asked(path)
+    assert found["one"][0] != found["two"][0]
+    assert found["two"][2] == 1
+
+
+def test_nothing_is_kept_where_it_is_not_known_what_was_read(home, case):
+    path = case(slope=3, secretive=True)
+    assert [asked(path)[2] for _ in range(2)] == [1, 1]
+    assert not home.exists()
+
+
+def test_files_that_change_while_they_are_read_are_not_kept(home, case, monkeypatch):
+    path = case(slope=3)
+    original = Cubes.__init__
+
+    def slow(self, paths, **keywords):
+        original(self, paths, **keywords)
+        case(slope=5)
+
+    monkeypatch.setattr(Cubes, "__init__", slow)
+    asked(path)
+    assert not home.exists()
+
+
+@pytest.mark.parametrize("damage", ["one bit", "cut short", "empty", "something else"])
+def test_damaged_conversions_are_set_aside_and_made_again(home, case, damage):
+    path = case(slope=3)
+    value = asked(path)[0]
+    (file,) = home.iterdir()
+    whole = file.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 4
+    wrong = {"one bit": bytes(flipped), "cut short": whole[:-1], "empty": b"", "something else": b"x" * 1000}[damage]
+    file.write_bytes(wrong)
+    remark = f"a conversion that was kept in {home} is damaged: it was set aside and made again"
+    assert asked(path) == (value, (remark,), 1)
+    assert file.read_bytes() == whole
+    assert file.with_suffix(".damaged").read_bytes() == wrong
+    assert asked(path) == (value, (), 0)
+
+
+@pytest.mark.parametrize("place", ["a file", "a device", "a full disk", "no home"])
+def test_the_work_goes_on_where_nothing_can_be_kept(case, tmp_path, monkeypatch, place):
+    path = case(slope=3)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null/here" if place == "a device" else str(tmp_path / "a.json"))
+    reason = "Not a directory"
+    if place == "a full disk":
+        reason = "No space left on device"
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+        def full(store, key, content):
+            raise OSError(28, reason)
+
+        monkeypatch.setattr(kept_conversions.Store, "write", full)
+    elif place == "no home":
+        monkeypatch.delenv("XDG_CACHE_HOME")
+        monkeypatch.setenv("HOME", "")
+    for _ in range(2):
+        _, remarks, made = asked(path)
+        assert made == 1
+        if place == "no home":
+            assert remarks == ()
+        else:
+            (remark,) = remarks
+            assert remark.startswith("conversions can't be kept in ")
+            assert remark.endswith(reason)
+
+
+def test_the_work_goes_on_without_a_temporary_folder(home, case, monkeypatch):
+    def none(**_):
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    monkeypatch.setattr(kept_conversions, "TemporaryDirectory", none)
+    assert [asked(case(slope=3))[1:] for _ in range(2)] == [((), 1)] * 2
+
+
+def test_a_conversion_that_fails_leaves_nothing(home, case):
+    with pytest.raises(ElvisError):
+        kept(Work("cubes", Cubes, (case(cubes=0),), {}))
+    assert not home.exists()
+
+
+def test_what_was_not_used_for_longest_makes_room(home, case, monkeypatch):
+    files = [case(f"{k}.json", slope=k) for k in range(4)]
+    asked(files[0])
+    size = next(home.iterdir()).stat().st_size
+    monkeypatch.setattr(kept_conversions, "MOST_BYTES", int(2.5 * size))
+    for age, file in enumerate(reversed(files), 1):
+        asked(file)
+        for each in home.iterdir():
+            os.utime(each, (each.stat().st_mtime - 100 * age,) * 2)
+    assert len(list(home.iterdir())) == 2
+    monkeypatch.setattr(kept_conversions, "MOST_BYTES", size // 2)
+    asked(case("5.json", slope=5))
+    assert not any(asked(case("5.json", slope=5))[2] == 0 for _ in range(2))
+
+
+PROGRAM = """
+import sys
+from elvis.plugins import read
+dataset = read(sys.argv[1], reader={"nodes": "equispaced"})
+print(dataset.fields[0].blocks[0].coefficients.tobytes().hex()[:200], len(dataset.remarks))
+"""
+
+
+def test_processes_that_run_at_the_same_time(home, tmp_path):
+    pytest.importorskip("vtk")
+    path = tmp_path / "one.vtk"
+    points = "0 0 0 1 0 0 0 1 0 0 0 1"
+    path.write_text(
+        f"# vtk DataFile Version 3.0\none\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n{points}\n"
+        "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nPOINT_DATA 4\nSCALARS u double\nLOOKUP_TABLE default\n0 1 2 3\n"
+    )
+    command = [sys.executable, "-c", PROGRAM, str(path)]
+    started = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    answers = {process.communicate()[0] for process in started}
+    assert [process.returncode for process in started] == [0] * 3
+    assert len(answers) == 1
+    assert next(iter(answers)).strip().endswith(" 1")
+    assert [each.suffix for each in home.iterdir()] == [".conversion"]
