@@ -25,7 +25,7 @@ from elvis.renderer.rendering import completed
 from elvis.renderer.stages import quantities
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
-#: nearer to the border of an element than this, neighbours may claim a point
+#: nearer to the border of an element than this, neighbours may hold a point
 BORDER = 1e-9
 
 

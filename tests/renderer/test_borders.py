@@ -90,7 +90,7 @@ def test_more_tiles_than_a_row_of_groups_holds(draw, linear):
 
 
 def test_more_disputed_pixels_than_the_first_list_holds(same_on, linear):
-    """Eight elements meet in the plane: every pixel is claimed twice, by equal right."""
+    """Eight elements meet in the plane: every pixel has two candidates, equal in rank."""
     camera = Camera((0.5, 0.5, 2.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=0.9)
     plane = Plane((0.0, 0.0, 0.5), (0.0, 0.0, 1.0))
     frame, truth = same_on(linear(grid(Shape.HEXAHEDRON, 2)), plane=plane, camera=camera, size=(260, 260))

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elvis.renderer import Status
-from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, settle
+from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.tiles import TILE, tiles_of
 
-CLAIM = np.dtype(
+CANDIDATE = np.dtype(
     [
         ("pixel", np.uint32),
         ("element", np.uint32),
-        ("verdict", np.int32),
+        ("status", np.int32),
         ("field", np.float64),
         ("margin", np.float64),
         ("reference", np.float64, 3),
@@ -47,25 +47,30 @@ def test_slanted_sections_have_fewer_tiles():
     assert 100 <= len(tiles) <= 300
 
 
-def claims_of(*rows):
-    """Claims from (pixel, element, verdict, margin); field and reference tell who made them."""
-    claims = np.zeros(len(rows), CLAIM)
-    for claim, (pixel, element, verdict, margin) in zip(claims, rows, strict=True):
-        claim["pixel"], claim["element"], claim["verdict"], claim["margin"] = pixel, element, verdict, margin
-        claim["field"], claim["reference"] = 100 + element, element
-    return claims
+def candidates_of(*rows):
+    """Candidates from (pixel, element, status, margin); field and reference tell who made them."""
+    candidates = np.zeros(len(rows), CANDIDATE)
+    for candidate, (pixel, element, status, margin) in zip(candidates, rows, strict=True):
+        candidate["pixel"], candidate["element"], candidate["status"], candidate["margin"] = (
+            pixel,
+            element,
+            status,
+            margin,
+        )
+        candidate["field"], candidate["reference"] = 100 + element, element
+    return candidates
 
 
-def settled(owners, *claims):
+def resolved(owners, *candidates):
     owner = np.array(owners, np.uint32)
     status = np.where(owner == NOBODY, Status.MISS, Status.CERTAIN).astype(np.uint8)
     pixels = Pixels(owner, status)
-    settle(pixels, [claims_of(*rows) for rows in claims])
+    resolve(pixels, [candidates_of(*rows) for rows in candidates])
     return pixels
 
 
 @pytest.mark.parametrize(
-    ("claims", "owner", "status"),
+    ("candidates", "owner", "status"),
     [
         ([(0, 5, INSIDE, 0.0)], 5, Status.AMBIGUOUS),
         ([(0, 5, INSIDE, -0.5 * BORDER), (0, 4, INSIDE, 0.5 * BORDER)], 4, Status.AMBIGUOUS),
@@ -78,18 +83,18 @@ def settled(owners, *claims):
         ([], NOBODY, Status.MISS),
     ],
 )
-def test_who_owns_a_pixel_that_nobody_took(claims, owner, status):
-    for order in (claims, claims[::-1]):
-        pixels = settled([NOBODY, NOBODY], order)
+def test_who_owns_a_pixel_that_nobody_took(candidates, owner, status):
+    for order in (candidates, candidates[::-1]):
+        pixels = resolved([NOBODY, NOBODY], order)
         assert pixels.owner.tolist() == [owner, NOBODY]
         assert pixels.status.tolist() == [status, Status.MISS]
-        granted = [claim for some in pixels.granted for claim in some]
-        assert not granted if owner == NOBODY else granted[-1]["field"] == 100 + owner
-        assert owner == NOBODY or (granted[-1]["reference"] == owner).all()
+        committed = [candidate for some in pixels.committed for candidate in some]
+        assert not committed if owner == NOBODY else committed[-1]["field"] == 100 + owner
+        assert owner == NOBODY or (committed[-1]["reference"] == owner).all()
 
 
 @pytest.mark.parametrize(
-    ("claim", "owner"),
+    ("candidate", "owner"),
     [
         ((0, 5, INSIDE, 0.0), 8),
         ((0, 9, INSIDE, 0.0), 8),
@@ -98,13 +103,13 @@ def test_who_owns_a_pixel_that_nobody_took(claims, owner, status):
         ((0, 5, UNKNOWN, 0.3), 8),
     ],
 )
-def test_a_pixel_that_has_an_owner_goes_to_a_lower_number_only(claim, owner):
-    pixels = settled([8], [claim])
+def test_a_pixel_that_has_an_owner_goes_to_a_lower_number_only(candidate, owner):
+    pixels = resolved([8], [candidate])
     assert (pixels.owner[0], pixels.status[0]) == (owner, Status.CERTAIN)
-    assert [claim["field"] for some in pixels.granted for claim in some] == [100 + owner] * (owner != 8)
+    assert [candidate["field"] for some in pixels.committed for candidate in some] == [100 + owner] * (owner != 8)
 
 
-def test_claims_of_all_parts_count_together():
-    pixels = settled([NOBODY] * 3, [(2, 7, INSIDE, 0.0), (0, 7, INSIDE, 0.2)], [(2, 3, INSIDE, 0.0)])
+def test_candidates_of_all_parts_count_together():
+    pixels = resolved([NOBODY] * 3, [(2, 7, INSIDE, 0.0), (0, 7, INSIDE, 0.2)], [(2, 3, INSIDE, 0.0)])
     assert pixels.owner.tolist() == [7, NOBODY, 3]
     assert pixels.status.tolist() == [Status.CERTAIN, Status.MISS, Status.AMBIGUOUS]

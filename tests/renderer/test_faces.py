@@ -166,7 +166,7 @@ def test_brute_force_counts_as_many_hits(drawer, shape, seed):
     found = np.bincount(hits["pixel"], minlength=view.count)
     assert counted.max() >= 2
     assert (found != counted).sum() <= 2  # the grid's triangles are not the faces
-    assert (hits["verdict"] == 1).all()
+    assert (hits["status"] == 1).all()
     assert (found % 2 == 0).mean() > 0.999
     layer = drawn.draw(view)
     assert (layer.status[found != counted] == Status.AMBIGUOUS).all() or (found != counted).sum() <= 2

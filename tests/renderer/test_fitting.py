@@ -56,7 +56,7 @@ def test_the_box_around_all_boxes():
     assert np.array_equal(surrounding(boxes), [[0, 0, 0], [3, 4, 5]])
 
 
-def test_a_camera_that_is_settled_stays():
+def test_a_camera_that_is_given_is_kept():
     for camera in (Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), fov=30.0), Camera((0, 0, 1), (0, 0, 0), height=2.0)):
         scene = Scene("u", Plane((9, 9, 9), (0, 0, 1)), camera, (10, 20))
         assert automatic(scene, [UNIT], never) == scene

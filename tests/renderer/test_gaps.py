@@ -194,8 +194,8 @@ class Disc:
         return Solution(inside.astype(int), np.where(inside, margin, 0.0), reference, points[:, 0])
 
 
-CLAIM = [
-    *(("pixel", np.uint32), ("element", np.uint32), ("verdict", np.int32)),
+CANDIDATE = [
+    *(("pixel", np.uint32), ("element", np.uint32), ("status", np.int32)),
     *(("field", np.float64), ("margin", np.float64), ("reference", np.float64, 3)),
 ]
 
@@ -213,7 +213,7 @@ def closed(size, count):
     sections["least"] = (0, 0, 0, -size)
     sections["most"] = (size - 1, size - 1, 2 * size, size)
     pixels = Pixels(np.full(size * size, NOBODY, np.uint32), np.zeros(size * size, np.uint8))
-    Gaps([Disc(count)], lambda n: np.zeros(n, CLAIM)).close(view, pixels, [sections])
+    Gaps([Disc(count)], lambda n: np.zeros(n, CANDIDATE)).close(view, pixels, [sections])
     return pixels, view
 
 
@@ -236,4 +236,4 @@ def test_the_search_by_bands_is_the_search_at_once(monkeypatch):
     bands, _ = closed(120, 3)
     assert np.array_equal(whole.owner, bands.owner)
     assert np.array_equal(whole.status, bands.status)
-    assert len(bands.granted) > len(whole.granted)
+    assert len(bands.committed) > len(whole.committed)

@@ -79,7 +79,7 @@ class Canvas:
     def frame(self) -> Frame:
         """The whole picture.  Where colours depend on all bands, those that can't be kept are drawn twice."""
         bands, samples = list(self._bands()), self.scene.samples**2 + (self.scene.samples % 2 == 0)
-        first = bands if len(bands) > 1 and not self.painter.settled(self.draw_calls) else []
+        first = bands if len(bands) > 1 and not self.painter.is_complete(self.draw_calls) else []
         self.total, room = len(first) + len(bands) * samples, KEPT
         kept: dict[int, Drawn] = {}
         for band in first:

@@ -108,10 +108,10 @@ def _view(curves: Curves, scene: Scene, is_flat: bool, width: float) -> View:
     """The view of a scene; flat data are looked at straight."""
     ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)) if is_flat else None
 
-    def through(settled: Scene) -> View:
-        assert isinstance(settled.camera, Camera)
-        assert settled.size is not None
-        return View.through(settled.camera, settled.size)
+    def through(completed: Scene) -> View:
+        assert isinstance(completed.camera, Camera)
+        assert completed.size is not None
+        return View.through(completed.camera, completed.size)
 
     def glance(small: Scene) -> Bools:
         view = through(small)

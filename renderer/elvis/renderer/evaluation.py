@@ -27,8 +27,8 @@ from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
 from elvis.renderer.rendering import Renderer
 
-#: modes of rules that are tried in turn, the change of a norm below which it is settled, and the most points of a rule
-_MODES, _SETTLED, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1e-11, 1 << 22
+#: modes of rules that are tried in turn, the change below which a norm has converged, and the most points of a rule
+_MODES, _CONVERGED, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1e-11, 1 << 22
 #: points that are sampled together
 _BATCH = 1 << 17
 #: points that ranges are sampled at, as a rule
@@ -91,10 +91,10 @@ class Evaluation:
             now = np.sqrt(np.sum([own[0] for own in sums], axis=0))
             least, greatest = np.min([own[1] for own in sums], axis=0), np.max([own[2] for own in sums], axis=0)
             off = np.nanmax(np.abs(now - before) / np.maximum(now, 1e-300), initial=0.0)
-            if np.isfinite(before).any() and off <= _SETTLED:
+            if np.isfinite(before).any() and off <= _CONVERGED:
                 break
             before = now
-        if off > _SETTLED:
+        if off > _CONVERGED:
             self.report(f"plugin {self.opened.name}: norms are known to {off:.2g} of their size only")
         ends = np.maximum(np.abs(least), np.abs(greatest))
         rows = zip(names, now, ends, greatest, strict=True)

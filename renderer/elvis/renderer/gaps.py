@@ -1,8 +1,8 @@
 """Gaps: pixels that Newton's method may have missed in elements that bend strongly.
 
 In such an element the method can end at a root outside while there is one inside.  What it finds inside is right, so
-only pixels that no element owns are in question, and most of these lie beside the domain.  Those next to an owned pixel
-are settled by proof, and so are the neighbours of all that are found; where an element owns nothing at all, every pixel
+only pixels that no element owns are in question, most of them next to the domain.  Those next to an owned pixel are
+decided by proof, and so are the neighbours of all that are found; where an element owns nothing at all, every pixel
 of its section is. They are looked at in bands of rows, which bounds the memory.
 """
 
@@ -16,22 +16,22 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Ints
 from elvis.plugins.volume import Part
-from elvis.renderer.pixels import NOBODY, Pixels, settle
+from elvis.renderer.pixels import NOBODY, Pixels, resolve
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.scene.view import PlaneView
 
 _UNKNOWN = -1
-#: claims that are settled together, so that memory does not grow with the picture
+#: candidates that are resolved together, so that memory does not grow with the picture
 _MOST = 1 << 17
 
 
 class Gaps:
     """The parts of a volume, with what is known of their elements' bends."""
 
-    def __init__(self, parts: Sequence[Part], claims: Callable[[int], NDArray[Any]]) -> None:
-        """Of a volume's parts; ``claims`` makes so many empty claims."""
-        self._parts, self._empty = parts, claims
+    def __init__(self, parts: Sequence[Part], candidates: Callable[[int], NDArray[Any]]) -> None:
+        """Of a volume's parts; ``candidates`` makes so many empty candidates."""
+        self._parts, self._empty = parts, candidates
         self._first = np.cumsum([0, *map(len, parts)])
         self._bent = [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
 
@@ -46,29 +46,29 @@ class Gaps:
         owning = np.zeros(self._first[-1], bool)
         owning[pixels.owner[~free.reshape(-1)]] = True
         idle = [some[~owning[some["element"] + first]] for some, first in zip(bent, self._first, strict=False)]
-        self._settle(view, pixels, idle, free)
+        self._resolve(view, pixels, idle, free)
         due = free & beside(~free)
         while due.any():
-            self._settle(view, pixels, bent, due)
+            self._resolve(view, pixels, bent, due)
             found = free & (pixels.owner != NOBODY).reshape(free.shape)
             free = free & ~found & ~due
             due = free & beside(found)
 
-    def _settle(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
+    def _resolve(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
         """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w), some rows at a time."""
         for start, stop in row_bands(sections, mask):
             own: Bools = np.zeros_like(mask)
             own[start:stop] = mask[start:stop]
             bands = [_between_rows(some, start, stop) for some in sections]
-            claims = [self._claims(some, first, own) for some, first in zip(bands, self._first, strict=False)]
-            settle(pixels, [proved(self._parts, view, some) for some in claims if len(some)])
+            candidates = [self._candidates(some, first, own) for some, first in zip(bands, self._first, strict=False)]
+            resolve(pixels, [proved(self._parts, view, some) for some in candidates if len(some)])
 
-    def _claims(self, sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
-        """Claims without an answer: of a part's sections, by running number, to the pixels of a mask."""
+    def _candidates(self, sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
+        """Undecided candidates: elements of a part's sections, by index in the volume, for the pixels of a mask."""
         pixel, element = pairs(sections, mask)
-        claims = self._empty(len(pixel))
-        claims["pixel"], claims["element"] = pixel, first + element
-        return claims
+        candidates = self._empty(len(pixel))
+        candidates["pixel"], candidates["element"] = pixel, first + element
+        return candidates
 
     def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
         """The sections of a part's strongly bent elements."""
@@ -101,15 +101,15 @@ def row_bands(sections: Sequence[NDArray[Any]], mask: Bools) -> list[tuple[int, 
             np.add.at(changes[0], row, sign)
             np.add.at(changes[1], row, sign * (most[:, 0] - least[:, 0]))
     count, area = changes.cumsum(axis=1)[:, :height]
-    claims = np.minimum(area, count * mask.sum(axis=1))
+    candidates = np.minimum(area, count * mask.sum(axis=1))
 
     bands, start, total = [], 0, 0
-    for row in np.flatnonzero(claims):
-        if total and total + claims[row] > _MOST:
+    for row in np.flatnonzero(candidates):
+        if total and total + candidates[row] > _MOST:
             bands.append((start, int(row)))
             total = 0
         start = start if total else int(row)
-        total += int(claims[row])
+        total += int(candidates[row])
     return [*bands, (start, int(row) + 1)] if total else bands
 
 

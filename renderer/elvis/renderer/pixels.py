@@ -1,4 +1,4 @@
-"""The pixels of a plane cut while it is drawn: who owns them, and how claims to them are settled."""
+"""The pixels of a plane cut while it is drawn: who owns them, and how candidates for them are resolved."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elvis.scene.frame import Status
 
 NOBODY = 0xFFFFFFFF
-#: verdicts, as in invert.slang
+#: statuses, as in invert.slang
 INSIDE, UNKNOWN = 1, 2
 #: reference units within which a point counts as on an element's border, as in invert.slang
 BORDER = 1e-10
@@ -21,28 +21,28 @@ BORDER = 1e-10
 class Pixels:
     """Who owns which pixel.
 
-    owner    (n,) running element numbers over all parts, NOBODY where nothing is seen
-    status   (n,) see frame.Status
-    granted  claims that won since they were drawn; of those to one pixel the last one counts
+    owner      (n,) indices of elements in the volume, NOBODY where nothing is seen
+    status     (n,) see frame.Status
+    committed  candidates that won since they were drawn; of those to one pixel the last one counts
     """
 
     owner: NDArray[np.uint32]
     status: NDArray[np.uint8]
-    granted: list[NDArray[Any]] = field(default_factory=list)
+    committed: list[NDArray[Any]] = field(default_factory=list)
 
 
-def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
+def resolve(pixels: Pixels, candidates: list[NDArray[Any]]) -> None:
     """Give disputed pixels to one element each: what is well inside comes first, then the lowest number.
 
-    A pixel that only borders claim is ambiguous; one that nobody owns but a search could not decide has failed.
+    A pixel with candidates on borders alone is ambiguous; one that nobody owns and no search could decide has failed.
     """
-    if not claims:
+    if not candidates:
         return
-    every = np.concatenate(claims)
+    every = np.concatenate(candidates)
     border = every["margin"] <= BORDER
     every = every[np.lexsort([every["element"], border, every["pixel"]])]
 
-    inside = every[every["verdict"] == INSIDE]
+    inside = every[every["status"] == INSIDE]
     _, first = np.unique(inside["pixel"], return_index=True)
     chosen = inside[first]
     certain = chosen["margin"] > BORDER
@@ -50,8 +50,8 @@ def settle(pixels: Pixels, claims: list[NDArray[Any]]) -> None:
     better = (owner == NOBODY) | (certain & (chosen["element"] < owner))
     chosen, certain = chosen[better], certain[better]
     pixels.owner[chosen["pixel"]] = chosen["element"]
-    pixels.granted.append(chosen)
+    pixels.committed.append(chosen)
     pixels.status[chosen["pixel"]] = np.where(certain, Status.CERTAIN, Status.AMBIGUOUS)
 
-    unknown = every["pixel"][every["verdict"] == UNKNOWN]
+    unknown = every["pixel"][every["status"] == UNKNOWN]
     pixels.status[unknown[pixels.owner[unknown] == NOBODY]] = Status.FAILED

@@ -1,4 +1,4 @@
-"""Claims to pixels that the kernels could not decide, decided by the plugins on the host."""
+"""Candidates for pixels that the kernels could not decide, decided by the plugins on the host."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from elvis.plugins.volume import Part
 from elvis.scene.view import PlaneView
 
 
-def proved(parts: Sequence[Part], view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:
-    """The claims, by running element numbers, with the results of the parts that can give some."""
-    claims, first = claims.copy(), np.cumsum([0, *map(len, parts)])
-    pixel, element = claims["pixel"].astype(np.int64), claims["element"].astype(np.int64)
+def proved(parts: Sequence[Part], view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:
+    """The candidates, by index of the element in the volume, with the results of the parts that can give some."""
+    candidates, first = candidates.copy(), np.cumsum([0, *map(len, parts)])
+    pixel, element = candidates["pixel"].astype(np.int64), candidates["element"].astype(np.int64)
     points = view.points_of(pixel % view.width, pixel // view.width)
     owner = np.searchsorted(first, element, side="right") - 1
     for number in np.unique(owner):
         solve, here = parts[number].solve, np.flatnonzero(owner == number)
         if solve is not None:
             solution = solve(element[here] - first[number], points[here])
-            claims["verdict"][here] = solution.status
-            for name in ("margin", "reference", "field"):
-                claims[name][here] = getattr(solution, name)
-    return claims
+            for name in ("status", "margin", "reference", "field"):
+                candidates[name][here] = getattr(solution, name)
+    return candidates

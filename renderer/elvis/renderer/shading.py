@@ -280,7 +280,7 @@ class Painter:
         beyond = ", ".join(f"{value:g}" for value in values if not low <= value <= high)
         return f" at {beyond}: {name} lies between {low:g} and {high:g}" if beyond else ""
 
-    def settled(self, draw_calls: Sequence[DrawCall]) -> bool:
+    def is_complete(self, draw_calls: Sequence[DrawCall]) -> bool:
         """Whether nothing depends on the range of what is seen."""
         return all(
             (draw_call.style.color is not None or self._asked(draw_call.quantity, draw_call.style) != "seen")

@@ -3,7 +3,7 @@
 Let J be the Jacobian in parts of the one at the centre, b the greatest change of J over the element and m the greatest
 change by unit of length (maximum norms).  A step of Newton's method misses the root, d away, by at most k d with
 k = m d / (2 (1 - b)), so from a step of length l < 1/4 the root is at most k l / (1 - k) away from where it ends.  The
-kernels call a point outside for good once it is outside by 2 l (judge, invert.slang); facets of simplices are
+kernels call a point outside for good once it is outside by 2 l (classify, invert.slang); facets of simplices are
 three times as steep as coordinates.  Both hold together for k <= 0.4, that is for b + m / 2 <= 1, nearly.  The Jacobian
 of a pyramid depends on the direction at the apex, however little it changes, unless the map is affine.
 

@@ -116,10 +116,10 @@ class ContourProof:
             self.status[near] = Status.AMBIGUOUS
             return
         every = np.flatnonzero(hits.owner != NOBODY)
-        alone = self._settle(_Items(every, hits.owner[every].astype(np.int64), hits.reference[every]))
+        alone = self._decide_items(_Items(every, hits.owner[every].astype(np.int64), hits.reference[every]))
         shared = np.zeros(view.count, bool)
         shared[every[~alone]] = True
-        self._settle(self._others(shared.reshape(view.height, view.width)))
+        self._decide_items(self._others(shared.reshape(view.height, view.width)))
 
     def _others(self, mask: Bools) -> _Items:
         """The elements, other than the own ones, that may be in the squares of the pixels of a mask (h, w)."""
@@ -134,7 +134,7 @@ class ContourProof:
         pixel, element = pixel[others], element[others].astype(np.int64)
         return _Items(pixel, element, np.full((len(pixel), 3), np.nan))
 
-    def _settle(self, items: _Items) -> Bools:
+    def _decide_items(self, items: _Items) -> Bools:
         """Statuses of the pixels of some items; (n,) whether each square lies in its element all over."""
         alone = np.zeros(len(items.pixel), bool)
         number = np.searchsorted(self._loaded.first, items.element, side="right") - 1

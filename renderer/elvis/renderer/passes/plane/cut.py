@@ -17,7 +17,7 @@ from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.gaps import Gaps, beside
 from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, settle
+from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import sectioned
 from elvis.scene.conditioning import doubted, slanted
@@ -45,7 +45,7 @@ class Cutter:
     def __init__(self, loaded: Loaded) -> None:
         self.device, self.parts, self.buffers = loaded.device, loaded.parts, loaded.buffers
         self.first, self.reach = loaded.first, loaded.reach
-        self.gaps, self.far = Gaps(self.parts, self._claims), loaded.is_far
+        self.gaps, self.far = Gaps(self.parts, self._candidates), loaded.is_far
         self.clock = Clock()
         self.tiles = 0
         self.references = True
@@ -59,26 +59,26 @@ class Cutter:
             names = ("owner", "field", "reference") if references else ("owner", "field")
             held = cleared(self.device, count, names, clear=("owner",))
             image = written(self.device, held)
-        every, sections, claims = [], [], []
+        every, sections, candidates = [], [], []
         for number in range(len(self.parts)):
             with self.clock.stage("cull"):
                 every.append(self._sections(number, view))
                 sections.append(every[number][(every[number]["least"] <= every[number]["most"]).all(axis=1)])
             if len(sections[number]):
-                claims.append(self._draw_part(number, view, sections[number], image))
+                candidates.append(self._draw_part(number, view, sections[number], image))
         with self.clock.stage("read"):
             owner = self.device.read(held["owner"], np.uint32)
             pixels = Pixels(owner, (owner != NOBODY).view(np.uint8))  # Status.MISS is 0, Status.CERTAIN 1
         with self.clock.stage("settle"):
-            settle(pixels, [some[some["verdict"] != UNKNOWN] for some in claims])
-            left = [some[some["verdict"] == UNKNOWN] for some in claims]
-            settle(pixels, [proved(self.parts, view, some) for some in left if len(some)])
+            resolve(pixels, [some[some["status"] != UNKNOWN] for some in candidates])
+            left = [some[some["status"] == UNKNOWN] for some in candidates]
+            resolve(pixels, [proved(self.parts, view, some) for some in left if len(some)])
         with self.clock.stage("gaps"):
             self.gaps.close(view, pixels, sections)
         if self.far:
             _doubt_cracks(pixels, view)
         with self.clock.stage("grant"):
-            self._grant(pixels.granted, image)
+            self._commit(pixels.committed, image)
         uncertain = slanted(view, self.reach)
         if uncertain is not None:
             pixels.status = doubted(pixels.status, uncertain)
@@ -101,7 +101,7 @@ class Cutter:
     def _draw_part(
         self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, Buffer]
     ) -> NDArray[Any]:
-        """All stages for one part; returns what draw put off, searched again, with running element numbers."""
+        """All stages for one part; returns the deferred candidates, searched again, with indices in the volume."""
         part, buffers = self.parts[number], {**self.buffers[number], **image}
 
         # a guess of the inverse map for every section
@@ -112,17 +112,17 @@ class Cutter:
             buffers["view"] = self._view(aim, view, number, len(sections))
             aim(len(sections), buffers)
 
-        # the pixels of every tile; drawing twice is harmless, should the list of claims have been too short
+        # the pixels of every tile; drawing twice is harmless, should the list of candidates have been too short
         with self.clock.stage("draw"):
             tiles = sectioned(sections["least"], sections["most"], draw.dtype("tiles"))
             self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))
-            claims = self.device.listed(
-                "claims", draw, lambda lists: draw(len(tiles), {**buffers, **lists}, groups=True)
+            candidates = self.device.listed(
+                "candidates", draw, lambda lists: draw(len(tiles), {**buffers, **lists}, groups=True)
             )
         with self.clock.stage("retry"):
-            return self._retry(number, view, claims)
+            return self._retry(number, view, candidates)
 
     def _sections(self, number: int, view: PlaneView) -> NDArray[Any]:
         """Sections of one part, in order of elements."""
@@ -132,22 +132,22 @@ class Cutter:
         sections = self.device.listed("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
         return sections[np.argsort(sections["element"])]
 
-    def _retry(self, number: int, view: PlaneView, claims: NDArray[Any]) -> NDArray[Any]:
-        """Claims, element numbers made running; a thorough search settles what it can where nothing can be proved."""
-        if self.parts[number].solve is not None or not len(claims):
-            claims["element"] += np.uint32(self.first[number])
-            return claims
+    def _retry(self, number: int, view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:
+        """Candidates with indices in the volume; a thorough search decides what it can where nothing can be proved."""
+        if self.parts[number].solve is not None or not len(candidates):
+            candidates["element"] += np.uint32(self.first[number])
+            return candidates
         retry = self._kernel("cut_retry", self.parts[number])
-        buffers = {**self.buffers[number], "view": self._view(retry, view, number, len(claims))}
-        buffers["claims"] = self.device.buffer(claims)
-        retry(len(claims), buffers)
-        claims = self.device.read(buffers["claims"], claims.dtype)
-        claims["element"] += np.uint32(self.first[number])
-        return claims
+        buffers = {**self.buffers[number], "view": self._view(retry, view, number, len(candidates))}
+        buffers["candidates"] = self.device.buffer(candidates)
+        retry(len(candidates), buffers)
+        candidates = self.device.read(buffers["candidates"], candidates.dtype)
+        candidates["element"] += np.uint32(self.first[number])
+        return candidates
 
-    def _claims(self, count: int) -> NDArray[Any]:
-        """Empty Claim records (cut.slang)."""
-        return np.zeros(count, self.device.kernel("cut_grant").dtype("claims"))
+    def _candidates(self, count: int) -> NDArray[Any]:
+        """Empty Candidate records (cut.slang)."""
+        return np.zeros(count, self.device.kernel("cut_commit").dtype("candidates"))
 
     def _kernel(self, stage: str, part: Part) -> Kernel:
         return self.device.kernel(stage, part)
@@ -160,16 +160,17 @@ class Cutter:
         record["slack"] = 1e-12 * (self.reach + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
-    def _grant(self, granted: list[NDArray[Any]], image: dict[str, Buffer]) -> None:
-        """Let an image hold what claims to its pixels say."""
-        if not sum(map(len, granted)):
+    def _commit(self, committed: list[NDArray[Any]], image: dict[str, Buffer]) -> None:
+        """Let an image hold what the candidates for its pixels say."""
+        if not sum(map(len, committed)):
             return
-        every, kernel = np.concatenate(granted)[::-1], self.device.kernel("cut_grant")
+        kernel = self.device.kernel("cut_commit")
+        every = np.concatenate(committed)[::-1]
         last = np.unique(every["pixel"], return_index=True)[1]
-        claims = np.zeros(len(last), kernel.dtype("claims"))
+        candidates = np.zeros(len(last), kernel.dtype("candidates"))
         for name in ("pixel", "element", "field", "reference"):
-            claims[name] = every[name][last]
-        kernel(len(claims), {"claims": self.device.buffer(claims), **image})
+            candidates[name] = every[name][last]
+        kernel(len(candidates), {"candidates": self.device.buffer(candidates), **image})
 
 
 def _doubt_cracks(pixels: Pixels, view: PlaneView) -> None:
