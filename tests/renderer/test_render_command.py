@@ -165,7 +165,7 @@ def test_no_output_is_a_usage_error(elvis, shared_files):
 @pytest.mark.parametrize(
     ("outputs", "sentence"),
     [
-        (("a.npz", "b.jpg"), "expected a name that ends in .png, .exr, .npz, found .jpg"),
+        (("a.npz", "b.jpg"), "expected a name that ends in .png, .svg, .pdf, .exr, .npz, found .jpg"),
         (("a.npz", "nowhere/b.png"), "there is no folder"),
     ],
 )

@@ -88,7 +88,8 @@ def painted(layer: Layer, scene: Scene, view: View, ends: tuple[float, float]) -
     """Colours (n, 3) and opacities (n,) of a layer's hits; values where nothing is hit have no meaning."""
     hits, style = layer.hits, layer.style
     low, high = style.range or ends
-    palette = Palette.named(style.palette or scene.palette, low, high)
+    bar = style.bar or (scene.bar if layer.quantity == scene.field else None)
+    palette = Palette.named(style.palette or scene.palette, low, high).spread(bar)
     flat = style.color is not None
     colors = (
         np.tile(style.color or (0.0,) * 3, (view.count, 1)) if flat else palette.colors(hits.values[layer.quantity])
@@ -124,7 +125,7 @@ def _fragments_of(layer: Layer, colors: Floats, opacity: Floats) -> Fragments:
 
 def blended(fragments: Sequence[Fragments], scene: Scene, view: View) -> Floats:
     """(n, 3) colours of fragments over one another by depth, over the background."""
-    result = np.tile(np.asarray(scene.background, np.float64), (view.count, 1))
+    result = np.tile(np.asarray(scene.backdrop, np.float64), (view.count, 1))
     if not fragments:
         return result
     pixel = np.concatenate([own.pixel for own in fragments])

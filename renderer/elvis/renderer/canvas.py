@@ -17,6 +17,7 @@ from elvis.core.memory import free_memory
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.shading import Drawn, Painter, record_of
 from elvis.renderer.stages import Stages
+from elvis.renderer.tracing import Tracer
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Drawing, Frame, Status, whole
@@ -40,6 +41,14 @@ class Band:
     rows: slice
     inner: tuple[slice, slice]
     view: View
+
+    @property
+    def place(self) -> tuple[tuple[int, int], NDArray[np.bool_]]:
+        """From columns and rows of the view to those of the picture; (n,) the band's own pixels, and those before."""
+        rows, columns = self.inner
+        own = np.zeros((self.view.height, self.view.width), bool)
+        own[max(rows.start - (self.rows.start == 0), 0) : rows.stop, max(columns.start - 1, 0) : columns.stop] = True
+        return (-columns.start, self.rows.start - rows.start), own.reshape(-1)
 
     def cropped(self, values: NDArray[Any]) -> NDArray[Any]:
         """The picture's own pixels (h, w[, 3]) of the values (n[, 3]) of all pixels of the view."""
@@ -66,6 +75,7 @@ class Canvas:
     def __post_init__(self) -> None:
         self.done, self.total, self.undefined = 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
+        self.tracer = Tracer(self.painter)
         self.draw_calls = self.stages.draw_calls(self.scene)
         self.contours: Counter[Status] = Counter()
         self.arrays = _arrays(self.view, self.records and self.view.count > self.most)
@@ -93,6 +103,8 @@ class Canvas:
         arrays = self.arrays
         drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.draw_calls))
         drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
+        through = arrays["through"] if self.scene.is_clear else None
+        drawing = replace(drawing, through=through, strokes=self.tracer.strokes())
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         stats |= {"remarks": self.painter.remarks(self.draw_calls), "not_a_number": self.undefined}
         if self._proves:
@@ -120,10 +132,14 @@ class Canvas:
         record = record_of(drawn, band.view, whole=self.records)
         self.undefined += int(np.count_nonzero(inner(~np.isfinite(record.field) & (record.owner != NOBODY))))
         color = inner(self._colors(drawn, band.view))
+        if self.scene.is_clear:
+            self._keep("through", rows, inner(self.through))
+        if self.scene.is_traced:
+            self.tracer.note(drawn, band.view, *band.place)
         if self._proves:
             found = inner(self.painter.contour_status(drawn, band.view))
             self.contours.update({word: int((found == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)})
-        self._keep("color", rows, color if self.records else whole(color))
+        self._keep("color", rows, color if self.records else whole(np.asarray(color)))
         self._keep("status", rows, inner(np.maximum(record.status, self.volume_status)))
         if self.records:
             self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
@@ -156,16 +172,26 @@ class Canvas:
         count, self.volume_status = self.scene.samples, np.zeros(view.count, np.uint8)
         steps = (np.arange(count) - 0.5 * (count - 1)) / count
         total: Any = 0.0
+        self.through = np.zeros(view.count)
         for x, y in product(steps, steps):
             here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
             hit_buffers = drawn if here is view else self._drawn(here)
             start = perf_counter()
-            colors = self.painter.paint(hit_buffers, here, whole=count == 1 and not self.records)
+            colors = self.painter.paint(
+                hit_buffers, here, whole=count == 1 and not (self.records or self.scene.is_clear)
+            )
+            if self.scene.is_clear:
+                self.through += self._through(hit_buffers, here) / count**2
             total = colors if count == 1 else total + colors / count**2
             self.volume_status = np.maximum(self.volume_status, self.painter.volume_status)
             self.seconds["colours"] = self.seconds.get("colours", 0.0) + perf_counter() - start
             check_time()
         return np.asarray(total)
+
+    def _through(self, hit_buffers: Drawn, view: View) -> Floats:
+        """(n,) part of the background that comes through: what a white one adds to a black one."""
+        black, white = (self.painter.paint(hit_buffers, view, behind=3 * (shade,)) for shade in (0.0, 1.0))
+        return np.asarray((white - black).mean(axis=1))
 
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:
@@ -174,8 +200,8 @@ def _arrays(view: View, records: bool) -> dict[str, Any]:
     full = np.full if records else lambda shape, value: np.broadcast_to(np.array(value), shape)
     scalars = {name: full(shape, value) for name, value in values.items()}
     vectors = {name: full((*shape, 3), np.nan) for name in ("reference", "normal")}
-    color = np.zeros((*shape, 3), np.float64 if records else np.uint8)
-    return {"color": color, "status": np.zeros(shape, np.uint8), **scalars, **vectors}
+    color, through = np.zeros((*shape, 3), np.float64 if records else np.uint8), np.zeros(shape)
+    return {"color": color, "through": through, "status": np.zeros(shape, np.uint8), **scalars, **vectors}
 
 
 def check_memory(view: View, records: bool, most: int) -> None:

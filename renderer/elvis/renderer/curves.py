@@ -100,7 +100,7 @@ def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
         raise SceneError(missed(None, surrounding([curves.boxes()])))
     asked = style.range or scene.range
     ends = asked if isinstance(asked, tuple) else automatic_range(curves.value)
-    palette = Palette.named(style.palette or scene.palette, *ends)
+    palette = Palette.named(style.palette or scene.palette, *ends).spread(scene.bar)
     return _frame(scene, view, curves, covered(distance, width), number, palette, style)
 
 
@@ -128,14 +128,14 @@ def _frame(
     shape, seen = (view.height, view.width), coverage >= 0.5
     line_color = palette.colors(curves.value[number]) if style.color is None else np.tile(style.color, (view.count, 1))
     part = (style.opacity * coverage)[:, None]
-    color = (1.0 - part) * np.asarray(scene.background) + part * line_color
+    color = (1.0 - part) * np.asarray(scene.backdrop) + part * line_color
     depth = np.where(seen, view.depth_of(curves.place[number]), np.inf)
     reference = np.where(seen[:, None], np.pad(curves.reference[number, None], ((0, 0), (0, 2))), np.nan)
     drawing = Drawing(
         depth.reshape(shape),
         np.full((*shape, 3), np.nan),
         color.reshape(*shape, 3),
-        (Legend(scene.field, palette),) if style.color is None else (),
+        (Legend(scene.field, palette, bar=scene.bar),) if style.color is None else (),
     )
     frame = Frame(
         scene,

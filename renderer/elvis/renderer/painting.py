@@ -73,9 +73,10 @@ class FragmentShader:
         """Run paint.slang: packed colours where they are to be whole, else a fragment."""
         device, kernel = self._device, self._device.kernel("paint")
         record = np.zeros(1, kernel.dtype("material"))
-        table = np.array([material.colors, material.colors])
+        table, edges = np.array([material.colors, material.colors]), None
         if isinstance(material.colors, Palette):
             table, span = np.vstack([material.colors.table, NOT_A_NUMBER]), material.colors.high - material.colors.low
+            edges, record["edges"] = material.colors.edges, material.colors.edges is not None
             record["low"], record["scale"] = material.colors.low, (len(table) - 1) / span if span > 0 else 0.0
         record["steps"], record["lights"], record["whole"] = len(table) - 1, len(material.lights), whole
         record["first"] = first
@@ -87,6 +88,7 @@ class FragmentShader:
             **hits.bound(device, "owner", "field", *wanted),
             "material": device.buffer(record),
             "table": device.buffer(table),
+            "edges": self._nothing if edges is None else device.buffer(edges),
             "view": device.buffer(record_of(kernel, "view", view, count=view.count, flat=hits.flat is not None)),
             "lights": device.buffer(_light_records(material.lights, kernel.dtype("lights"))),
             **self._lines(material, kernel.dtype("line_styles")),

@@ -35,7 +35,7 @@ from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
-from elvis.scene import CutSurface, Faces, Plane, Scene, Vector
+from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Vector
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding
 from elvis.scene.frame import Frame
@@ -170,6 +170,14 @@ def _noted(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
     return frame
 
 
+def _constants(frame: Frame) -> list[str]:
+    """Sentences about fields that have one value wherever they are seen; isosurfaces go without saying."""
+    if any(isinstance(item, Isosurface) for item in frame.scene.every_object):
+        return []
+    constant = [legend for legend in frame.legends if legend.constant is not None]
+    return [f"{legend.title} is {legend.constant:g} wherever it is seen: one colour" for legend in constant]
+
+
 class Renderer:
     """A device with a volume, for many pictures of the same data.
 
@@ -239,10 +247,20 @@ class Renderer:
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
             elements=len(self.stages.loaded.ids) - 1,
             pixels=frame.counts(),
-            remarks=[*frame.stats.get("remarks", ()), *self.device.cache.remarks],
+            remarks=[*frame.stats.get("remarks", ()), *_constants(frame), *self.device.cache.remarks],
         )
+        if scene.box or scene.axes:
+            frame = replace(frame, box=self._domain())
         frame.stats["seconds"] = {**self.seconds, **frame.stats.get("seconds", {}), "frame": perf_counter() - start}
         return frame
+
+    def _domain(self) -> Floats:
+        """(2, 3) corners of the box around the domain: certified bounds of the coordinates, where these are known."""
+        box = surrounding([part.boxes for part in self.stages.loaded.parts])
+        for axis, name in enumerate("xyz"[: self.stages.loaded.dimension]):
+            with suppress(ElvisError):
+                box[:, axis] = self.stages.bounds(name)
+        return box
 
     def _persistent(self, scene: Scene, references: bool) -> Frame:
         """A frame, fewer pixels at a time where the device fails."""

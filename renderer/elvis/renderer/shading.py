@@ -20,16 +20,16 @@ from elvis.renderer.passes.lines.lines import levels
 from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import DrawCall, Stages
-from elvis.scene import Implicit, Scene, Style, Vector, VolumeRendering
+from elvis.scene import ColorBar, Implicit, Scene, Style, Vector, VolumeRendering
 from elvis.scene.conditioning import uncertainties
 from elvis.scene.frame import Legend, Status
-from elvis.scene.palette import Palette, automatic_range
+from elvis.scene.palette import Palette, automatic_range, is_constant, text_color_on
 from elvis.scene.view import View
 
 #: part of a depth within which it is asked whether either of two hits may be the nearer one
 NEAR = 2e-8
-#: what tells colour maps apart: the quantity, the name of the map, the range that was asked for
-Key: TypeAlias = tuple[str, str, object]
+#: what tells colour maps apart: the quantity, the name of the map, the range that was asked for, how colours are spread
+Key: TypeAlias = tuple[str, str, object, ColorBar | None]
 Drawn: TypeAlias = list[tuple[DrawCall, HitBuffer]]
 
 
@@ -115,11 +115,13 @@ class Painter:
         cropped  leaves of an array of all pixels those of the picture
         """
         for draw_call, hits in drawn:
-            self._note(draw_call.quantity, cropped(hits.field))
-            self._shown |= {id(draw_call)} if (cropped(hits.owner) != NOBODY).any() else set()
+            is_shown = bool((cropped(hits.owner) != NOBODY).any())
+            level = np.array([draw_call.level] if is_shown else [], np.float64)
+            self._note(draw_call.quantity, cropped(hits.field) if draw_call.level is None else level)
+            self._shown |= {id(draw_call)} if is_shown else set()
             contours = draw_call.style.contours
-            if contours and contours.count and self._of_contours(draw_call) != draw_call.quantity:
-                quantity = self._of_contours(draw_call)
+            if contours and contours.count and self.of_contours(draw_call) != draw_call.quantity:
+                quantity = self.of_contours(draw_call)
                 self._note(quantity, cropped(self.stages.resampled(hits, "", quantity).field))
 
     def _note(self, quantity: str | None, values: Floats) -> None:
@@ -133,7 +135,8 @@ class Painter:
             low, high = self._seen.get(quantity or "", (np.inf, -np.inf))
             self._seen[quantity or ""] = min(low, float(least)), max(high, float(most))
 
-    def _of_contours(self, draw_call: DrawCall) -> str | None:
+    def of_contours(self, draw_call: DrawCall) -> str | None:
+        """The quantity whose contours a draw call has."""
         contours = draw_call.style.contours
         if contours is None or contours.quantity is None:
             return draw_call.quantity
@@ -147,15 +150,21 @@ class Painter:
             return automatic_range(np.array(self.stages.bounds(quantity or self.scene.field)))
         return automatic_range(np.array(self._seen.get(quantity or "", ())))
 
-    def paint(self, drawn: Drawn, view: View, *, whole: bool = False) -> Floats | NDArray[np.uint8]:
-        """(n, 3) colours of all hits of a view over the background; numbers of 8 bits are welcome where ``whole``."""
+    def paint(
+        self, drawn: Drawn, view: View, *, whole: bool = False, behind: Vector | None = None
+    ) -> Floats | NDArray[np.uint8]:
+        """(n, 3) colours of all hits of a view over the background; numbers of 8 bits are welcome if ``whole``.
+
+        behind  another colour in place of the background
+        """
+        behind = self.scene.backdrop if behind is None else behind
         volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
         self.volume_status = np.zeros(view.count, np.uint8)
         if len(drawn) == 1 and not volumes:
             material = self._material(view, *drawn[0])
-            painted: Floats = self._shader.over(view, drawn[0][1], material, self.scene.background, whole=whole)
+            painted: Floats = self._shader.over(view, drawn[0][1], material, behind, whole=whole)
             return painted
-        fragments = FragmentLists(self.stages.loaded.device, view.count, len(drawn), self.scene.background, whole=whole)
+        fragments = FragmentLists(self.stages.loaded.device, view.count, len(drawn), behind, whole=whole)
         for number, (draw_call, hits) in enumerate(drawn):
             self._shader.add(view, hits, self._material(view, draw_call, hits), fragments, number)
         fragments.compose()
@@ -191,10 +200,12 @@ class Painter:
         colors = style.color if style.color is not None else self._palette(draw_call.quantity, style)
         light = (tuple(scene.lights), scene.ambient) if draw_call.lit else ((), 1.0)
         mesh, contours = style.mesh_lines, style.contours
+        if scene.is_traced:
+            return Material(colors, style.opacity, *light)
         edges = None if mesh is None else (self.stages.lines.mesh(view, hits, mesh.width), mesh.color)
         levels = None
         if contours is not None:
-            quantity = self._of_contours(draw_call)
+            quantity = self.of_contours(draw_call)
             of = self.stages.resampled(hits, draw_call.quantity, quantity)
             marks = self.stages.lines.contours(view, of, self.values(draw_call), contours.width, quantity)
             levels = marks, contours.color
@@ -205,17 +216,26 @@ class Painter:
         status = np.zeros(view.count, np.uint8)
         for draw_call, hits in drawn:
             if draw_call.style.contours is not None:
-                quantity, lines = self._of_contours(draw_call), self.stages.lines
+                quantity, lines = self.of_contours(draw_call), self.stages.lines
                 proof = ContourProof(self.stages.loaded, lines, view, hits, self.values(draw_call), quantity)
                 status = np.maximum(status, proof.status)
         return status
 
     def _palette(self, quantity: str | None, style: Style) -> Palette:
         """A colour map, made when it is first used."""
-        key = quantity or "", style.palette or self.scene.palette, self._asked(quantity, style)
+        key = (
+            quantity or "",
+            style.palette or self.scene.palette,
+            self._asked(quantity, style),
+            self._bar(quantity, style),
+        )
         if key not in self._palettes:
-            self._palettes[key] = Palette.named(key[1], *self.range_of(quantity, key[2]))
+            self._palettes[key] = Palette.named(key[1], *self.range_of(quantity, key[2])).spread(key[3])
         return self._palettes[key]
+
+    def _bar(self, quantity: str | None, style: Style) -> ColorBar | None:
+        """How a colour map's bar is to be; that of the scene is meant for the scene's own field."""
+        return style.bar or (self.scene.bar if quantity is None else None)
 
     def _asked(self, quantity: str | None, style: Style) -> object:
         """The range of a colour map as the scene has it: two values are meant for the scene's own field."""
@@ -228,7 +248,7 @@ class Painter:
         assert contours is not None
         if contours.count is None:
             return np.unique(np.asarray(contours.values, dtype=np.float64))
-        quantity = self._of_contours(draw_call)
+        quantity = self.of_contours(draw_call)
         asked = self._asked(quantity, draw_call.style) if quantity == draw_call.quantity else "seen"
         return levels(*self.range_of(quantity, asked), contours.count)
 
@@ -238,22 +258,34 @@ class Painter:
         for draw_call in draw_calls:
             contours = draw_call.style.contours
             if contours is not None:
-                own = marks.setdefault(self._of_contours(draw_call), {})
+                own = marks.setdefault(self.of_contours(draw_call), {})
                 own.update(dict.fromkeys((float(value), contours.color) for value in self.values(draw_call)))
         found = []
         for key, palette in self._palettes.items():
-            found.append(Legend(key[0] or self.scene.field, palette, tuple(marks.pop(key[0] or None, ()))))
+            title, own_marks = key[0] or self.scene.field, tuple(marks.pop(key[0] or None, ()))
+            found.append(Legend(title, palette, own_marks, key[3], self._constant(key)))
         for item in self.scene.every_object:
             if isinstance(item, VolumeRendering) and len(set(item.transfer.colors)) > 1:
                 found.append(Legend(f"{item.quantity or self.scene.field}, volume", Palette.of_transfer(item.transfer)))
         return (*found, *(Legend(name or self.scene.field, None, tuple(own)) for name, own in marks.items()))
+
+    def _constant(self, key: Key) -> float | None:
+        """The only value that is seen of what a colour map shows, where its range is that of what is seen."""
+        low, high = self._seen.get(key[0], (-np.inf, np.inf))
+        return low if key[2] == "seen" and is_constant(low, high) else None
+
+    @property
+    def text_color(self) -> Vector:
+        """A colour that can be read on the background."""
+        return text_color_on(self.scene.backdrop)
 
     @property
     def reach(self) -> int:
         """Pixels around one that its lines depend on, in each direction."""
         styles = [item.style for item in self.scene.every_object if not isinstance(item, VolumeRendering)]
         lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
-        return max((int(np.ceil(0.5 * line.width)) + 2 for line in lines), default=0)
+        least = 4 if self.scene.is_traced else 0
+        return max((int(np.ceil(0.5 * line.width)) + 2 for line in lines), default=least)
 
     def remarks(self, draw_calls: Sequence[DrawCall]) -> list[str]:
         """What a user should know: objects that aren't there, contours of values that the data don't take."""
@@ -263,7 +295,7 @@ class Painter:
                 found.append(f"{draw_call.name} shows nothing")
             contours = draw_call.style.contours
             if contours is not None:
-                quantity = self._of_contours(draw_call)
+                quantity = self.of_contours(draw_call)
                 low, high = self._seen.get(quantity or "", (np.inf, -np.inf))
                 beyond = [value for value in contours.values if not low <= value <= high]
                 if beyond and (reason := self._outside(quantity, beyond)):

@@ -53,6 +53,7 @@ class DrawCall:
     draw      as every stage: the nearest hits in a view behind given depths
     once      whether a ray meets it once at most
     surface   what cuts; it is not clipped by itself
+    level     the value that its quantity has all over it, where it is an isosurface of that
     """
 
     name: str
@@ -62,6 +63,7 @@ class DrawCall:
     lit: bool
     once: bool = False
     surface: Surface | None = None
+    level: float | None = None
 
 
 def is_straight(block: GeometryBlock) -> bool:
@@ -224,7 +226,8 @@ class Stages:
                 self._in_range(asked, of, value)
             return self.resampled(hits, of, own)
 
-        return DrawCall(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False)
+        level = value if own == of else None
+        return DrawCall(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False, level=level)
 
     def _at_level(self, view: View, quantity: str | None, value: float, beyond: Floats | None) -> HitBuffer:
         """The isosurface of a quantity."""

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from elvis.scene.errors import SceneError
     from elvis.scene.frame import Frame, Status
     from elvis.scene.objects import (
+        ColorBar,
         Contours,
         CutSurface,
         Faces,
@@ -28,6 +29,7 @@ __all__ = [
     "NAMED_VIEWS",
     "Camera",
     "Clip",
+    "ColorBar",
     "Cone",
     "Contours",
     "CutSurface",
@@ -60,6 +62,7 @@ __getattr__ = lazy_names(
         "elvis.scene.errors": ("SceneError",),
         "elvis.scene.frame": ("Frame", "Status"),
         "elvis.scene.objects": (
+            "ColorBar",
             "Contours",
             "CutSurface",
             "Faces",

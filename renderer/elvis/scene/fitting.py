@@ -33,10 +33,12 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     if not sum(map(len, boxes)):
         raise SceneError("there is no element to draw: none carries the field")
     camera, plane = scene.camera, scene.only_plane
+    is_framed = scene.box or (scene.axes and plane is None)
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
         return replace(scene, size=scene.size or LARGEST)
     camera = named(camera, plane) if isinstance(camera, str) else camera
-    points = np.concatenate([crossings(some, plane) if plane else _corners(some) for some in boxes])
+    around = [surrounding(boxes).reshape(1, 6).astype(np.float32)] if is_framed else boxes
+    points = np.concatenate([crossings(some, plane) if plane and not scene.box else _corners(some) for some in around])
     if not len(points):
         assert plane is not None
         raise SceneError(missed(plane, surrounding(boxes)))
@@ -44,7 +46,7 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     box, extent = surrounding(boxes), np.array([seen.min(axis=0), seen.max(axis=0)])
 
     # a glance shows what there is within the boxes; where that is little, a second one shows it better
-    for _ in range(GLANCES):
+    for _ in range(0 if is_framed else GLANCES):
         size = scene.size or proportionate(extent)
         fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
         width, height = (max(LEAST, -(-side // fewer)) for side in size)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats, Ints
 from elvis.core.distances.triangle_files import renamed
 from elvis.core.files.output import Outputs
-from elvis.scene import Scene, Vector
-from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
+from elvis.scene import ColorBar, Scene, Vector
+from elvis.scene.palette import NOT_A_NUMBER, Palette, automatic_range, is_constant
+from elvis.scene.strokes import Stroke
 from elvis.scene.view import PlaneView, View
 
 #: pixels whose positions are worked out at once, as pictures may be large
@@ -39,11 +40,15 @@ class Legend:
 
     palette  None for lines of what nothing is coloured by
     marks    values of contour lines and their colours
+    bar      how the scene wants it
+    constant  the only value that is seen, where there is no more: one colour needs no bar
     """
 
     title: str
     palette: Palette | None
     marks: tuple[tuple[float, Vector], ...] = ()
+    bar: ColorBar | None = None
+    constant: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +58,8 @@ class Drawing:
     color        (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
     uncertainty  NaN also where what is seen is met in closed form
     line_status  (h, w) Status of the pixels' contours, MISS where there are none; None where none is known
+    strokes      lines over the pixels, which have none then
+    through      (h, w) part of the background that comes through; None: as where nothing is seen
     """
 
     depth: Floats
@@ -61,6 +68,8 @@ class Drawing:
     legends: tuple[Legend, ...]
     uncertainty: Floats | None = None
     line_status: NDArray[np.uint8] | None = None
+    strokes: tuple[Stroke, ...] = ()
+    through: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +82,7 @@ class Frame:
                           asked for
     status     (h, w)     see Status
     stats      seconds, bytes and counts by name
+    box        (2, 3) low and high corner of the domain, where the picture is to show it
     drawing    None for a single unlit plane, whose colours, depths and normals follow from the rest
     """
 
@@ -84,6 +94,7 @@ class Frame:
     status: NDArray[np.uint8]
     stats: dict[str, Any] = default(default_factory=dict)
     drawing: Drawing | None = None
+    box: Floats | None = None
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
@@ -161,13 +172,41 @@ class Frame:
             if maps:
                 return maps[0]
         asked = self.scene.range
-        return Palette.named(self.scene.palette, *(asked if isinstance(asked, tuple) else automatic_range(self.field)))
+        ends = asked if isinstance(asked, tuple) else automatic_range(self.field)
+        return Palette.named(self.scene.palette, *ends).spread(self.scene.bar)
 
     @property
     def legends(self) -> tuple[Legend, ...]:
         """What the colours and lines of the picture mean; of files that distances are measured to the bare names."""
-        found = (Legend(self.scene.field, self.palette),) if self.drawing is None else self.drawing.legends
+        found = (self._legend,) if self.drawing is None else self.drawing.legends
         return tuple(replace(one, title=renamed(one.title, os.path.basename)) for one in found)
+
+    @property
+    def _legend(self) -> Legend:
+        """That of a plane alone."""
+        low, high = np.fmin.reduce(self.field, axis=None), np.fmax.reduce(self.field, axis=None)
+        one = float(low) if self.scene.range is None and is_constant(low, high) else None
+        return Legend(self.scene.field, self.palette, bar=self.scene.bar, constant=one)
+
+    @cached_property
+    def alpha(self) -> Floats:
+        """(h, w) opacity of the picture, over a background that is not opaque."""
+        through: Any = ~self.seen
+        if self.drawing is not None and self.drawing.through is not None:
+            through = self.drawing.through
+        behind = self.scene.background[3] if self.scene.is_clear else 1.0
+        return np.asarray(1.0 - through * (1.0 - behind))
+
+    @property
+    def rgba(self) -> NDArray[np.uint8]:
+        """(h, w, 4) colours and opacities in [0, 255]; colours don't have the opacities in them."""
+        if not self.scene.is_clear:
+            return np.dstack([self.rgb, np.full(self.element.shape, 255, np.uint8)])
+        part = self.alpha[..., None]
+        own = self.color - (1.0 - part) * np.asarray(self.scene.backdrop)
+        own = np.divide(own, part, out=np.ones_like(own), where=part > 0.0)
+        made: NDArray[np.uint8] = np.rint(255 * np.clip(np.dstack([own, part]), 0.0, 1.0)).astype(np.uint8)
+        return made
 
     @cached_property
     def color(self) -> Floats:
@@ -187,12 +226,12 @@ class Frame:
     @cached_property
     def _steps(self) -> NDArray[np.uint16]:
         """(h, w) rows of _colors."""
-        return np.where(self.seen, self.palette.steps(self.field), np.uint16(STEPS + 1))
+        return np.where(self.seen, self.palette.steps(self.field), np.uint16(len(self.palette.table) + 1))
 
     @property
     def _colors(self) -> Floats:
-        """(STEPS + 2, 3) the colours of the palette, of what is not a number, of the background."""
-        return np.vstack([self.palette.table, NOT_A_NUMBER, self.scene.background])
+        """(steps + 2, 3) the colours of the palette, of what is not a number, of the background."""
+        return np.vstack([self.palette.table, NOT_A_NUMBER, self.scene.backdrop])
 
     def counts(self) -> dict[str, int]:
         """Pixels by status, and those that are seen but are not finite numbers."""

@@ -37,6 +37,7 @@ class Contours(Model, of="contours"):
     width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.5
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.0, 0.0, 0.0)
     quantity: Annotated[Quantity | None, Setting("What the lines are of.", default="that of the style")] = None
+    labels: Annotated[bool, Setting("Whether the lines tell their values.")] = False
 
     def check(self) -> None:
         """SceneError unless there are either values or a count."""
@@ -50,6 +51,42 @@ class MeshLines(Model, of="mesh lines"):
 
     width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.0
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.25, 0.25, 0.25)
+
+
+@dataclass(frozen=True, repr=False)
+class ColorBar(Model, of="a colour bar"):
+    """How the colours of a colour map are spread over values, and the bar that tells it."""
+
+    title: Annotated[
+        str | None, Setting("Its title, with mathematics between dollars.", default="the name of the quantity")
+    ] = None
+    unit: Annotated[str | None, Setting("The unit of the values, after the title.")] = None
+    scale: Annotated[
+        Literal["linear", "log", "symlog"],
+        Setting("How colours go with values: evenly, by the logarithm, by the logarithm on both sides of zero."),
+    ] = "linear"
+    linear: Annotated[
+        float | None,
+        Setting(
+            "Of symlog: values nearer to zero than this are spread evenly.",
+            **POSITIVE,
+            default="a thousandth of the greatest value",
+        ),
+    ] = None
+    bands: Annotated[int | None, Setting("So many colours, each for a band of values.", ge=2, le=256)] = None
+    ticks: Annotated[
+        tuple[float, ...],
+        Setting("Values that are marked.", finite=True, expected="finite numbers", default="round ones"),
+    ] = ()
+    position: Annotated[
+        Literal["right", "left", "top", "bottom", "none"], Setting("Where it stands beside the picture.")
+    ] = "right"
+
+    def check(self) -> None:
+        """SceneError for a scale or a place that there is not."""
+        check(self.scale in ("linear", "log", "symlog"), "scale of a colour bar", "linear, log or symlog", self.scale)
+        places = ("right", "left", "top", "bottom", "none")
+        check(self.position in places, "position of a colour bar", " or ".join(places), self.position)
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,6 +108,7 @@ class Style(Model):
     range: Annotated[
         tuple[float, float] | None, Setting("Values at the ends of its colour map.", default="the scene's")
     ] = None
+    bar: Annotated[ColorBar | None, Setting("The bar of its colour map.", default="the scene's")] = None
     opacity: Annotated[
         float, Setting("Opacity.", gt=0, le=1, option="--opacity", option_help="Opacity of all objects.")
     ] = 1.0
@@ -88,9 +126,9 @@ class Style(Model):
         Setting(
             "Lines of equal value on it.",
             option="--contours",
-            metavar="N|V,V",
+            metavar="N|V,V[:labels]",
             parse="contours",
-            option_help="N contour lines, or those of values.",
+            option_help="N contour lines, or those of values, with these beside them.",
         ),
     ] = None
     mesh_lines: Annotated[

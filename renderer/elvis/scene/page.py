@@ -11,6 +11,9 @@ from PIL import Image, ImageDraw
 
 Pixels: TypeAlias = NDArray[np.uint8]
 Place: TypeAlias = tuple[float, float]
+#: red, green and blue in [0, 255]
+Rgb: TypeAlias = tuple[int, int, int]
+WHITE: Rgb = (255, 255, 255)
 #: pixels of the rows that are made at once
 AT_ONCE = 1 << 20
 
@@ -26,10 +29,10 @@ class Part:
         self._draw = ImageDraw.Draw(image)
 
     @staticmethod
-    def blank(box: tuple[int, int, int, int]) -> Part:
-        """A white one, from a box: first column and row, and those after the last."""
+    def blank(box: tuple[int, int, int, int], paper: Rgb = WHITE) -> Part:
+        """One of one colour, from a box: first column and row, and those after the last."""
         left, top, right, bottom = box
-        return Part((left, top), Image.new("RGB", (right - left, bottom - top), "white"))
+        return Part((left, top), Image.new("RGB", (right - left, bottom - top), paper))
 
     def _own(self, place: Place) -> Place:
         return place[0] - self.corner[0], place[1] - self.corner[1]
@@ -63,16 +66,17 @@ class Page:
 
     image   (h, w, 3) in [0, 255]
     corner  column and row of the page where the image begins
-    size    width and height; what nothing covers is white
+    size    width and height
+    paper   the colour of what nothing covers
     """
 
-    def __init__(self, image: Pixels, corner: tuple[int, int], size: tuple[int, int]) -> None:
-        self.image, self.corner, self.parts = image, corner, list[Part]()
+    def __init__(self, image: Pixels, corner: tuple[int, int], size: tuple[int, int], paper: Rgb = WHITE) -> None:
+        self.image, self.corner, self.paper, self.parts = image, corner, paper, list[Part]()
         self.width, self.height = size
 
     def rows(self, first: int, last: int) -> Pixels:
         """(last - first, width, 3) some of the page's rows."""
-        page = np.full((last - first, self.width, 3), 255, np.uint8)
+        page = np.full((last - first, self.width, 3), self.paper, np.uint8)
         own = slice(*np.clip((first - self.corner[1], last - self.corner[1]), 0, len(self.image)))
         _put(page, self.image[own], (self.corner[0], self.corner[1] + own.start - first))
         for part in self.parts:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.core.files.plain import check_plain
-from elvis.scene import Transfer
+from elvis.scene import ColorBar, Transfer, Vector
 from elvis.scene.errors import SceneError
 
+#: a function of many values at once
+Change: TypeAlias = Callable[[Floats], Floats]
 #: colour of what is seen but is not a finite number
 NOT_A_NUMBER = (1.0, 0.0, 1.0)
 STEPS = 256
@@ -32,11 +36,15 @@ ALIASES = {"elvis:diverging": "matplotlib:coolwarm"}
 
 @dataclass(frozen=True, eq=False)
 class Palette:
-    """A colour map in equal steps: ``table`` (STEPS, 3) in [0, 1], for values from ``low`` to ``high``."""
+    """A colour map: ``table`` (n, 3) in [0, 1], for values from ``low`` to ``high``.
+
+    edges  (n - 1,) the values at which one colour follows another, ascending; None: all steps are equal
+    """
 
     table: Floats
     low: float
     high: float
+    edges: Floats | None = None
 
     @staticmethod
     def named(name: str, low: float, high: float) -> Palette:
@@ -57,6 +65,21 @@ class Palette:
             ) from error
         return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
 
+    def spread(self, bar: ColorBar | None) -> Palette:
+        """The same colours, spread over the values as a bar says; SceneError where the range has no logarithms."""
+        if bar is None or (bar.scale == "linear" and bar.bands is None):
+            return self
+        if bar.scale == "log" and not self.low > 0.0:
+            raise SceneError(
+                f"a logarithmic scale: expected a range above zero, found {self.low:g} to {self.high:g}: "
+                "give two values for the range, or scale=symlog"
+            )
+        count = bar.bands or STEPS
+        table = self.table if bar.bands is None else self.table[np.rint(np.linspace(0, STEPS - 1, count)).astype(int)]
+        there, back = scales(bar, self.low, self.high)
+        low, high = there(np.array([self.low, self.high]))
+        return replace(self, table=table, edges=back(np.linspace(low, high, count + 1)[1:-1]))
+
     @staticmethod
     def of_transfer(transfer: Transfer) -> Palette:
         """The colours of a transfer function that has its own."""
@@ -64,7 +87,10 @@ class Palette:
         return Palette(_between(np.array(transfer.values), np.array(transfer.colors, np.float64), ends), *ends)
 
     def steps(self, values: Floats) -> NDArray[np.uint16]:
-        """Steps (…) of values (…): finite values beyond the range take the last one there, all others STEPS."""
+        """Steps (…) of values (…): finite values beyond the range take the last one there, all others their number."""
+        if self.edges is not None:
+            found = np.searchsorted(self.edges, values, side="right")
+            return np.where(np.isfinite(values), found, len(self.table)).astype(np.uint16)
         span = self.high - self.low
         with np.errstate(invalid="ignore", over="ignore"):
             scaled = (values - self.low) * (STEPS / span if span > 0 else 0.0)
@@ -75,6 +101,34 @@ class Palette:
     def colors(self, values: Floats) -> Floats:
         """Colours (…, 3) in [0, 1] of values (…)."""
         return np.vstack([self.table, NOT_A_NUMBER]).take(self.steps(values), axis=0)
+
+
+def linear_part(bar: ColorBar, low: float, high: float) -> float:
+    """Up to which size values are spread evenly on a symmetric logarithmic scale."""
+    return bar.linear or 1e-3 * max(abs(low), abs(high)) or 1.0
+
+
+def scales(bar: ColorBar, low: float, high: float) -> tuple[Change, Change]:
+    """What goes evenly with colours as a function of the values (k,) of a range, and its inverse."""
+    if bar.scale == "log":
+        return np.log, np.exp
+    if bar.scale == "linear":
+        return np.asarray, np.asarray
+    part = linear_part(bar, low, high)
+
+    # even up to the linear part, which has the room of a power of ten, as matplotlib has it
+    room = 1.0 / (1.0 - 0.1)
+
+    def there(values: Floats) -> Floats:
+        size = np.abs(values)
+        far = room + np.log10(np.maximum(size / part, 1.0))
+        return np.asarray(np.where(size <= part, room * values / part, np.sign(values) * far))
+
+    def back(places: Floats) -> Floats:
+        far = part * 10.0 ** (np.abs(places) - room)
+        return np.asarray(np.where(np.abs(places) <= room, places * part / room, np.sign(places) * far))
+
+    return there, back
 
 
 def _between(places: Floats, colors: Floats, ends: tuple[float, float]) -> Floats:
@@ -128,6 +182,18 @@ def automatic_range(values: Floats) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = float(finite.min()), float(finite.max())
     size = max(abs(low), abs(high))
-    if high - low <= CONSTANT * size:
+    if is_constant(low, high):
         return low - (0.5 * size or 1.0), high + (0.5 * size or 1.0)
     return low, high
+
+
+def text_color_on(background: Vector) -> Vector:
+    """A dark or light colour that can be read on a background."""
+    red, green, blue = background
+    dark = 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.4
+    return (0.92, 0.92, 0.92) if dark else (30 / 255, 30 / 255, 30 / 255)
+
+
+def is_constant(low: float, high: float) -> bool:
+    """Whether values between two vary by rounding alone."""
+    return high - low <= CONSTANT * max(abs(low), abs(high))

@@ -12,7 +12,7 @@ from elvis.scene.tables import Table
 from elvis.scene.whole import Scene
 
 #: suffixes of pictures and records
-PICTURES = (".png", ".exr", ".npz")
+PICTURES = (".png", ".svg", ".pdf", ".exr", ".npz")
 #: suffixes of files that a scene may write, by key
 SUFFIXES = {"outputs": PICTURES, "stats": (".json",)}
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Set
 from typing import TypeAlias
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from elvis.scene import VolumeRendering
+from elvis.scene import Vector, VolumeRendering
 from elvis.scene.frame import Frame, Legend
-from elvis.scene.page import Page, Part
+from elvis.scene.page import Page, Part, Rgb
+from elvis.scene.palette import text_color_on
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
-TEXT_COLOR = (30, 30, 30)
+
+
+def in_bytes(color: Vector) -> Rgb:
+    """A colour of parts in [0, 1] in [0, 255]."""
+    red, green, blue = (round(255 * part) for part in color)
+    return red, green, blue
 
 
 def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
@@ -58,13 +65,14 @@ def labels(values: list[float]) -> list[str]:
 
 
 def _framed(frame: Frame) -> Page:
-    """The image on white with its axes; the title above, to its right a bar for each colour map, contours below."""
+    """The image on its background with its axes; the title above, a bar for each colour map beside it, notes below."""
     high, wide = frame.rgb.shape[:2]
     unit = max(10, round(min(wide, high) / 45))
     font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
-    mapped = [legend for legend in frame.legends if legend.palette]
+    text_color, paper = in_bytes(text_color_on(frame.scene.backdrop)), in_bytes(frame.scene.backdrop)
+    mapped = [legend for legend in frame.legends if legend.palette and legend.constant is None]
     tall = max(high, 6 * unit if mapped else 0)  # what numbers of a bar need
-    bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, tall, small) for legend in mapped]
+    bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, tall, small, text_color) for legend in mapped]
     title = frame.scene.title if frame.scene.title is not None else mapped[0].title if len(mapped) == 1 else ""
     width = max(wide + 2 * unit + sum(bar.width for bar in bars), round(font.getlength(title)) + 3 * unit)
     below = notes(frame, width - 2 * unit, small)
@@ -72,18 +80,18 @@ def _framed(frame: Frame) -> Page:
     # what stands above, to the right of, and below the image; the first and last may reach over the second
     top, foot = 3 * unit if title or any(bar.name for bar in bars) else unit, round(1.6 * unit)
     height, right, bottom = tall + top + unit + foot * len(below), unit + wide, top + tall
-    made = Page(frame.rgb, (unit, top), (width, height))
-    above, right_of = Part.blank((0, 0, right, top)), Part.blank((right, 0, width, height))
-    under = Part.blank((0, bottom, right, height))
+    made = Page(frame.rgb, (unit, top), (width, height), paper)
+    above, right_of = Part.blank((0, 0, right, top), paper), Part.blank((right, 0, width, height), paper)
+    under = Part.blank((0, bottom, right, height), paper)
     for part in (above, right_of):
-        part.text((unit, top / 2), title, fill=TEXT_COLOR, font=font, anchor="lm")
+        part.text((unit, top / 2), title, fill=text_color, font=font, anchor="lm")
     x = wide + 5 * unit // 2
     for bar in bars:
         bar.draw(right_of, (x, top))
         x += bar.width
     for number, line in enumerate(below):
         for part in (under, right_of):
-            part.text((unit, bottom + unit + foot * number), line, fill=TEXT_COLOR, font=small, anchor="lt")
+            part.text((unit, bottom + unit + foot * number), line, fill=text_color, font=small, anchor="lt")
     made.parts += [above, right_of, under]
     if min(wide, high) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, made, unit, small)
@@ -93,10 +101,10 @@ def _framed(frame: Frame) -> Page:
 class _Bar:
     """A colour map from low (below) to high (above), this many pixels high, under its name where it has one."""
 
-    def __init__(self, legend: Legend, name: str, unit: int, height: int, font: Font) -> None:
+    def __init__(self, legend: Legend, name: str, unit: int, height: int, font: Font, text_color: Rgb) -> None:
         assert legend.palette is not None
         self.palette, self.marks, self.name = legend.palette, legend.marks, name
-        self.unit, self.height, self.font = unit, height, font
+        self.unit, self.height, self.font, self.text_color = unit, height, font, text_color
         values = ticks(self.palette.low, self.palette.high, max(3, height // (4 * unit)))
         self.scale = list(zip(values, labels(values), strict=True))
         room = max(font.getlength(text) for text in (*labels(values), "0.00"))
@@ -108,7 +116,7 @@ class _Bar:
         column = palette.colors(np.linspace(palette.high, palette.low, self.height))[:, None, :]
         (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)
         part.paste(Image.fromarray(np.rint(column * 255).astype(np.uint8).repeat(width, axis=1), "RGB"), corner)
-        part.text((x, y - 1.2 * unit), self.name, fill=TEXT_COLOR, font=self.font, anchor="lm")
+        part.text((x, y - 1.2 * unit), self.name, fill=self.text_color, font=self.font, anchor="lm")
 
         def line(value: float, left: int, right: int, color: tuple[int, ...]) -> float:
             level = y + (palette.high - value) / (palette.high - palette.low) * (self.height - 1)
@@ -118,10 +126,10 @@ class _Bar:
         for value, color in self.marks:
             if palette.low <= value <= palette.high:
                 line(value, 0, width - 1, tuple(round(255 * share) for share in color))
-        part.rectangle((x, y), (x + width - 1, y + self.height - 1), outline=TEXT_COLOR)
+        part.rectangle((x, y), (x + width - 1, y + self.height - 1), outline=self.text_color)
         for value, text in self.scale:
-            level = line(value, width, width + unit // 3, TEXT_COLOR)
-            part.text((x + width + unit // 2, level), text, fill=TEXT_COLOR, font=self.font, anchor="lm")
+            level = line(value, width, width + unit // 3, self.text_color)
+            part.text((x + width + unit // 2, level), text, fill=self.text_color, font=self.font, anchor="lm")
 
 
 def shortest(value: float) -> str:
@@ -131,25 +139,59 @@ def shortest(value: float) -> str:
 
 
 def notes(frame: Frame, width: float, font: Font) -> list[str]:
-    """Sentences that tell the contours, in lines no wider than ``width`` pixels.
+    """The sentences in lines no wider than ``width`` pixels."""
+    return [line for words in _notes(frame, contours=True) for line in _lines(words, width, font)]
+
+
+def sentences(frame: Frame, *, contours: bool) -> list[str]:
+    """What bars don't tell: the only value of what has no bar and, where wanted, the values of contours.
 
     Values that the scene has are said exactly, others with the digits that tell them well apart from their neighbours.
     """
+    return [" ".join(words) for words in _notes(frame, contours=contours)]
+
+
+def _notes(frame: Frame, *, contours: bool) -> list[list[str]]:
+    typed = typed_values(frame)
+    found = [
+        [f"{legend.title}", f"= {shortest(legend.constant)}", "wherever", "it", "is", "seen"]
+        for legend in frame.legends
+        if legend.constant is not None
+    ]
+    return found + [_note(legend, typed) for legend in frame.legends if legend.marks and contours]
+
+
+def typed_values(frame: Frame) -> set[float]:
+    """The values of contours that the scene has."""
     styles = [item.style for item in frame.scene.every_object if not isinstance(item, VolumeRendering)]
-    typed = {value for style in styles if style.contours for value in style.contours.values}
-    return [line for legend in frame.legends if legend.marks for line in _note(legend, typed, width, font)]
+    return {value for style in styles if style.contours for value in style.contours.values}
 
 
-def _note(legend: Legend, typed: set[float], width: float, font: Font) -> list[str]:
-    values = [value for value, _ in legend.marks]
+def _note(legend: Legend, typed: set[float]) -> list[str]:
+    """What contours are of, word by word."""
+    words = [f"{text}," for text in mark_texts(legend, typed)]
+    if len(words) > 16:
+        words = [*words[:3], "…", words[-1]]
+    return ["contours", "of", legend.title, "at", *words[:-1], words[-1].rstrip(",")]
+
+
+def mark_texts(legend: Legend, typed: set[float]) -> list[str]:
+    """The values of contours: those that the scene has exactly, others as far as it takes to tell them well apart."""
+    return told([value for value, _ in legend.marks], typed)
+
+
+def told(values: Sequence[float], typed: Set[float] = frozenset()) -> list[str]:
+    """Texts of values in as many digits as tell them well apart from their neighbours; of ``typed`` ones in all."""
     gaps = np.diff(np.unique(values))
     step = max(gaps.min() if len(gaps) else 1e-4 * abs(values[0]), 1e-300)
     decimals = 1 - int(np.floor(np.log10(step)))
-    words = [f"{shortest(value if value in typed else round(value, decimals))}," for value in values]
-    if len(values) > 16:
-        words = [*words[:3], "…", words[-1]]
-    lines = ["contours"]
-    for word in ["of", legend.title, "at", *words[:-1], words[-1].rstrip(",")]:
+    return [shortest(value if value in typed else round(value, decimals)) for value in values]
+
+
+def _lines(words: list[str], width: float, font: Font) -> list[str]:
+    """Words in lines no wider than so many pixels."""
+    lines = [words[0]]
+    for word in words[1:]:
         longer = f"{lines[-1]} {word}"
         if font.getlength(longer) <= width:
             lines[-1] = longer
@@ -187,7 +229,7 @@ def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
     if not free:
         disc = Image.new("L", shape)
         ImageDraw.Draw(disc).ellipse((0, 0, shape[0] - 1, shape[1] - 1), fill=110)
-        part.paste((255, 255, 255), place, disc.resize((side, side), Image.Resampling.LANCZOS))
+        part.paste(in_bytes(frame.scene.backdrop), place, disc.resize((side, side), Image.Resampling.LANCZOS))
     for axis in np.argsort(-forward):
         tip = middle + 2.4 * unit * finer * np.array([right[axis], -up[axis]])
         along = tip - middle

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from elvis.core.files.output import Outputs, replacing
 from elvis.scene.errors import SceneError
+from elvis.scene.figure import save_figure, wanted
 from elvis.scene.frame import Frame, Status
 from elvis.scene.permissions import PICTURES
 from elvis.scene.png import write_png
+from elvis.scene.whole import VECTORS
 
 #: pixels beyond which a picture is made and compressed some rows at a time, which takes longer but no memory
 LARGE = 1 << 24
@@ -26,6 +30,15 @@ def check_suffix(path: Path) -> None:
         )
 
 
+def save_panels(frames: Sequence[Frame], path: Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
+    """Write one figure of several pictures, which stand in rows and columns as the first one's scene says."""
+    suffix = path.suffix.lower()
+    if suffix not in (*VECTORS, ".png"):
+        raise SceneError(f"{path}: expected a name that ends in .png, .svg, .pdf for panels, found {path.suffix}")
+    with replacing(path, outputs) as temporary:
+        save_figure(frames, temporary, suffix, plain=plain)
+
+
 def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
     """Write the frame in the format of the file's suffix; nothing is left under the name where writing fails.
 
@@ -34,6 +47,8 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
     check_suffix(path)
     with replacing(path, outputs) as temporary:
         match path.suffix.lower():
+            case suffix if suffix in VECTORS or (suffix == ".png" and wanted(frame, suffix)):
+                save_figure([frame], temporary, suffix, plain=plain)
             case ".png":
                 _save_png(frame, temporary, plain=plain)
             case ".exr":
@@ -47,6 +62,9 @@ def _save_png(frame: Frame, path: Path, *, plain: bool) -> None:
     """The picture; a large one row by row."""
     from elvis.scene.picture import page, picture
 
+    if frame.scene.is_clear:
+        Image.fromarray(frame.rgba, "RGBA").save(path, format="PNG")
+        return
     if frame.view.count <= LARGE:
         picture(frame, plain=plain).save(path, format="PNG")
         return

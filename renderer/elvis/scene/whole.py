@@ -5,7 +5,7 @@ from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from elvis.scene.errors import SceneError
-from elvis.scene.objects import COLOR, CutSurface, SceneObject, check_range
+from elvis.scene.objects import COLOR, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
 from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check, settings
 from elvis.scene.surfaces import Plane, Surface, Vector, unit
 
@@ -46,6 +46,8 @@ class Camera(Model):
         return right, np.cross(right, forward), forward
 
 
+#: suffixes of pictures that hold lines and texts as such
+VECTORS = (".svg", ".pdf")
 #: the direction that a named view looks along, and its upward direction
 NAMED_VIEWS: dict[str, tuple[Vector, Vector]] = {
     "+x": ((1, 0, 0), (0, 0, 1)),
@@ -153,11 +155,26 @@ class Scene(Model):
             default="seen",
         ),
     ] = None
-    background: Annotated[Vector, Setting("Background colour.", option="--background", default="white", **COLOR)] = (
-        1.0,
-        1.0,
-        1.0,
-    )
+    bar: Annotated[
+        ColorBar | None,
+        Setting(
+            "The colour bar of the scene's field, and how its colours are spread over values.",
+            option="--bar",
+            metavar="KEY=VALUE,...",
+            parse="bar",
+            option_help="Of the colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, linear=V, bands=N, "
+            "ticks=V V, position=right|left|top|bottom|none.",
+        ),
+    ] = None
+    background: Annotated[
+        tuple[float, ...],
+        Setting(
+            "Background colour, with its opacity as a fourth number: 0 leaves the background of a picture transparent.",
+            option="--background",
+            default="white",
+            **{**COLOR, "parse": "background", "expected": "red, green, blue and opacity from 0 to 1"},
+        ),
+    ] = (1.0, 1.0, 1.0)
     objects: Annotated[tuple[SceneObject, ...], Setting("What is shown.", default="all outer faces of 3D data")] = ()
     samples: Annotated[
         int, Setting("Supersampling: average N x N samples per pixel.", ge=1, le=16, option="--samples")
@@ -192,6 +209,33 @@ class Scene(Model):
     title: Annotated[
         str | None, Setting("Title above the picture.", option="--title", default="the name of the field")
     ] = None
+    axes: Annotated[bool, Setting("Axes with ticks: beside the picture, or along the box.", option="--axes")] = False
+    scale_bar: Annotated[bool, Setting("A bar of a round length, in parallel views.", option="--scale-bar")] = False
+    box: Annotated[bool, Setting("The edges of the box around the domain.", option="--box")] = False
+    outline: Annotated[bool, Setting("The outline of what is seen.", option="--outline")] = False
+    font: Annotated[str | None, Setting("The name of a font.", option="--font", default="DejaVu Sans")] = None
+    font_size: Annotated[
+        float | None,
+        Setting(
+            "Size of texts.", gt=0, le=200, unit="points", option="--font-size", default="by the size of the picture"
+        ),
+    ] = None
+    dpi: Annotated[float, Setting("Pixels of the picture in an inch of a page.", gt=0, le=10000, option="--dpi")] = (
+        200.0
+    )
+    panels: Annotated[
+        tuple[int, int] | None,
+        Setting(
+            "Rows and columns in which the pictures of several scenes stand.",
+            ge=1,
+            le=20,
+            unit="a side",
+            option="--panels",
+            metavar="ROWSxCOLUMNS",
+            parse="panels",
+        ),
+    ] = None
+    scenes: Annotated[tuple[FilePath, ...], Setting("Scene files, of each of which a panel shows the picture.")] = ()
     time: Annotated[
         float | None,
         Setting("What t stands for in expressions.", finite=True, option="--time", default="the time of the data"),
@@ -233,7 +277,9 @@ class Scene(Model):
     ] = "auto"
     outputs: Annotated[
         tuple[FilePath, ...],
-        Setting("Pictures and records to be written: .png, .exr, .npz.", option="--output -o", repeatable=True),
+        Setting(
+            "Pictures and records to be written: .png, .svg, .pdf, .exr, .npz.", option="--output -o", repeatable=True
+        ),
     ] = ()
     plain: Annotated[bool, Setting("The bare image, without title and colour bar.", option="--plain")] = False
     stats: Annotated[FilePath | None, Setting("Write seconds, bytes and counts as JSON.", option="--stats")] = None
@@ -246,10 +292,32 @@ class Scene(Model):
             raise SceneError(f"the size of a picture is {size.allowed}, found {found}")
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
             raise SceneError(f"unknown view {self.camera!r}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
+        check(len(self.background) in (3, 4), "background", "3 numbers, or 4", len(self.background))
         if isinstance(self.range, str):
             check(self.range in ("seen", "all"), "range", "seen, all or two values", self.range)
         else:
             check_range(self.range)
+
+    @property
+    def backdrop(self) -> Vector:
+        """Red, green and blue of the background."""
+        red, green, blue = self.background[:3]
+        return red, green, blue
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether one can see through the background."""
+        return len(self.background) == 4 and self.background[3] < 1.0
+
+    @property
+    def is_traced(self) -> bool:
+        """Whether lines are drawn over the pixels, as curves: in vector graphics, with labels, around what is seen."""
+        items = self.every_object
+        if any(isinstance(item, VolumeRendering) for item in items):
+            return False
+        styles = [item.style for item in items if not isinstance(item, VolumeRendering)]
+        labelled = any(style.contours and style.contours.labels for style in styles)
+        return self.outline or labelled or any(name.lower().endswith(VECTORS) for name in self.outputs)
 
     @property
     def every_object(self) -> tuple[SceneObject, ...]:
@@ -267,4 +335,4 @@ class Scene(Model):
     def is_plain(self) -> bool:
         """Whether the colours of one unlit plane are all that is shown, one sample per pixel."""
         usual = None if self.only_plane is None else (CutSurface(self.only_plane),)
-        return self.every_object == usual and not self.clip and self.samples == 1
+        return self.every_object == usual and not (self.clip or self.outline) and self.samples == 1

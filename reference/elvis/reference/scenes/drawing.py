@@ -196,8 +196,8 @@ class Scenery:
             covered = part.pixel[part.alpha > 0]
             status.ravel()[covered[status.ravel()[covered] == Status.MISS]] = Status.CERTAIN
         status[failed.reshape(status.shape)] = Status.FAILED
-        palette = Palette.named(scene.palette, *ends)
-        legends = (Legend(scene.field, palette),)
+        palette = Palette.named(scene.palette, *ends).spread(scene.bar)
+        legends = (Legend(scene.field, palette, bar=scene.bar),)
         drawing = Drawing(made.depth, made.normal, made.color, legends, made.uncertainty, line_status)
         stats = {} if line_status is None else {"contours": counted(line_status)}
         return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)

@@ -31,6 +31,8 @@ Examples:
   elvis render mine.dat --plugin my_plugin.py --plane 0,0,0:0,0,1 -o mine.png
   elvis render wing.xml wing.fld --field p --plane 0,0,0:0,0,1 --camera 3,-4,2:0,0,0:0,0,1:30 -o view.png
   elvis render wing.xml wing.fld --faces all --save-scene wing.toml -o wing.png
+  elvis render wing.xml wing.fld --plane 0,0,0.2:0,0,1 --contours 10:labels --axes --bar unit=Pa,bands=8 -o wing.pdf
+  elvis render a.toml b.toml c.toml d.toml --panels 2x2 -o four.svg
   elvis render wing.toml --samples 3 --set objects[0].style.opacity=0.5 -o smooth.png
 """
 
@@ -57,15 +59,14 @@ def render(
 
     A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
-    from elvis.plugins.opening import Opened
-    from elvis.scene.commandline.composing import composed
+    from elvis.scene.commandline.composing import composed, panels
 
     scene = composed(data, options, settings)
     _check_places(scene, data, save_scene, overwrite)
-    opened = _opened(scene, not no_cache)
-    frame = _frame(opened, scene)
-    _write(frame, scene, save_scene)
-    _report(frame, () if isinstance(opened, Opened) else opened.remarks)
+    frames, notes = _frames(panels(scene), not no_cache)
+    _write(frames, scene, save_scene)
+    for frame in frames:
+        _report(frame, notes)
 
 
 def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
@@ -85,6 +86,26 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
         scene_text(scene, save_scene)
     written = [place for place in (*scene.outputs, scene.stats, save_scene) if place]
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
+
+
+def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list[str]]:
+    """The pictures of scenes, and what is noted of their data, which are opened once.
+
+    Those that have their colours from one field are drawn in one range, so that a bar tells all.
+    """
+    from elvis.plugins.opening import Opened
+    from elvis.scene.commandline.composing import in_one_range
+
+    known: dict[object, Dataset | Opened] = {}
+    for scene in scenes:
+        key = scene.data, scene.plugin, scene.reader
+        known[key] = known[key] if key in known else _opened(scene, is_kept)
+    data = [known[scene.data, scene.plugin, scene.reader] for scene in scenes]
+    frames = list(map(_frame, data, scenes))
+    shared = in_one_range(frames) if len(frames) > 1 else None
+    if shared is not None:
+        frames = [_frame(own, replace(scene, range=shared)) for own, scene in zip(data, scenes, strict=True)]
+    return frames, [remark for own in known.values() if not isinstance(own, Opened) for remark in own.remarks]
 
 
 def _opened(scene: Scene, is_kept: bool) -> Dataset | Opened:
@@ -108,23 +129,30 @@ def _frame(opened: Dataset | Opened, scene: Scene) -> Frame:
         return draw(opened, scene, device=scene.device, progress=told)
 
 
-def _write(frame: Frame, scene: Scene, save_scene: Path | None) -> None:
+def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
     """All files at once: pictures, numbers as JSON, and the scene with the camera and size that were found."""
     import json
 
     from elvis.core.files.output import Outputs, write_text
     from elvis.core.terminal import warn
     from elvis.scene.files import write_scene
+    from elvis.scene.saving import save_panels
 
+    frame = frames[0]
     left_out: tuple[str, ...] = ()
     with Outputs() as outputs:
         for output in scene.outputs:
-            frame.save(output, plain=scene.plain, outputs=outputs)
+            if scene.scenes:
+                save_panels(frames, Path(output), plain=scene.plain, outputs=outputs)
+            else:
+                frame.save(output, plain=scene.plain, outputs=outputs)
         if scene.stats:
-            write_text(scene.stats, json.dumps(frame.stats, indent=2) + "\n", outputs)
+            told = {"panels": [one.stats for one in frames]} if scene.scenes else frame.stats
+            write_text(scene.stats, json.dumps(told, indent=2) + "\n", outputs)
         if save_scene:
             size = (frame.view.width, frame.view.height)
-            left_out = write_scene(replace(scene, camera=frame.view.camera, size=size), save_scene, outputs)
+            drawn = scene if scene.scenes else replace(scene, camera=frame.view.camera, size=size)
+            left_out = write_scene(drawn, save_scene, outputs)
     for key in left_out:
         warn(f"{save_scene}: without {key}, which goes further than a scene file may: give it as an option again")
 

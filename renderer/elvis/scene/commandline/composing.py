@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from elvis.scene.errors import SceneError
 
 if TYPE_CHECKING:
     from elvis.scene import Scene, SceneObject
+    from elvis.scene.frame import Frame
 
 #: keys that a scene file may set within limits, and options without
 OVERRIDDEN = {"outputs", "stats", "plugin"}
@@ -34,7 +36,7 @@ def composed(
 
     scene_files = [file for file in files if is_scene_file(file)]
     if len(scene_files) > 1:
-        raise SceneError(f"expected one scene file, found {' and '.join(map(str, scene_files))}")
+        options, scene_files = {**options, "scenes": tuple(map(str, scene_files))}, []
     given = {key: value for key, value in options.items() if value is not None and value != ()}
     scene = read_scene(scene_files[0], (*(OVERRIDDEN & given.keys()), *unused)) if scene_files else Scene()
     style = {key: given.pop(key) for key in STYLES if key in given}
@@ -49,6 +51,29 @@ def composed(
     scene = replace(scene, **given, objects=(*scene.objects, *cuts, *others), data=data or scene.data)
     scene = _styled(scene, style) if style else scene
     return _set(scene, settings) if settings else scene
+
+
+def panels(scene: Scene) -> tuple[Scene, ...]:
+    """The scenes of a figure's panels, with what the scene that lists them says for all; itself where it lists none."""
+    from elvis.scene.files import read_scene
+    from elvis.scene.settings import given_values
+
+    given = {key: value for key, value in given_values(scene).items() if key not in ("scenes", "title")}
+    listed = tuple(replace(read_scene(file, OVERRIDDEN), **given) for file in scene.scenes)
+    rows, columns = scene.panels or (1, len(listed))
+    if rows * columns < len(listed):
+        raise SceneError(f"panels: expected places for {len(listed)} scenes, found {rows} x {columns}")
+    return listed or (scene,)
+
+
+def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
+    """The range of all that several pictures show, where they show the same field in the same automatic colours."""
+    maps = [[legend for legend in frame.legends if legend.palette] for frame in frames]
+    free = all(frame.scene.range in (None, "seen") for frame in frames)
+    alike = {(frame.scene.field, frame.scene.palette) for frame in frames}
+    if not free or len(alike) != 1 or any(len(own) != 1 or own[0].title != frames[0].scene.field for own in maps):
+        return None
+    return min(frame.range[0] for frame in frames), max(frame.range[1] for frame in frames)
 
 
 def _styled(scene: Scene, style: dict[str, Any]) -> Scene:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+import re
+from typing import Any, get_args, get_origin
 
 import click
 from PIL import ImageColor
@@ -85,8 +86,42 @@ def volume(text: str) -> scene.VolumeRendering:
 
 
 def contours(text: str) -> scene.Contours:
-    """A whole number: this many lines; else their values, with commas or a decimal point."""
-    return scene.Contours(count=int(text)) if text.isdecimal() else scene.Contours(numbers(text))
+    """A whole number: so many lines; else their values, with commas or a decimal point; then ``:labels``."""
+    text, _, rest = text.partition(":")
+    check(rest in ("", "labels"), "contours", "N or V,V and :labels", repr(rest))
+    labels = rest == "labels"
+    return (
+        scene.Contours(count=int(text), labels=labels)
+        if text.isdecimal()
+        else scene.Contours(numbers(text), labels=labels)
+    )
+
+
+def bar(text: str) -> scene.ColorBar:
+    """``KEY=VALUE,KEY=VALUE…``; of a title up to the next comma with a key behind it."""
+    pairs = [part.partition("=") for part in re.split(r",\s*(?=\w+=)", text)]
+    known = types(scene.ColorBar)
+    for key, equals, _ in pairs:
+        check(equals and key in known, "--bar", f"KEY=VALUE of {', '.join(known)}", repr(key))
+    return scene.ColorBar(**{key: _plain(known[key], value) for key, _, value in pairs})
+
+
+def _plain(hint: Any, text: str) -> Any:
+    """A text, a number, a whole one, or a list of numbers."""
+    only = choices(hint)[0]
+    if get_origin(only) is tuple:
+        return numbers(text.replace(" ", ","))
+    if only is int:
+        check(text.isdecimal(), "--bar", "a whole number", repr(text))
+        return int(text)
+    return _number(text) if only is float else text
+
+
+def panels(text: str) -> tuple[int, int]:
+    """``ROWSxCOLUMNS``."""
+    sides = text.lower().split("x")
+    check(len(sides) == 2 and all(map(str.isdecimal, sides)), "panels", "ROWSxCOLUMNS such as 2x2", repr(text))
+    return int(sides[0]), int(sides[1])
 
 
 def camera(text: str) -> scene.Camera | str:
@@ -116,16 +151,23 @@ def color_range(text: str) -> tuple[float, float] | str:
     return low, high
 
 
-def color(text: str) -> scene.Vector:
-    """A name or ``#rrggbb``, as CSS has them, or three parts from 0 to 1 with commas between them."""
-    if text.count(",") == 2:
-        r, g, b = numbers(text, 3)
-        return r, g, b
+def background(text: str) -> tuple[float, ...]:
+    """A name, ``#rrggbb`` or ``#rrggbbaa``, as CSS has them, or parts from 0 to 1 with commas between them."""
+    if text == "transparent":
+        return 1.0, 1.0, 1.0, 0.0
+    if text.count(",") in (2, 3) and "(" not in text:
+        return numbers(text, text.count(",") + 1)
     try:
-        r, g, b = (part / 255 for part in ImageColor.getrgb(text)[:3])
+        return tuple(part / 255 for part in ImageColor.getrgb(text))
     except ValueError as error:
         raise click.BadParameter(f"expected a colour such as white, #ff8000 or 1,0.5,0, found {text!r}") from error
-    return r, g, b
+
+
+def color(text: str) -> scene.Vector:
+    """The same without opacity, which --opacity says."""
+    found = background(text)
+    check(len(found) == 3 or found[3] == 1.0, "a colour", "one without opacity, which --opacity says", repr(text))
+    return found[0], found[1], found[2]
 
 
 def light(text: str) -> scene.Light:

@@ -58,7 +58,12 @@ class Marks:
     @cached_property
     def coverage(self) -> Floats:
         """(n,) part of each pixel that its nearest line covers."""
-        return np.where(self._read == NOTHING, 0.0, covered((self._read & np.uint32(self.mask)) / UNITS, self.width))
+        return covered(self.distance, self.width)
+
+    @property
+    def distance(self) -> Floats:
+        """(n,) pixels from each pixel's centre to its nearest line, infinite where none is near."""
+        return np.where(self._read == NOTHING, np.inf, (self._read & np.uint32(self.mask)) / UNITS)
 
     @cached_property
     def number(self) -> Ints:
@@ -108,6 +113,26 @@ class Lines:
         width     in pixels
         quantity  of the parts, whose values are the hit buffer's field; None is the parts' own field
         """
+        buffers, pieces, size = self._prepared(view, hits, values, width, quantity)
+        buffers |= {name: self._device.empty(np.uint32, 8) for name in ("strokes", "count")}
+        self._run("line_draw", view, hits, pieces, buffers, quantity, **size)
+        return Marks(self._device, buffers["marks"], width, hits.owner, NOTHING - MOST + 1)
+
+    def strokes(self, view: View, hits: HitBuffer, values: Floats, quantity: str | None = None) -> NDArray[Any]:
+        """The same lines as short straight ones, the records Stroke of line.slang; those that other parts hide too."""
+        buffers, pieces, size = self._prepared(view, hits, values, 1.0, quantity)
+        kernel = self._device.kernel("line_draw", self._loaded.parts[0], quantity)
+        kernel.capacity = max(kernel.capacity, 4 * len(pieces.pixel))
+
+        def run(lists: dict[str, Buffer]) -> None:
+            self._run("line_draw", view, hits, pieces, {**buffers, **lists}, quantity, **size, traced=1)
+
+        return self._device.listed("strokes", kernel, run)
+
+    def _prepared(
+        self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None
+    ) -> tuple[dict[str, Buffer], Pieces, dict[str, float]]:
+        """What line_draw needs for contours: buffers, pieces to be searched, and numbers of its record."""
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
         buffers = self._buffers(view, hits, width)
@@ -116,9 +141,7 @@ class Lines:
         slivers = self._slivers(view, hits, levels, quantity)
         smooth = all(self._is_polynomial(number, quantity) for number in range(len(self._loaded.parts)))
         pieces = slivers.and_those(self._found(view, hits, buffers, len(levels), smooth))
-        size = {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": hits.offset}
-        self._run("line_draw", view, hits, pieces, buffers, quantity, **size)
-        return Marks(self._device, buffers["marks"], width, hits.owner, NOTHING - MOST + 1)
+        return buffers, pieces, {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": hits.offset}
 
     def mesh(self, view: View, hits: HitBuffer, width: float) -> Marks:
         """Lines along the borders of elements; width in pixels."""

@@ -1,0 +1,132 @@
+"""Lines of a picture as curves (see elvis.scene.strokes), from the hits of its surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.renderer.compositing import FAINT
+from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.pixels import NOBODY
+from elvis.renderer.shading import Drawn, Painter
+from elvis.renderer.stages import DrawCall
+from elvis.scene import Vector
+from elvis.scene.strokes import Stroke, borders, chained, met
+from elvis.scene.view import View
+
+#: width of lines whose distances to borders are known far enough from these, in pixels
+WIDE = 6.0
+#: width of outlines in pixels
+OUTLINE = 1.5
+#: part of a depth within which two surfaces are one
+SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What lines have in common that are one stroke."""
+
+    width: float
+    color: Vector
+    opacity: float
+    value: float | None
+    labels: bool = False
+
+
+@dataclass(eq=False)
+class Tracer:
+    """Gathers short lines band by band."""
+
+    painter: Painter
+    found: dict[Kind, list[tuple[Floats, Floats]]] = field(default_factory=dict)
+
+    def strokes(self) -> tuple[Stroke, ...]:
+        """All of them, joined."""
+        made = []
+        for kind, parts in self.found.items():
+            starts, ends = (np.concatenate(some) for some in zip(*parts, strict=True))
+            lines = chained(starts, ends)
+            lines = met(lines) if kind.value is None else lines
+            made.append(Stroke(lines, kind.width, kind.color, kind.opacity, kind.value, kind.labels))
+        return tuple(made)
+
+    def note(self, drawn: Drawn, view: View, shift: tuple[int, int], own: Bools) -> None:
+        """Lines of the surfaces of a view.
+
+        shift  from columns and rows of the view to those of the picture
+        own    (n,) pixels of the view on which lines are wanted
+        """
+        for number, (draw_call, hits) in enumerate(drawn):
+            before = [one for k, one in enumerate(drawn) if k != number]
+            if draw_call.style.mesh_lines is not None:
+                side = hits.owner if hits.side is None else hits.side
+                lines = self._borders(view, hits, side)
+                width, color = draw_call.style.mesh_lines.width, draw_call.style.mesh_lines.color
+                self._keep(Kind(width, color, 1.0, None), lines, before, hits, shift, own)
+            if draw_call.style.contours is not None:
+                self._contours(view, draw_call, hits, before, shift, own)
+        if self.painter.scene.outline and drawn:
+            self._outline(drawn, view, shift, own)
+
+    def _borders(self, view: View, hits: HitBuffer, side: NDArray[np.uint32]) -> tuple[Floats, Floats, Ints]:
+        """Short lines around all pixels of one side."""
+        shape = view.height, view.width
+        marks = self.painter.stages.lines.mesh(view, hits, WIDE)
+        owner = np.where(hits.owner == NOBODY, -1, side.astype(np.int64)).reshape(shape)
+        return borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape))
+
+    def _outline(self, drawn: Drawn, view: View, shift: tuple[int, int], own: Bools) -> None:
+        """The border of all that is seen; distances to borders are those of the nearest surface."""
+        distance, depth = np.full((2, view.count), np.inf)
+        for _, hits in drawn:
+            nearer = np.flatnonzero(hits.depth < depth)
+            depth[nearer] = hits.depth[nearer]
+            distance[nearer] = self.painter.stages.lines.mesh(view, hits, WIDE).distance[nearer]
+        shape = view.height, view.width
+        seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
+        lines = borders(seen, distance.reshape(shape), depth.reshape(shape))
+        self._keep(Kind(OUTLINE, self.painter.text_color, 1.0, None), lines, [], drawn[0][1], shift, own)
+
+    def _contours(
+        self, view: View, draw_call: DrawCall, hits: HitBuffer, before: Drawn, shift: tuple[int, int], own: Bools
+    ) -> None:
+        """The contours of a surface, where it is not itself in front of them."""
+        contours, painter = draw_call.style.contours, self.painter
+        assert contours is not None
+        quantity, values = painter.of_contours(draw_call), painter.values(draw_call)
+        of = painter.stages.resampled(hits, draw_call.quantity, quantity)
+        found = painter.stages.lines.strokes(view, of, values, quantity)
+        if hits.flat is None:
+            there = hits.depth[found["pixel"]]
+            found = found[~(np.abs(there - found["depth"]) > found["slack"]) | ~np.isfinite(there)]
+        for number, value in enumerate(values.tolist()):
+            here = found[found["number"] == number]
+            kind = Kind(contours.width, contours.color, 1.0, value, contours.labels)
+            lines = here["from"], here["to"], here["pixel"].astype(np.int64)
+            self._keep(kind, lines, before, hits, shift, own)
+
+    def _keep(
+        self,
+        kind: Kind,
+        lines: tuple[Floats, Floats, Ints],
+        others: Sequence[tuple[DrawCall, HitBuffer]],
+        hits: HitBuffer,
+        shift: tuple[int, int],
+        own: Bools,
+    ) -> None:
+        """Note lines (n, 2) to (n, 2) on pixels (n,), as faint as what lies before them leaves them."""
+        starts, ends, pixel = lines
+        through = np.ones(len(pixel))
+        depth = hits.depth[pixel]
+        with np.errstate(invalid="ignore"):
+            for draw_call, other in others:
+                through[other.depth[pixel] < depth * (1.0 - SAME)] *= 1.0 - draw_call.style.opacity
+        through = np.where(own[pixel], np.round(through, 3), 0.0)
+        for part in np.unique(through[through > FAINT]):
+            here = through == part
+            same = Kind(kind.width, kind.color, float(part), kind.value, kind.labels)
+            self.found.setdefault(same, []).append((starts[here] + shift, ends[here] + shift))

@@ -1,0 +1,273 @@
+"""One picture of a figure, with all that stands around it, as artists of matplotlib."""
+
+from __future__ import annotations
+
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Frame, Legend
+from elvis.scene.palette import Palette, linear_part
+from elvis.scene.picture import AXES, labels, mark_texts, sentences, ticks, told, typed_values
+from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar, sides
+
+if TYPE_CHECKING:
+    from elvis.scene.figure import Sheet
+    from elvis.scene.objects import ColorBar
+
+#: bands of a bar up to which all their ends are marked
+FEW_BANDS = 12
+#: above the pixels, in order: lines on them, the box, texts
+LINES, BOX, TEXTS = 2, 3, 4
+
+
+class Panel:
+    """Axes whose data coordinates are columns and rows of the picture; all else hangs on them."""
+
+    def __init__(self, sheet: Sheet, frame: Frame, number: int, *, has_bars: bool) -> None:
+        self.sheet, self.frame, self.unit = sheet, frame, sheet.unit
+        self.height, self.width = frame.element.shape
+        self.corner = np.zeros(2)
+        self.axes: Any = sheet.figure.add_axes((0, 0, 1, 1), label=str(number))
+        self.move(0.0, 0.0)
+        self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5), xticks=[], yticks=[])
+        self.axes.patch.set_visible(False)
+        self.axes.spines[:].set_visible(False)
+        pixels = frame.rgba if frame.scene.is_clear else frame.rgb
+        self.axes.imshow(pixels, interpolation="none", aspect="auto", resample=False, zorder=0)
+        self._draw_strokes()
+        if not sheet.plain:
+            self._draw_around(has_bars)
+
+    def move(self, x: float, y: float) -> None:
+        """Put the lower left corner of the picture to a place of the page, in whole pixels."""
+        self.corner = np.round([x, y])
+        place = (*(self.corner / self.sheet.size), *(np.array([self.width, self.height]) / self.sheet.size))
+        self.axes.set_position(place)
+
+    def edges(self) -> Floats:
+        """(2, 2) lower left and upper right corner of all that there is, in pixels from the corner of the picture."""
+        box = self.axes.get_tightbbox(self.sheet.measure())
+        return np.array([[box.x0, box.y0], [box.x1, box.y1]]) - self.corner
+
+    def _text(self, x: float, y: float, text: str, **how: Any) -> Any:
+        """A text so many pixels to the right and above the corner of the picture."""
+        usual = {"color": self.sheet.text_color, "fontsize": self.sheet.points, "va": "center", "zorder": TEXTS}
+        place = (x / self.width, y / self.height)
+        return self.axes.text(*place, text, transform=self.axes.transAxes, clip_on=False, **{**usual, **how})
+
+    def _line(self, line: Floats, **how: Any) -> None:
+        """A thin polyline (k, 2) in columns and rows, also beyond the picture."""
+        usual = {"color": self.sheet.text_color, "lw": self.sheet.thin, "zorder": BOX, "clip_on": False}
+        self.axes.plot(*line.T, **{**usual, **how})
+
+    def _draw_strokes(self) -> None:
+        """Contours, with labels where these are wanted, and borders of elements."""
+        from matplotlib.contour import ContourSet
+
+        strokes = () if self.frame.drawing is None else self.frame.drawing.strokes
+        typed, texts = typed_values(self.frame), dict[float, str]()
+        for legend in self.frame.legends:
+            values = (value for value, _ in legend.marks)
+            texts |= dict(zip(values, mark_texts(legend, typed) if legend.marks else (), strict=True))
+        for stroke in strokes:
+            width = self.sheet.to_points(stroke.width)
+            curves = [line for line in stroke.lines if len(line) > 1]
+            dots = np.array([line[0] for line in stroke.lines if len(line) == 1]).reshape(-1, 2)
+            self.axes.scatter(*dots.T, s=width**2, color=stroke.color, lw=0, alpha=stroke.opacity, zorder=LINES)
+            look: dict[str, Any] = {"colors": [stroke.color], "linewidths": width, "alpha": stroke.opacity}
+            made = ContourSet(self.axes, [stroke.value or 0.0], [curves], linestyles="solid", zorder=LINES, **look)
+            made.set_capstyle("round")
+            if stroke.labels and stroke.value is not None and curves:
+                size, text = 0.8 * self.sheet.points, {stroke.value: texts[stroke.value]}
+                for label in made.clabel(fontsize=size, fmt=text, inline=True, inline_spacing=2):
+                    label.set_zorder(TEXTS)
+        self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5))
+
+    def _draw_around(self, has_bars: bool) -> None:
+        scene = self.frame.scene
+        legends = [legend for legend in self.frame.legends if legend.palette and legend.constant is None]
+        if scene.box:
+            for line in box_edges(self.frame):
+                self._line(line, clip_on=True)
+        if scene.axes:
+            self._draw_rulers()
+        elif not self.frame.view.faces_ground and min(self.width, self.height) >= 16 * self.unit:
+            self._draw_arrows()
+        if scene.scale_bar:
+            self._draw_scale_bar()
+        for legend in legends if has_bars else []:
+            box = self.edges()
+            Bar(self, legend, box, np.array([[0, 0], [self.width, self.height]])).draw()
+        self._draw_notes()
+        title = scene.title if scene.title is not None else ""
+        if title:
+            self._text(0, self.edges()[1, 1] + 0.6 * self.unit, title, fontsize=1.2 * self.sheet.points, va="bottom")
+
+    def common_bar(self, legend: Legend, span: Floats) -> None:
+        """A bar along all panels, whose corners (2, 2) are told, beside what stands around them."""
+        every = np.concatenate([panel.edges() + panel.corner for panel in self.sheet.panels])
+        box = np.array([every.min(axis=0), every.max(axis=0)])
+        Bar(self, legend, box - self.corner, span - self.corner).draw()
+
+    def _draw_rulers(self) -> None:
+        """Ticks below and to the left of the picture, or along edges of the box."""
+        straight = aligned(self.frame.view.camera) is not None
+        if straight:
+            most = max(3, self.width // (6 * self.unit)), max(3, self.height // (4 * self.unit))
+            self._line(np.array([[0, 0], [self.width, 0], [self.width, self.height], [0, self.height], [0, 0]]) - 0.5)
+        for ruler in sides(self.frame.view, most) if straight else box_rulers(self.frame):
+            self._draw_ruler(ruler)
+
+    def _draw_ruler(self, ruler: Ruler) -> None:
+        self._line(ruler.line)
+        align = {"ha": "center" if abs(ruler.away[0]) < 0.5 else "right" if ruler.away[0] < 0 else "left"}
+        align["va"] = "center" if abs(ruler.away[1]) < 0.5 else "top" if ruler.away[1] > 0 else "bottom"
+        reach = 0.0
+        for place, text in zip(ruler.places, ruler.texts, strict=True):
+            self._line(np.array([place, place + 0.35 * self.unit * ruler.away]))
+            x, y = place + 0.6 * self.unit * ruler.away
+            box = self._text(x + 0.5, self.height - 0.5 - y, text, **align)
+            size = box.get_window_extent(self.sheet.measure())
+            reach = max(reach, abs(ruler.away) @ [size.width, size.height])
+        x, y = ruler.line.mean(axis=0) + (1.1 * self.unit + reach) * ruler.away
+        self._text(x + 0.5, self.height - 0.5 - y, ruler.name, style="italic", **align)
+
+    def _draw_arrows(self) -> None:
+        """Arrows along x, y and z below the picture's left corner, those that point away from the viewer first."""
+        right, up, forward = self.frame.view.camera.basis()
+        middle = np.array([2.2 * self.unit, 2.2 * self.unit])
+        for axis in np.argsort(-forward):
+            along = 1.9 * self.unit * np.array([right[axis], up[axis]])
+            if np.linalg.norm(along) < 0.3 * self.unit:
+                continue
+            color, ends = tuple(part / 255 for part in AXES[axis]), (middle, middle + along)
+            shown = [tuple(end / [self.width, self.height]) for end in ends]
+            how = {"arrowstyle": "-|>", "color": color, "lw": 1.5 * self.sheet.thin, "shrinkA": 0, "shrinkB": 0}
+            places = {"xycoords": "axes fraction", "textcoords": "axes fraction"}
+            self.axes.annotate("", shown[1], shown[0], arrowprops=how, zorder=BOX, **places)
+            x, y = middle + 1.35 * along
+            self._text(x, y, "xyz"[axis], color=color, ha="center")
+
+    def _draw_scale_bar(self) -> None:
+        """A length below the right end of the picture."""
+        view = self.frame.view
+        if view.perspective:
+            raise SceneError("scale_bar: expected a parallel view, found one in perspective, where lengths differ")
+        length, text = scale_bar(view, 0.3 * self.width)
+        y, right = self.edges()[0, 1] - 0.9 * self.unit, self.width
+        ends = np.array([[right - length, y], [right, y]])
+        line = np.array([[x - 0.5, self.height - 0.5 - y] for x, y in ends])
+        self._line(line, lw=3 * self.sheet.thin, solid_capstyle="butt")
+        self._text(right - 0.5 * length, y - 0.5 * self.unit, text, ha="center", va="top")
+
+    def _draw_notes(self) -> None:
+        """Sentences that tell what nothing else tells, below the picture."""
+        most = max(20, int(self.width / (self.sheet.points * self.sheet.scene.dpi / 72 * 0.55)))
+        labelled = any(stroke.labels for stroke in (self.frame.drawing.strokes if self.frame.drawing else ()))
+        lines = [line for text in sentences(self.frame, contours=not labelled) for line in wrap(text, most)]
+        if lines:
+            y = self.edges()[0, 1] - 0.6 * self.unit
+            self._text(0, y, "\n".join(lines), va="top", fontsize=0.9 * self.sheet.points)
+
+
+class Bar:
+    """A colour bar beside a box (2, 2) of pixels, along the span (2, 2) of the pictures; both from a panel's corner."""
+
+    def __init__(self, panel: Panel, legend: Legend, box: Floats, span: Floats) -> None:
+        from elvis.scene.objects import ColorBar
+
+        assert legend.palette is not None
+        self.panel, self.legend, self.palette, self.box, self.span = panel, legend, legend.palette, box, span
+        self.own: ColorBar = legend.bar or ColorBar()
+
+    def draw(self) -> None:
+        """The bar with ticks, title and the contours across it."""
+        if self.own.position == "none":
+            return
+        panel, sheet = self.panel, self.panel.sheet
+        upright = self.own.position in ("right", "left")
+        norm, cmap = spread(self.palette, self.own)
+        from matplotlib.cm import ScalarMappable
+
+        axes = panel.axes.inset_axes(self._place() / np.tile([panel.width, panel.height], 2))
+        marked = self._ticks(max(3, int(self._length() // ((4 if upright else 6) * panel.unit))))
+        bar: Any = sheet.figure.colorbar(
+            ScalarMappable(norm, cmap),
+            cax=axes,
+            orientation="vertical" if upright else "horizontal",
+            ticklocation=self.own.position,
+            spacing="proportional",
+        )
+        if marked is not None:
+            bar.set_ticks(marked[0], labels=marked[1])
+        bar.minorticks_off()
+        bar.solids.set(edgecolor="face", rasterized=False)
+        bar.outline.set(color=sheet.text_color, linewidth=sheet.thin)
+        axes.tick_params(
+            colors=sheet.text_color, labelsize=sheet.points, width=sheet.thin, length=sheet.to_points(0.35 * panel.unit)
+        )
+        rule = axes.axhline if upright else axes.axvline
+        for value, color in self.legend.marks:
+            if self.palette.low <= value <= self.palette.high:
+                rule(value, color=color, lw=sheet.thin)
+        self._title(axes, upright)
+
+    def _length(self) -> float:
+        return float((self.span[1] - self.span[0])[1 if self.own.position in ("right", "left") else 0])
+
+    def _place(self) -> Floats:
+        """Left, lower edge, width, height."""
+        unit, (low, high), (left, right) = self.panel.unit, self.box, self.span
+        thick, gap = 1.2 * unit, 1.2 * unit
+        match self.own.position:
+            case "right":
+                return np.array([high[0] + gap, left[1], thick, right[1] - left[1]])
+            case "left":
+                return np.array([low[0] - gap - thick, left[1], thick, right[1] - left[1]])
+            case "top":
+                return np.array([left[0], high[1] + gap, right[0] - left[0], thick])
+            case _:
+                return np.array([left[0], low[1] - gap - thick, right[0] - left[0], thick])
+
+    def _ticks(self, most: int) -> tuple[list[float], list[str]] | None:
+        """Values to be marked, so many at most, and their texts; None where matplotlib finds better ones."""
+        if self.own.ticks:
+            return list(self.own.ticks), told(self.own.ticks, set(self.own.ticks))
+        edges = self.palette.edges
+        if self.own.bands is not None and self.own.bands <= FEW_BANDS and edges is not None:
+            ends = [self.palette.low, *edges.tolist(), self.palette.high]
+            every = -(-len(ends) // most)
+            return ends[::every], told(ends)[::every]
+        if self.own.scale != "linear":
+            return None
+        values = ticks(self.palette.low, self.palette.high, most)
+        return values, labels(values)
+
+    def _title(self, axes: Any, upright: bool) -> None:
+        title = self.own.title if self.own.title is not None else self.legend.title
+        title = f"{title} [{self.own.unit}]" if self.own.unit else title
+        sheet = self.panel.sheet
+        how = {"color": sheet.text_color, "fontsize": sheet.points}
+        if upright:
+            axes.set_title(title, loc="left", pad=sheet.to_points(0.5 * self.panel.unit), **how)
+        else:
+            axes.set_xlabel(title, **how)
+
+
+def spread(palette: Palette, bar: ColorBar) -> tuple[Any, Any]:
+    """The norm and colour map of matplotlib that give values the colours that a palette gives them."""
+    from matplotlib import colors
+
+    cmap = colors.ListedColormap(palette.table)
+    ends = palette.low, palette.high
+    if bar.bands is not None and palette.edges is not None:
+        return colors.BoundaryNorm([ends[0], *palette.edges.tolist(), ends[1]], len(palette.table)), cmap
+    if bar.scale == "log":
+        return colors.LogNorm(*ends), cmap
+    if bar.scale == "symlog":
+        return colors.SymLogNorm(linear_part(bar, *ends), vmin=ends[0], vmax=ends[1], base=10), cmap
+    return colors.Normalize(*ends), cmap

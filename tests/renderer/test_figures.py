@@ -1,0 +1,287 @@
+"""Figures: exact pixels with curves, axes and bars around them."""
+
+import base64
+import re
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from click import BadParameter
+from PIL import Image
+
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, one_element
+from elvis.renderer import Camera, Contours, Faces, Isosurface, MeshLines, SceneError, Style
+from elvis.scene import ColorBar
+from elvis.scene.commandline import parameters
+from elvis.scene.commandline.composing import in_one_range
+from elvis.scene.palette import NOT_A_NUMBER, Palette
+from elvis.scene.rulers import aligned, box_edges, scale_bar, sides
+from elvis.scene.saving import save_panels
+from elvis.scene.strokes import SAME, STRAIGHT, borders, chained, straightened
+
+#: pixels that contours may be displaced by
+CLOSE = 0.02
+BOTH = Style(contours=Contours(values=(0.4, 0.9, 1.7)), mesh_lines=MeshLines())
+
+
+def bent(points):
+    """A shear of second degree."""
+    return points + 0.2 * points[:, :1] ** 2 * [0, 1, 0]
+
+
+@pytest.fixture(scope="module")
+def plane(linear):
+    return linear(curved(grid(Shape.QUADRILATERAL, 3), bent, 3))
+
+
+@pytest.fixture(scope="module")
+def traced(draw, plane):
+    return draw(plane, size=(90, 80), objects=(Faces(style=BOTH),), outputs=("a.svg",), axes=True)
+
+
+def ground(frame, line):
+    """Places on the ground (n, 3) under columns and rows."""
+    origins, ways = frame.view.rays(*np.asarray(line, float).T)
+    return origins - (origins[:, 2:] / ways[:, 2:]) * ways
+
+
+def test_contours_are_where_the_field_has_their_values(traced):
+    pixel = np.linalg.norm(traced.view.column)
+    found = {stroke.value: stroke for stroke in traced.drawing.strokes if stroke.value is not None}
+    assert set(found) == {0.4, 0.9, 1.7}
+    for value, stroke in found.items():
+        places = ground(traced, np.concatenate(stroke.lines))
+        off = np.abs(places @ [1.0, 2.0, -3.0] - value) / np.sqrt(5) / pixel
+        assert off.max() < CLOSE
+
+
+def test_the_pixels_under_curves_have_no_lines(traced, draw, plane):
+    assert np.array_equal(traced.rgb, draw(plane, size=(90, 80), objects=(Faces(),)).rgb)
+
+
+def test_borders_of_elements_are_found_between_pixels(draw, linear):
+    frame = draw(linear(grid(Shape.QUADRILATERAL, 3)), size=(100, 90), objects=(Faces(style=BOTH),), outputs=("a.pdf",))
+    (stroke,) = [stroke for stroke in frame.drawing.strokes if stroke.value is None]
+    places = ground(frame, np.concatenate(stroke.lines))[:, :2]
+    off = np.abs(places[:, None] - np.arange(4)[:, None] / 3).min(axis=1).min(axis=1)
+    corners = np.abs(places - 0.5).min(axis=1) > 0.49
+    pixel = np.linalg.norm(frame.view.column)
+    assert off[~corners].max() < 0.3 * pixel
+    assert off.max() < 0.6 * pixel
+    inner = np.array([[x, y] for x in (1 / 3, 2 / 3) for y in (1 / 3, 2 / 3)])
+    assert np.linalg.norm(places[:, None] - inner, axis=2).min(axis=0).max() < 0.01 * pixel
+
+
+def test_a_slanted_border_is_straight():
+    """Distances on both sides of a line, as the renderer tells them, give that line back, also at the edge of all."""
+    normal, offset = np.array([0.6, 0.8]), 21.3
+    columns, rows = np.meshgrid(np.arange(30.0), np.arange(30.0))
+    height = columns * normal[0] + rows * normal[1] - offset
+    for beyond in (1, -1):
+        owner = np.where(height < 0, 0, beyond)
+        starts, ends, _ = borders(owner, np.where(owner >= 0, np.abs(height), np.inf), np.ones_like(height))
+        places = np.concatenate([starts, ends])
+        places = places[(places > 1.0).all(axis=1) & (places < 28.0).all(axis=1)]
+        assert len(places) > 40
+        assert np.abs(places @ normal - offset).max() < 1e-9
+
+
+def test_short_lines_become_long_ones():
+    angle = np.linspace(0, 2 * np.pi, 200)
+    circle = 20 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    order = np.random.default_rng(3).permutation(199)
+    shaken = np.random.default_rng(4).uniform(-0.1 * SAME, 0.1 * SAME, (2, 199, 2))
+    starts, ends = circle[:-1][order] + shaken[0], circle[1:][order] + shaken[1]
+    (line,) = chained(starts, ends)
+    assert np.allclose(line[0], line[-1])
+    assert np.abs(np.linalg.norm(line, axis=1) - 20).max() < SAME
+    (dot,) = chained(np.array([[3.0, 4.0]]), np.array([[3.0, 4.0]]))
+    assert np.array_equal(dot, [[3.0, 4.0]])
+    assert len(chained(np.zeros((3, 2)), np.array([[1.0, 0], [0, 1], [-1, -1]]))) == 3
+
+
+def test_curves_lose_points_but_no_place():
+    along = np.linspace(0, 60, 2000)
+    curve = np.stack([along, 5 * np.sin(0.2 * along)], axis=1)
+    fewer = straightened(curve)
+    assert len(fewer) < len(curve) / 4
+    assert np.abs(np.interp(along, *fewer.T) - curve[:, 1]).max() < 2 * STRAIGHT
+
+
+def images_of(text):
+    """The pictures that an SVG holds."""
+    found = re.findall(r'xlink:href="data:image/png;base64,([^"]*)"', text.replace("\n", ""))
+    return [np.asarray(Image.open(BytesIO(base64.b64decode(one))).convert("RGB")) for one in found]
+
+
+def test_vector_graphics_hold_the_exact_pixels_and_texts(traced, tmp_path):
+    traced.save(tmp_path / "a.svg")
+    text = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert any(np.array_equal(image, traced.rgb) for image in images_of(text))
+    assert ">x</text>" in text
+    assert ">u</text>" in text
+    traced.save(tmp_path / "b.svg")
+    assert (tmp_path / "b.svg").read_text(encoding="utf-8") == text
+    traced.save(tmp_path / "a.pdf")
+    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+
+
+def holds(page, pixels):
+    """Whether a picture is somewhere in a page, pixel by pixel."""
+    height, width = pixels.shape[:2]
+    first = np.argwhere((page[: page.shape[0] - height + 1, : page.shape[1] - width + 1] == pixels[0, 0]).all(axis=-1))
+    return any(np.array_equal(page[y : y + height, x : x + width], pixels) for y, x in first)
+
+
+@pytest.mark.parametrize("size", [(60, 50), (71, 43)])
+def test_pixels_of_a_png_with_axes_are_exact(draw, plane, tmp_path, size):
+    frame = draw(plane, size=size, scale_bar=True, bar=ColorBar(position="bottom", unit="m"))
+    frame.save(tmp_path / "a.png")
+    assert holds(np.asarray(Image.open(tmp_path / "a.png").convert("RGB")), frame.rgb)
+
+
+@pytest.mark.parametrize("bar", [ColorBar(scale="log"), ColorBar(scale="symlog", linear=0.5), ColorBar(bands=7)])
+def test_colours_are_spread_as_the_bar_says(draw, plane, bar):
+    frame = draw(
+        plane, field="exp(3*u)", size=(60, 50), bar=bar, objects=(Faces(style=Style(contours=Contours(count=1))),)
+    )
+    plain = draw(plane, field="exp(3*u)", size=(60, 50), bar=bar)
+    low, high = plain.range
+    palette = Palette.named("viridis", low, high).spread(bar)
+    assert np.array_equal(
+        plain.rgb[plain.seen], np.rint(255 * palette.colors(plain.field[plain.seen])).astype(np.uint8)
+    )
+    assert len(np.unique(plain.rgb[plain.seen], axis=0)) == bar.bands or bar.bands is None
+    assert (frame.rgb == plain.rgb).all(axis=-1).mean() > 0.8  # but for the line
+    assert np.array_equal(
+        palette.colors(np.array([np.nan, low, high])), [NOT_A_NUMBER, palette.table[0], palette.table[-1]]
+    )
+
+
+@pytest.mark.parametrize("ends", [(1e-3, 1e4), (-5.0, 100.0), (-2.0, -1.0)])
+def test_colours_of_scales_go_up_evenly(ends):
+    bar = ColorBar(scale="log" if ends[0] > 0 else "symlog", bands=9)
+    edges = Palette.named("viridis", *ends).spread(bar).edges
+    assert len(edges) == 8
+    assert (np.diff([ends[0], *edges, ends[1]]) > 0).all()
+    if ends[0] > 0:
+        assert np.allclose(np.diff(np.log([ends[0], *edges, ends[1]])), np.log(ends[1] / ends[0]) / 9)
+
+
+def test_no_logarithm_of_zero(draw, plane):
+    with pytest.raises(SceneError, match=r"above zero, found .* scale=symlog"):
+        draw(plane, size=(30, 20), bar=ColorBar(scale="log"), range=(-1.0, 1.0), objects=(Faces(),)).rgb.sum()
+
+
+def test_one_can_see_through_the_background(draw, linear, tmp_path):
+    solid = linear(one_element(Shape.HEXAHEDRON))
+    half = Isosurface((0.1,), style=Style(opacity=0.5))
+    frame = draw(solid, size=(40, 30), background=(1.0, 1.0, 1.0, 0.0), objects=(half,), samples=2, camera="+x")
+    assert frame.alpha[~frame.seen].min() == 0.0
+    inner = frame.seen & np.roll(frame.seen, 1, 0) & np.roll(frame.seen, -1, 0)
+    assert np.abs(frame.alpha[inner & (frame.alpha < 0.6)].max() - 0.5) < 1e-9
+    frame.save(tmp_path / "a.png", plain=True)
+    pixels = np.asarray(Image.open(tmp_path / "a.png"))
+    assert pixels.shape == (30, 40, 4)
+    assert pixels[~frame.seen & (frame.alpha == 0.0)][:, 3].max() == 0
+
+    # over white it is the picture that an opaque background has
+    over = pixels[..., :3] * (pixels[..., 3:] / 255) + 255 - pixels[..., 3:]
+    opaque = draw(solid, size=(40, 30), objects=(half,), samples=2, camera="+x")
+    assert np.abs(over - opaque.rgb).max() <= 2
+
+
+def test_what_has_one_value_has_no_bar_but_a_sentence(draw, linear):
+    solid = linear(one_element(Shape.HEXAHEDRON))
+    frame = draw(solid, size=(40, 30), objects=(Isosurface((0.1,)),), camera="+x")
+    assert [legend.constant for legend in frame.legends] == [0.1]
+    several = draw(solid, size=(40, 30), objects=(Isosurface((0.1, 0.2)),), camera="+x")
+    assert [legend.constant for legend in several.legends] == [None]
+    assert several.range == (0.1, 0.2)
+    constant = draw(solid, field="3 + 0*u", size=(40, 30))
+    assert any("is 3 wherever it is seen" in remark for remark in constant.stats["remarks"])
+
+
+def test_rulers_say_where_things_are(draw, plane):
+    frame = draw(plane, size=(60, 50), axes=True)
+    assert aligned(frame.view.camera) == (0, 1)
+    for axis, ruler in enumerate(sides(frame.view, (5, 5))):
+        places = ground(frame, ruler.places)[:, axis]
+        assert np.allclose(places, [float(text) for text in ruler.texts])
+    length, text = scale_bar(frame.view, 20)
+    assert np.isclose(length * np.linalg.norm(frame.view.column), float(text))
+    assert 8 <= length <= 20
+
+
+def test_edges_of_the_box_are_hidden_behind_the_domain(draw, linear):
+    solid = linear(one_element(Shape.HEXAHEDRON))
+    frame = draw(solid, size=(60, 50), camera="iso", box=True, objects=(Faces(),))
+    low, high = frame.box
+    assert np.allclose([low, high], [[-1] * 3, [1] * 3])
+    hidden = np.array([[low, [high[0], low[1], low[2]]]])[0]
+    ends = np.column_stack([hidden, np.ones(2)]) @ frame.view.to_pixel.T
+    middle = (ends[:, :2] / ends[:, 2:]).mean(axis=0)
+    assert len(box_edges(frame)) >= 9
+    assert all(np.abs(line.mean(axis=0) - middle).max() > 1.0 for line in box_edges(frame))
+
+
+def test_views_in_perspective_have_no_scale_bar(draw, linear, tmp_path):
+    frame = draw(linear(one_element(Shape.HEXAHEDRON)), size=(40, 30), camera=Camera((4, 5, 6), (0, 0, 0), fov=40.0))
+    with pytest.raises(SceneError, match="parallel view"):
+        replace(frame, scene=replace(frame.scene, scale_bar=True)).save(tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_titles_with_broken_mathematics_are_refused(draw, plane, tmp_path):
+    frame = draw(plane, size=(30, 20), title=r"$\nothing$")
+    with pytest.raises(SceneError, match="expected mathematics between dollars"):
+        frame.save(tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_panels_stand_in_rows_with_one_bar(draw, plane, tmp_path):
+    frames = [draw(plane, size=(30, 20), panels=(2, 2), range=(0.0, 2.0), title=name) for name in "abc"]
+    save_panels(frames, tmp_path / "a.svg")
+    text = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert [len(re.findall(f">{name}</text>", text)) for name in "abc"] == [1, 1, 1]
+    assert text.count(">u</text>") == 1
+    assert sum(np.array_equal(image, frames[0].rgb) for image in images_of(text)) == 3
+    save_panels(frames, tmp_path / "a.png")
+    assert holds(np.asarray(Image.open(tmp_path / "a.png").convert("RGB")), frames[0].rgb)
+    with pytest.raises(SceneError, match=r"found \.npz"):
+        save_panels(frames, tmp_path / "a.npz")
+
+
+def test_ranges_of_panels_are_those_of_all(draw, plane):
+    frames = [draw(plane, field=name, size=(30, 20), objects=(Faces(),)) for name in ("u", "u")]
+    low, high = in_one_range([frames[0], replace(frames[1], drawing=frames[1].drawing)])
+    assert (low, high) == frames[0].range
+    assert in_one_range([frames[0], draw(plane, field="2*u", size=(30, 20))]) is None
+    assert in_one_range([frames[0], draw(plane, size=(30, 20), range=(0.0, 1.0))]) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("scale=log,ticks=1 10 100,title=p, in all", ColorBar(scale="log", ticks=(1, 10, 100), title="p, in all")),
+        ("bands=8, unit=m/s, position=left", ColorBar(bands=8, unit="m/s", position="left")),
+    ],
+)
+def test_a_bar_on_the_command_line(text, expected):
+    assert parameters.bar(text) == expected
+
+
+@pytest.mark.parametrize("text", ["scale=cubic", "bands=two", "colour=red", "log", "bands=1"])
+def test_a_bar_that_is_none(text):
+    with pytest.raises((SceneError, BadParameter)):
+        parameters.bar(text)
+
+
+def test_backgrounds_have_opacities_and_other_colours_none():
+    assert parameters.background("#ffffff00") == (1, 1, 1, 0)
+    assert parameters.background("1,1,1,0.5") == (1, 1, 1, 0.5)
+    assert parameters.background("transparent")[3] == 0
+    with pytest.raises(SceneError, match="without opacity"):
+        parameters.color("#ffffff00")
