@@ -111,6 +111,43 @@ def test_options_of_converters(solvers, elvis, elvis_json, tmp_path):
         read(*files, reader={"from": "netgen"})
 
 
+def test_the_map_is_geometry_and_no_field(solvers, elvis, elvis_json):
+    files = [solvers / part for part in FORMATS["pyfr"]]
+    names = ["rho", "rhou", "rhov", "rhow", "E"]
+    dataset = read(*files)
+    assert dataset.map_names == ("map_x", "map_y", "map_z")
+    assert [field.name for field in dataset.solution] == names
+    assert "map_x" not in repr(dataset) + dataset._repr_html_()
+    assert [field["name"] for field in elvis_json("info", *files)["fields"]] == names
+    assert list(elvis_json("norms", *files)) == ["x", "y", "z", *names]
+    assert (
+        elvis("probe", *files, "--line", "0,0,0:1,1,1", "-n", "2")
+        .splitlines()[0]
+        .endswith(",status," + ",".join(names))
+    )
+    with pytest.raises(ElvisError, match="the fields are rho, rhou, rhov, rhow, E;") as told:
+        elvis("norms", *files, "--field", "map_u")
+    assert "map_x" not in str(told.value)
+
+
+def test_the_report_of_a_conversion_is_a_table(solvers, elvis, elvis_json):
+    files = [solvers / part for part in FORMATS["pyfr"]]
+    shown = elvis("info", *files)
+    assert "converted from mixed3d_p3.pyfrm, mixed3d_p3-01.pyfrs (PyFR mesh and solution (.pyfrm, .pyfrs))" in shown
+    rows = {line.split()[0]: line.split() for line in shown.partition("converted from")[2].splitlines() if line}
+    assert rows["rho"][1:3] == ["3", "exact"]
+    assert float(rows["coordinates"][3]) < 1e-13
+    assert "{" not in shown
+    assert elvis_json("info", *files)["conversion"]["fields"]["rho"]["order"] == 3
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "[" * 100000, '{"geometry": 1}', '{"geometry": {"order": 1e999}}'])
+def test_a_report_that_is_none_is_shown_as_it_is(text):
+    from elvis.plugins.report import Recorded
+
+    assert Recorded.of({"ConversionReport": text}) is None
+
+
 def test_native_files_stay_as_they_are(solvers, elvis, tmp_path):
     elvis("convert", solvers / FORMATS["vtk"][0], "-o", tmp_path / "a.xml")
     native = read(tmp_path / "a.xml", tmp_path / "a.fld")

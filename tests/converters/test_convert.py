@@ -131,7 +131,7 @@ def test_the_list_tells_what_there_is(elvis):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ([], "expected FILES to convert and --output"),
+        ([], "expected FILES to convert"),
         (["absent.msh", "-o", "out.xml"], "absent.msh: there is no such file"),
         (["{text}", "-o", "{out}.xml"], "expected a file of a known format"),
         (["{text}", "-o", "{out}.xml", "--from", "nobody"], "there is no converter 'nobody'; there are"),
@@ -150,14 +150,32 @@ def test_refusals_are_sentences(elvis, tmp_path, arguments, sentence):
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
+@pytest.mark.parametrize(("given", "written"), [(None, "dealii_shell_p4"), ("shell", "shell"), ("a.xml", "a")])
+def test_names_of_outputs(solvers, elvis, tmp_path, monkeypatch, given, written):
+    monkeypatch.chdir(tmp_path)
+    elvis("convert", solvers / "vtk" / "dealii_shell_p4.vtu", *(["-o", given] if given else []))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{written}.fld", f"{written}.xml"]
+    if given is None:
+        with pytest.raises(ElvisError, match=r"dealii_shell_p4\.xml: not written: it is an input"):
+            elvis("convert", "dealii_shell_p4.xml", "dealii_shell_p4.fld")
+
+
 def test_a_library_that_is_missing_is_named_with_what_brings_it(case, plugin):
     (candidate,) = in_file(plugin)
     candidate.converter.needs = ("no_such_library",)
     assert candidate.missing == ("no_such_library",)
-    with pytest.raises(
-        ElvisError, match=r"needs no_such_library, which is not installed; pip install 'elvis-viz\[converters\]'"
-    ):
+    with pytest.raises(ElvisError, match="needs no_such_library, which is not installed; pip install no_such_library"):
         chosen([candidate], [case])
+    own = type("Own", (candidate.converter,), {"__module__": "elvis.converters.own"})
+    with pytest.raises(ElvisError, match=r"the converter mfem needs .*; pip install 'elvis-viz\[mfem\]' brings it"):
+        chosen([Candidate("mfem", own)], [case])
+
+
+def test_every_library_comes_with_an_extra_of_its_converter():
+    text = (PAGE.parents[1] / "pyproject.toml").read_text()
+    for candidate in installed():
+        for need in candidate.converter.needs:
+            assert re.search(rf'^{candidate.name} = \["{need}[>=]', text, re.M)
 
 
 def test_several_claims_ask_for_a_choice(case, plugin):

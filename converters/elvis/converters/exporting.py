@@ -15,7 +15,6 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.errors import ElvisError
-from elvis.core.geometry import map_names
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
@@ -90,9 +89,7 @@ def exported(dataset: Dataset, names: Sequence[str] | None, order: int | None, t
     """
     if any(block.expansion.homogeneous for each in dataset.fields for block in each.blocks):
         raise ElvisError("expected fields without Fourier directions, found some with")
-    maps = map_names(dataset)
-    own = [f.name for f in dataset.fields if f.name not in maps]
-    chosen = tuple(own if names is None else names)
+    chosen = tuple([field.name for field in dataset.solution] if names is None else names)
     result = Export(chosen, losses=[Loss("coordinates"), *(Loss(name) for name in chosen)])
     for patch in patches(dataset, chosen):
         piece = _piece(patch, order, target)

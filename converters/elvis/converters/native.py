@@ -11,7 +11,6 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError, FormatError
-from elvis.core.geometry import map_names
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.patch import Patch, patches
@@ -59,8 +58,7 @@ class Native(Converter):
 
     def __init__(self, paths: Sequence[Path], composites: str | None = None) -> None:
         dataset = read(*paths)
-        maps = map_names(dataset)
-        names = [field.name for field in dataset.fields if field.name not in maps]
+        names = [field.name for field in dataset.solution]
         self.mesh = dataset.mesh if composites is None else None
         wanted = None if composites is None else _wanted(dataset.mesh, composites)
         self._parts = list(_parted(dataset.mesh, patches(dataset, names), wanted))

@@ -22,7 +22,7 @@ from elvis.converters.apart import Apart, LibraryError
 from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import content, leading
-from elvis.plugins.discovery import EXTRA
+from elvis.plugins.discovery import installing
 
 #: spaces that can be named
 SPACES = ("H1", "L2", "VectorH1", "VectorL2", "HDiv", "HCurl")
@@ -79,7 +79,7 @@ def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
     if find_spec("ngsolve") is None:
         raise ElvisError(
             f"the converter ngsolve needs ngsolve for {meshes[0].name}, which is not installed; "
-            f"pip install 'elvis-viz[{EXTRA}]' brings it"
+            f"{installing('ngsolve')} brings it"
         )
     text = _text(meshes[0])
     notes = _check(meshes[0], text)

@@ -97,7 +97,7 @@ def triples(text: str, count: int) -> tuple[Triple, ...]:
 
 def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
     """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
-    known = tuple(field.name for field in dataset.fields)
+    known = tuple(field.name for field in dataset.solution)
     names = known if wanted is None else tuple(name.strip() for name in wanted.split(","))
     for name in names:
         if name not in known:

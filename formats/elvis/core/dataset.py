@@ -12,6 +12,9 @@ from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 
+#: fields that hold the mapping where the metadata names none
+MAP_FIELDS = ("map_x", "map_y", "map_z")
+
 
 @dataclass(frozen=True)
 class Homogeneous:
@@ -104,6 +107,18 @@ class Dataset:
     metadata: Mapping[str, str] = default(default_factory=dict)
     expansions: tuple[ExpansionRule, ...] = ()
     remarks: tuple[str, ...] = ()
+
+    @property
+    def map_names(self) -> tuple[str, ...]:
+        """The names of the fields that give the map of the elements, none where the mesh alone does."""
+        if "GeometryMap" not in self.metadata:
+            return ()
+        return tuple(name.strip() for name in self.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
+
+    @property
+    def solution(self) -> tuple[Field, ...]:
+        """The fields but for those that give the map, which are geometry."""
+        return tuple(field for field in self.fields if field.name not in self.map_names)
 
     def field(self, name: str) -> Field:
         """The field of this name; KeyError where there is none."""

@@ -35,10 +35,10 @@ def line_of_field(field: Field) -> str:
 
 def line_of_dataset(dataset: Dataset) -> str:
     """``<Dataset 3D: 48 tetrahedra; fields p, u, v of order 3; time 0.5>``."""
-    names = [field.name for field in dataset.fields]
+    names = [field.name for field in dataset.solution]
     told = names if len(names) <= _NAMES else [*names[: _NAMES - 1], f"… ({len(names)} in all)"]
     parts = [f"{_dimensions(dataset.mesh)}: {elements_of(dataset.mesh)}"]
-    parts.append(f"fields {', '.join(told)}{_of_order(dataset.fields)}" if names else "no fields")
+    parts.append(f"fields {', '.join(told)}{_of_order(dataset.solution)}" if names else "no fields")
     parts += [] if dataset.time is None else [f"time {dataset.time:g}"]
     return f"<Dataset {'; '.join(parts)}>"
 
@@ -46,7 +46,7 @@ def line_of_dataset(dataset: Dataset) -> str:
 def table_of_dataset(dataset: Dataset) -> str:
     """HTML: what ``elvis info`` opens with, and a row for each field; names are escaped, as they come from files."""
     rows = []
-    for field in dataset.fields:
+    for field in dataset.solution:
         kinds = "continuous" if field.continuous else "" if field.continuous is None else "discontinuous"
         cells = (field.name, str(sum(map(len, field.blocks))), _orders([field]), kinds)
         rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")

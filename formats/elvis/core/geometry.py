@@ -22,9 +22,6 @@ from elvis.core.polynomials.grouping import Group, grouped
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 
-#: fields that hold the mapping where the metadata names none
-MAP_FIELDS = ("map_x", "map_y", "map_z")
-
 #: elements put together at once, so that intermediate arrays stay small
 _CHUNK = 1 << 13
 
@@ -72,16 +69,9 @@ def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
     return (*(part for shape in shapes for part in _assembled(skeleton, shape, ids)), *mapped)
 
 
-def map_names(dataset: Dataset) -> tuple[str, ...]:
-    """The names of the fields that give the map, none where the mesh alone does."""
-    if "GeometryMap" not in dataset.metadata:
-        return ()
-    return tuple(name.strip() for name in dataset.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
-
-
 def _mapped(dataset: Dataset) -> Iterator[GeometryBlock]:
     """Blocks of the elements whose mapping is given as fields."""
-    names = map_names(dataset)
+    names = dataset.map_names
     if not names:
         return
     present = {field.name: field.blocks for field in dataset.fields}

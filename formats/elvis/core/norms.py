@@ -50,7 +50,9 @@ def norms(dataset: Dataset) -> dict[str, Norm]:
     their coordinate; their planes weigh LZ/n each, but 1 on segments with one such direction, as in FieldConvert.
     ElvisError where the domain, or a field on it, holds no element.
     """
-    names, axes, space = [one.name for one in dataset.fields], _axes(dataset), dataset.mesh.space
+    # fields that are the map count only where there are no others: then coordinates are integrated by their rule
+    names, axes = [one.name for one in dataset.solution or dataset.fields], _axes(dataset)
+    space = dataset.mesh.space
     fields = {name: _Sum() for name in names}
     coordinates = [_Sum() for _ in axes]
     for patch in patches(dataset, names):
@@ -62,7 +64,7 @@ def norms(dataset: Dataset) -> dict[str, Norm]:
     empty = [name for name, total in sums.items() if not total.count]
     if empty:
         raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
-    return {name: total.norm() for name, total in sums.items()}
+    return {name: total.norm() for name, total in sums.items() if name not in dataset.map_names}
 
 
 def quantity_norm(dataset: Dataset, expression: Expression) -> Norm:

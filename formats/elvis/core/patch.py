@@ -90,7 +90,7 @@ def patches(
 def _field(dataset: Dataset, name: str) -> tuple[Block, ...]:
     found = [field for field in dataset.fields if field.name == name]
     if not found:
-        names = ", ".join(field.name for field in dataset.fields) or "none"
+        names = ", ".join(field.name for field in dataset.solution) or "none"
         raise ElvisError(f"expected a field of the dataset ({names}), found {name}")
     return found[0].blocks
 

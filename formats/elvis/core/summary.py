@@ -31,7 +31,7 @@ def summary(dataset: Dataset) -> Facts:
         "time": dataset.time,
         "mesh": _mesh(dataset.mesh),
         "geometry": _geometry(dataset, blocks),
-        "fields": [_field(field) for field in dataset.fields],
+        "fields": [_field(field) for field in dataset.solution],
         "composites": [_composite(composite) for composite in dataset.mesh.composites],
         "domains": {str(id): list(composites) for id, composites in dataset.mesh.domains.items()},
         "metadata": dict(dataset.metadata),

@@ -11,9 +11,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from elvis.core.arrays import Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.dataset import MAP_FIELDS, Block, Dataset, Field
 from elvis.core.errors import ElvisError
-from elvis.core.geometry import MAP_FIELDS
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField

@@ -17,8 +17,8 @@ from elvis.plugins.registry import PluginError, plugins
 
 GROUP = "elvis.converters"
 
-#: the extra of the distribution that brings what converters need
-EXTRA = "converters"
+#: where our own converters are, whose libraries come with an extra of their name
+_OWN = "elvis."
 
 
 @dataclass(frozen=True)
@@ -118,13 +118,19 @@ def _unopened(candidates: Sequence[Candidate], paths: Sequence[Path]) -> str:
 def _usable(candidate: Candidate) -> Candidate:
     if candidate.fault:
         raise PluginError(candidate.fault)
-    if candidate.missing:
+    if candidate.missing and candidate.converter:
+        is_own = candidate.converter.__module__.startswith(_OWN)
+        command = installing(candidate.name) if is_own else f"pip install {' '.join(candidate.missing)}"
         packages = " and ".join(candidate.missing)
         raise ElvisError(
-            f"the converter {candidate.name} needs {packages}, which is not installed; "
-            f"pip install 'elvis-viz[{EXTRA}]' brings it"
+            f"the converter {candidate.name} needs {packages}, which is not installed; {command} brings it"
         )
     return candidate
+
+
+def installing(extra: str) -> str:
+    """The command that installs an extra of ElVis: what one of its converters or exports needs, by its name."""
+    return f"pip install 'elvis-viz[{extra}]'"
 
 
 def with_defaults(converter: type[Converter], given: Mapping[str, str | bool]) -> dict[str, Any]:

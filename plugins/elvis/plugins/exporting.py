@@ -13,7 +13,7 @@ import numpy as np
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.relative import allowed, scale
-from elvis.plugins.discovery import EXTRA
+from elvis.plugins.discovery import installing
 from elvis.plugins.registry import load
 
 GROUP = "elvis.exporters"
@@ -77,6 +77,4 @@ def exporter(suffix: str) -> Exporter:
 def require(module: str, package: str) -> None:
     """ElvisError, naming what brings it, where a package that an export needs is missing."""
     if find_spec(module) is None:
-        raise ElvisError(
-            f"the export needs {package}, which is not installed; pip install 'elvis-viz[{EXTRA}]' brings it"
-        )
+        raise ElvisError(f"the export needs {package}, which is not installed; {installing(package)} brings it")

@@ -13,6 +13,10 @@ from elvis.core.relative import allowed, scale
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
 
+#: keys of the metadata of what was converted
+CONVERTED, REPORT = "ConvertedFrom", "ConversionReport"
+#: what may be the matter with elements
+LISTED = ("inverted", "degenerate", "detached", "not finite")
 #: ids of elements in a sentence
 _MANY = 8
 
@@ -145,7 +149,7 @@ class Report:
         short = {name: f"{len(ids)}: {_some(ids)}" for name, ids in self.listed.items() if ids}
         facts = {**self.facts(), **dict.fromkeys(self.listed, None), **short}
         kept = {name: value for name, value in facts.items() if value not in (None, [], {})}
-        return {"ConvertedFrom": self.converter, "ConversionReport": json.dumps(kept, allow_nan=False)}
+        return {CONVERTED: self.converter, REPORT: json.dumps(kept, allow_nan=False)}
 
     def rows(self) -> list[tuple[str, ...]]:
         """A row for the coordinates and one for each field: the cells of `HEADERS`."""
@@ -166,6 +170,44 @@ class Report:
             f"{len(ids)} {name} elements, kept as they are: {_some(ids)}" for name, ids in self.listed.items() if ids
         ]
         return [*said, *self.notes]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The report of a conversion as the metadata of a dataset hold it.
+
+    facts      as for ``--json``
+    heading    what was converted
+    rows       one for the coordinates and one for each field: the cells of `HEADERS`
+    sentences  what the table doesn't show
+    """
+
+    facts: Mapping[str, Any]
+    heading: str
+    rows: list[tuple[str, ...]]
+    sentences: list[str]
+
+    @classmethod
+    def of(cls, metadata: Mapping[str, str]) -> Recorded | None:
+        """The report in the metadata of a dataset, which anybody may have written; None where none can be read."""
+        try:
+            facts = json.loads(metadata[REPORT])
+            rows = [_row_of("coordinates", facts["geometry"])]
+            rows += [_row_of(name, own) for name, own in facts.get("fields", {}).items()]
+            heading = f"converted from {', '.join(map(str, facts['files']))} ({facts['converter']})"
+            listed = [f"{name} elements, kept as they are: {facts[name]}" for name in LISTED if name in facts]
+            notes = [str(note) for note in facts.get("notes", [])]
+        except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
+            return None
+        map_note = ["the map travels as fields"] if facts["geometry"].get("map") == "fields" else []
+        return cls(facts, heading, rows, [*map_note, *listed, *notes])
+
+
+def _row_of(name: str, facts: Mapping[str, Any]) -> tuple[str, ...]:
+    """The cells of `HEADERS` for the coordinates or a field, from the facts of their measure."""
+    continuous = {None: "", True: "yes", False: "no"}[facts.get("continuous")]
+    numbers = ("-" if facts[key] is None else f"{float(facts[key]):.3g}" for key in ("max", "relative", "L2"))
+    return (name, str(int(facts["order"])), str(facts["state"]), *numbers, str(int(facts["element"])), continuous)
 
 
 HEADERS = ("", "order", "state", "max error", "of the range", "L2 error", "in element", "continuous")

@@ -14,7 +14,6 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.geometry import map_names
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.core.terminal import warn
@@ -120,9 +119,8 @@ def _is_exact(scene: Scene) -> bool:
 
 
 def default_field(data: Dataset | Opened) -> str:
-    """The first field that doesn't give the map; SceneError where the data have none."""
-    maps = map_names(data) if isinstance(data, Dataset) else ()
-    names = [name for name in names_of(data).fields if name not in maps]
+    """The first field; SceneError where the data have none."""
+    names = names_of(data).fields
     if not names:
         raise SceneError(
             "the data hold a mesh but no field: give the field file too, or name a quantity, such as --field x"

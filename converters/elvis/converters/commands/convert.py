@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 EPILOG = """\b
 Examples:
-  elvis convert case.pyfrm case-01.pyfrs -o case.xml        writes case.xml and case.fld
+  elvis convert case.pyfrm case-01.pyfrs                    writes case.xml and case.fld
+  elvis convert run.pvd -o step3 --step 3                   step3.xml and step3.fld
   elvis convert flow.msh -o flow.xml --tolerance 1e-6       the lowest order on each element that is as good
   elvis convert mine.dat -o mine.xml --plugin my_solver.py  with a converter of your own
   elvis convert case.h5 -o case.xml --json --max-error 1e-10
@@ -70,7 +71,12 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 
 @click.command("convert", cls=ConvertCommand, epilog=EPILOG, short_help="Convert solver output to the native format.")
 @click.argument("files", nargs=-1, type=FILE, metavar="FILES...")
-@click.option("--output", "-o", type=FILE, help="The mesh file to write, .xml; fields go next to it, .fld.")
+@click.option(
+    "--output",
+    "-o",
+    type=FILE,
+    help="The mesh file to write, .xml; fields go next to it, .fld.  [default: the name of the first of FILES, here]",
+)
 @click.option("--from", "name", metavar="CONVERTER", help="The converter to use.  [default: the one that opens FILES]")
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
@@ -125,11 +131,20 @@ def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **opt
         _print_list()
         return
     context = click.get_current_context()
-    if not files or output is None:
-        raise click.UsageError("expected FILES to convert and --output", context)
-    if output.suffix not in (".xml", ".gz"):
-        raise click.BadParameter(f"expected a name ending in .xml, found {output}", context, param_hint="'-o'")
-    _convert(files, output, **options)
+    if not files:
+        raise click.UsageError("expected FILES to convert", context)
+    place = _place(files, output)
+    if place.suffix not in (".xml", ".gz"):
+        raise click.BadParameter(f"expected a name ending in .xml, found {place}", context, param_hint="'-o'")
+    _convert(files, place, **options)
+
+
+def _place(files: tuple[Path, ...], output: Path | None) -> Path:
+    """The mesh file to write: by default named after the first file, in the current folder; .xml is added to stems."""
+    if output is None:
+        stem = Path(files[0].resolve().name.removesuffix(".gz")).stem
+        return Path(f"{stem}.xml")
+    return output if output.suffix or not output.name else output.with_name(f"{output.name}.xml")
 
 
 def _convert(

@@ -46,7 +46,7 @@ class Names:
         waves = [b.expansion.homogeneous for one in dataset.fields for b in one.blocks if b.expansion.homogeneous]
         dimension = dataset.mesh.space + (len(waves[0].lengths) if waves else 0)
         sides = (ALL, *boundaries(dataset.mesh)) if dataset.mesh.dimension > 1 else ()
-        fields = tuple(one.name for one in dataset.fields)
+        fields = tuple(one.name for one in dataset.solution)
         return Names(fields, dimension, dataset.time, _gamma(dataset.metadata), sides)
 
     @cached_property

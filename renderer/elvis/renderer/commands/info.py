@@ -14,6 +14,7 @@ from elvis.renderer.commands.sources import Data, data_options
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.formats.strict.finding import Finding
+    from elvis.plugins.report import Recorded
 
 Facts = dict[str, Any]
 
@@ -177,12 +178,15 @@ def _listed_row(row: Facts) -> tuple[object, ...]:
 def _print(facts: Facts, many: int | None) -> None:
     """Print the facts as tables, lists of more than ``many`` cut with a word."""
     from elvis.core.terminal import print_table
+    from elvis.plugins.report import CONVERTED, REPORT, Recorded
 
     maps = [_expansion_row(expansion) for expansion in facts["geometry"]["expansions"]]
     fields = [_field_row(field) for field in facts["fields"]]
     orders = list(_orders(facts["fields"]))
     composites = [_composite_row(composite) for composite in facts["composites"]]
-    metadata = list(facts["metadata"].items())
+    report = Recorded.of(facts["metadata"])
+    told = {CONVERTED, REPORT} if report else set()
+    metadata = [item for item in facts["metadata"].items() if item[0] not in told]
     ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
     targets: list[tuple[object, ...]] = [
         (name, each["faces"], _sign(each)) for name, each in facts.get("distances", {}).items()
@@ -202,6 +206,19 @@ def _print(facts: Facts, many: int | None) -> None:
         if rows:
             click.echo()
             print_table(headers, rows)
+    if report:
+        _print_conversion(report, many)
+
+
+def _print_conversion(report: Recorded, many: int | None) -> None:
+    """Print what a conversion cost: a row for the coordinates and for each field, and what was noted."""
+    from elvis.core.terminal import print_table, say
+    from elvis.plugins.report import HEADERS
+
+    say(f"\n{report.heading}")
+    print_table(HEADERS, _cut(report.rows, many))
+    for sentence in report.sentences:
+        say(f"note: {sentence}")
 
 
 def _overview(facts: Facts) -> Iterator[tuple[str, str]]:

@@ -114,8 +114,12 @@ class NativeSource:
     def facts(self, texts: Sequence[str]) -> Facts:
         """All facts, by topic, as plain data."""
         from elvis.core.summary import summary
+        from elvis.plugins.report import Recorded
 
         found = summary(self.dataset)
+        report = Recorded.of(self.dataset.metadata)
+        if report is not None:
+            found["conversion"] = report.facts
         if texts:
             asked = self.expressions(texts)
             found["quantities"] = {each.text: self._range(each) for each in asked}
