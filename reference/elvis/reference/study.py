@@ -34,6 +34,8 @@ from elvis.scene.view import View
 VALIDATION_SIZE = 300
 #: contours that are compared where the scene draws none
 CONTOURS = 10
+#: why a picture that shows nothing is not scored
+NOTHING_DRAWN = "it draws nothing of this scene, so there is nothing to score"
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +214,8 @@ class Rivals:
             raise
         except ElvisError as error:
             return Rival(f"n{level}", name, level, skipped=str(error))
+        if _is_empty(record):
+            return Rival(f"n{level}", name, level, counts=made.counts, skipped=NOTHING_DRAWN)
         return Rival(
             f"n{level}",
             name,
@@ -242,6 +246,8 @@ class Rivals:
             return []
         except ElvisError as error:
             return [Rival("vtk", name, skipped=str(error))]
+        if _is_empty(record):
+            return [Rival("vtk", name, counts=made.counts, skipped=NOTHING_DRAWN)]
         found = errors(self.exact, record, self.ends, self.contours, _pixel(self.view))
         return [Rival("vtk", name, None, record, found, made.counts, made.seconds, self._surfaces(made))]
 
@@ -251,6 +257,11 @@ class Rivals:
             name: surface_distance(exact, made.triangles(shown, self.scene.field))
             for name, (shown, exact) in self.surfaces.items()
         }
+
+
+def _is_empty(record: Record) -> bool:
+    """Whether a picture shows nothing, so that there is nothing to score."""
+    return bool((record.status == Status.MISS).all())
 
 
 def exact_surfaces(

@@ -46,6 +46,7 @@ class VtkBaseline:
             reader.SetFileName(str(path))
             reader.Update()
             self.grid = reader.GetOutput()
+        self.is_flat = dataset.mesh.dimension == 2
         self.names, self.seconds = tuple(names), {"mesh": perf_counter() - start}
 
     @property
@@ -68,6 +69,11 @@ class VtkBaseline:
 
     def triangles(self, shown: SceneObject, field: str) -> LinearMesh:
         """An object as VTK makes it."""
+        if self.is_flat and isinstance(shown, CutSurface | Faces):
+            # 2D cells show themselves: a cutter finds nothing in their own plane
+            made = needed("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
+            made.SetNonlinearSubdivisionLevel(_SUBDIVISION)
+            return self._made(made, self.grid)
         match shown:
             case CutSurface(surface=surface):
                 made = needed("vtkmodules.vtkFiltersCore").vtkCutter()

@@ -111,9 +111,9 @@ def compare(
         write_report(study, output, meshes, inputs, overwrite)
     if as_json:
         print_json(plain(numbers))
-    else:
-        say(numbers["verdict"])
     _check(require, study)
+    if not as_json:
+        say(numbers["verdict"])
 
 
 def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:

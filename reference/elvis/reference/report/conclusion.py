@@ -72,7 +72,8 @@ def _linear(study: Study, levels: Sequence[Rival]) -> str:
         said = f"Linear elements are right to within one pixel after {first.name}"
         return f"{said}; after {before[-1].name} {how_wrong(before[-1])}." if before else f"{said}."
     if not drawn:
-        return f"No linear picture fits into memory: {_cost(skipped[0])}."
+        fits = "is drawn" if "needed" not in skipped[0].counts else "fits into memory"
+        return f"No linear picture {fits}: {_cost(skipped[0])}."
     said = f"Linear elements after {drawn[-1].name}: {how_wrong(drawn[-1])}"
     if skipped:
         return f"{said}; {_cost(skipped[0])}."
@@ -82,6 +83,9 @@ def _linear(study: Study, levels: Sequence[Rival]) -> str:
 
 
 def _cost(rival: Rival) -> str:
+    """What a picture that is skipped would need, or why else it is."""
+    if "needed" not in rival.counts:
+        return f"{rival.name} is skipped: {rival.skipped}"
     return f"{rival.name} would need {size(rival.counts['needed'])}"
 
 
