@@ -65,7 +65,7 @@ def test_two_faces_of_a_sliver_that_a_ray_can_hardly_tell_apart_are_ambiguous(ga
 
 @pytest.mark.parametrize("number", [2, 7, 11, 14])
 def test_two_lines_between_the_samples_of_a_pixel_are_both_drawn(gallery, number):
-    """Pairs 0.03 to 0.07 pixels apart were drawn as one line between them, or missed where they run along the diagonal."""
+    """Pairs 0.03 to 0.07 pixels apart were drawn as one line between them, along the diagonal with gaps."""
     found = gallery("vulkan").count(case_of("contours: near pairs", 4, number))
     assert not found.first
     assert found.wrong == 0
