@@ -185,8 +185,9 @@ def test_fields_that_give_the_map_are_nobody_s_colours(draw):
     mapped = Dataset(mesh, tuple(maps), metadata={"GeometryMap": "map_x,map_y,map_z"})
     with pytest.raises(SceneError, match="a mesh but no field: give the field file too, or name a quantity"):
         default_field(mapped)
-    with pytest.raises(SceneError, match="a mesh but no field"):
-        render(mapped, device="reference", objects=(PLANE,), size=(40, 30))
+    bare = render(mapped, device="reference", plane=PLANE, size=(40, 30))
+    assert bare.scene.field == "1"
+    assert (bare.field[bare.seen] == 1).all()
     other = approximated(plain, "u", lambda p: p[:, 0], 2)
     assert default_field(replace(mapped, fields=(*maps, other))) == "u"
     assert default_field(replace(mapped, metadata={})) == "map_x"

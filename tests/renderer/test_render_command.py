@@ -156,12 +156,6 @@ def test_a_usage_error_is_two(render, options, part):
     assert err.count("\n") == 1
 
 
-def test_no_output_is_a_usage_error(elvis, shared_files):
-    status, _, err = elvis("render", *shared_files(CUBE), *PLANE)
-    assert status == 2
-    assert "--output" in err
-
-
 @pytest.mark.parametrize(
     ("outputs", "sentence"),
     [

@@ -35,6 +35,7 @@ from elvis.renderer.probing import Places
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
 from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Vector
+from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding
 from elvis.scene.frame import Frame
@@ -68,6 +69,8 @@ def render(
     """
     scene = scene or Scene(**options)
     dataset = _at_hand(data, scene)
+    if not scene.field and isinstance(dataset, Dataset) and not dataset.solution:
+        scene, dataset = of_mesh(scene), replace(dataset, remarks=(*dataset.remarks, REMARK))
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
     dataset = dataset if scene.time is None else replace(dataset, time=scene.time)
     if isinstance(dataset, Opened):

@@ -278,7 +278,10 @@ class Scene(Model):
     outputs: Annotated[
         tuple[FilePath, ...],
         Setting(
-            "Pictures and records to be written: .png, .svg, .pdf, .exr, .npz.", option="--output -o", repeatable=True
+            "Pictures and records to be written: .png, .svg, .pdf, .exr, .npz.",
+            option="--output -o",
+            repeatable=True,
+            default="the name of the scene or the first file, .png",
         ),
     ] = ()
     plain: Annotated[bool, Setting("The bare image, without title and colour bar.", option="--plain")] = False

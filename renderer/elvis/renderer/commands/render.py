@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 EPILOG = """\b
 Examples:
+  elvis render flow.vtu                                      writes flow.png
   elvis render wing.xml wing.fld --field p --plane 0,0,0.2:0,0,1 -o wing.png
   elvis render plane.xml plane.fld --field u --range -1:1 --colormap coolwarm --contours 10 -o u.png
   elvis render wing.xml wing.fld --field p --plane 0,0,0:1,1,0 --camera iso -o p.npz -o p.exr
@@ -57,16 +59,37 @@ def render(
 ) -> None:
     """Draw DATA (mesh and field files, in any order): every pixel from the solver's own functions.
 
-    A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
+    Without --output the picture takes the name of the scene or of the first file, in the current folder, and a number
+    where that is taken.  A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
+    from elvis.core.terminal import say
     from elvis.scene.commandline.composing import composed, panels
 
     scene = composed(data, options, settings)
+    is_named = bool(scene.outputs)
+    scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
     _check_places(scene, data, save_scene, overwrite)
     frames, notes = _frames(panels(scene), not no_cache)
     _write(frames, scene, save_scene)
     for frame in frames:
         _report(frame, notes)
+    if not is_named:
+        say(f"wrote {scene.outputs[0]}")
+
+
+def _free_name(data: tuple[Path, ...], overwrite: bool) -> str:
+    """The picture where none is named: in the current folder, after the scene or the first file; nothing stands there.
+
+    overwrite  whether something may
+    """
+    from itertools import count
+
+    from elvis.scene.files import is_scene_file
+
+    first = next(filter(is_scene_file, data), data[0])
+    stem = Path(first.resolve().name.removesuffix(".gz")).stem
+    names = (f"{stem}.png" if number == 1 else f"{stem}-{number}.png" for number in count(1))
+    return next(name for name in names if overwrite or not os.path.lexists(name))
 
 
 def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
@@ -77,8 +100,6 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
     from elvis.scene.saving import check_suffix
     from elvis.scene.tables import input_files
 
-    if not scene.outputs:
-        raise click.UsageError("Missing option '--output' / '-o', and the scene names no outputs")
     for output in scene.outputs:
         check_suffix(Path(output))
     if save_scene:

@@ -1,0 +1,36 @@
+"""What is drawn of a mesh without fields: its elements in one colour, with their borders."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from elvis.scene.errors import SceneError
+from elvis.scene.objects import Faces, Isosurface, MeshLines, SceneObject, VolumeRendering
+from elvis.scene.whole import Scene
+
+#: what stands for the field: nothing is coloured by it
+NOTHING = "1"
+#: of the elements, as CSS's lightsteelblue
+COLOR = (0.690, 0.769, 0.871)
+REMARK = "the data hold a mesh but no field: elements are shown in one colour, with their borders"
+
+
+def of_mesh(scene: Scene) -> Scene:
+    """The scene with surfaces in one colour and with mesh lines, but for those that say what colours them.
+
+    SceneError where an object needs the field that is missing.
+    """
+    return replace(scene, field=NOTHING, plane=None, objects=tuple(map(_plain, scene.every_object or (Faces(),))))
+
+
+def _plain(item: SceneObject) -> SceneObject:
+    """An object without the field of the scene."""
+    if isinstance(item, (Isosurface, VolumeRendering)) and item.quantity is None:
+        option = item.option.option.split()[0]
+        raise SceneError(
+            f"{option}: the data hold a mesh but no field: give the field file too, or name a quantity, such as x"
+        )
+    if isinstance(item, VolumeRendering) or item.style.color is not None or item.style.quantity is not None:
+        return item
+    lines = item.style.mesh_lines if isinstance(item, Isosurface) else item.style.mesh_lines or MeshLines()
+    return replace(item, style=replace(item.style, color=COLOR, mesh_lines=lines))
