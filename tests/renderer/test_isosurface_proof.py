@@ -135,6 +135,13 @@ def test_values_out_of_range_are_refused_with_the_range(draw, linear):
         draw(linear(grid(Shape.TETRAHEDRON, 2)), objects=(Isosurface((3.5,)),), size=(8, 8))
 
 
+def test_values_that_miss_the_range_by_rounding_alone_are_drawn(draw, linear):
+    """Bounds hold to rounding: those of (x - 3/4)^2 may begin at 3.5e-18, and its isosurface at 0 is no mistake."""
+    dataset = linear(grid(Shape.TETRAHEDRON, 2))
+    for value in (np.nextafter(3.0, 4.0), np.nextafter(-3.0, -4.0)):
+        assert draw(dataset, objects=(Isosurface((value, 1.0)),), size=(16, 16)).counts()["certain"] > 0
+
+
 def test_a_constant_field_has_no_surface_at_its_value(iso):
     dataset = Dataset(grid(Shape.PRISM, 2))
     field = approximated(dataset, "u", lambda p: np.ones(len(p)), 3)
