@@ -13,7 +13,7 @@ from PIL import Image
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, one_element
 from elvis.renderer import Camera, Contours, Faces, Isosurface, MeshLines, SceneError, Style
-from elvis.scene import ColorBar
+from elvis.scene import ColorBar, Scene
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
 from elvis.scene.palette import NOT_A_NUMBER, Palette
@@ -285,3 +285,34 @@ def test_backgrounds_have_opacities_and_other_colours_none():
     assert parameters.background("transparent")[3] == 0
     with pytest.raises(SceneError, match="without opacity"):
         parameters.color("#ffffff00")
+
+
+def test_a_region_is_what_the_picture_shows(draw, plane):
+    frame = draw(plane, region=(0.2, 0.6, 0.2, 0.4))
+    corner = ground(frame, [[-0.5, frame.view.height - 0.5], [frame.view.width - 0.5, -0.5]])
+    assert np.allclose(corner[:, :2], [[0.2, 0.2], [0.6, 0.4]], atol=1e-3)
+    assert frame.seen.all()
+
+
+def test_zoom_keeps_the_middle(draw, plane):
+    near, far = draw(plane, size=(60, 50), zoom=2.0).view, draw(plane, size=(60, 50)).view
+    assert np.isclose(near.camera.height, 0.5 * far.camera.height)
+    assert np.allclose(near.camera.at, far.camera.at)
+
+
+@pytest.mark.parametrize("region", [(0.5, 0.2, 0.0, 1.0), (0.0, 1.0, 1.0, 1.0)])
+def test_a_region_ascends(region):
+    with pytest.raises(SceneError, match="region: expected x0 < x1"):
+        Scene(region=region)
+
+
+def test_a_region_is_of_planes(draw, linear):
+    with pytest.raises(SceneError, match="region: expected 2D data or a single plane"):
+        draw(linear(one_element(Shape.HEXAHEDRON)), size=(30, 20), region=(0, 1, 0, 1), objects=(Faces(),))
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 0, -2)])
+def test_a_camera_that_looks_along_up_has_another(up):
+    right, upward, _ = Camera((0, 0, 5), (0, 0, 0), up).basis()
+    assert np.allclose([right, upward], [[1, 0, 0], [0, 1, 0]])
+    assert np.allclose(Camera((0, 5, 0), (0, 0, 0), (0, 1, 0)).basis()[1], [0, 0, 1])

@@ -294,7 +294,8 @@ class Renderer:
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene: that of the last scene where it shows the same from the same camera."""
-        key = (scene.every_object, scene.clip, scene.camera, scene.size)
+        part = scene.region, scene.zoom, scene.box, scene.axes
+        key = (scene.every_object, scene.clip, scene.camera, scene.size, part)
         if self._fitted is None or self._fitted[0] != key:
             boxes = [part.boxes for part in self.stages.loaded.parts]
             self._fitted = key, seen(automatic(scene, boxes, self._glance))

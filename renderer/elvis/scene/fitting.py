@@ -11,7 +11,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.boxes import Boxes
 from elvis.scene import Camera, Plane, Scene
 from elvis.scene.errors import SceneError
-from elvis.scene.view import fitted, named
+from elvis.scene.view import MARGIN, fitted, named
 
 #: width and height of automatic pictures in pixels, and the least of either
 LARGEST, LEAST = (1000, 800), 160
@@ -34,6 +34,8 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
         raise SceneError("there is no element to draw: none carries the field")
     camera, plane = scene.camera, scene.only_plane
     is_framed = scene.box or (scene.axes and plane is None)
+    if scene.region is not None and plane is None:
+        raise SceneError("region: expected 2D data or a single plane, found other objects: choose a camera for these")
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
         return replace(scene, size=scene.size or LARGEST)
     camera = named(camera, plane) if isinstance(camera, str) else camera
@@ -45,8 +47,12 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     seen = points[np.isfinite(points).all(axis=1)] @ np.array(camera.basis()[:2]).T
     box, extent = surrounding(boxes), np.array([seen.min(axis=0), seen.max(axis=0)])
 
+    if scene.region is not None:
+        left, right, low, high = scene.region
+        extent = np.array([[left, low], [right, high]])
+
     # a glance shows what there is within the boxes; where that is little, a second one shows it better
-    for _ in range(0 if is_framed else GLANCES):
+    for _ in range(0 if is_framed or scene.region else GLANCES):
         size = scene.size or proportionate(extent)
         fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
         width, height = (max(LEAST, -(-side // fewer)) for side in size)
@@ -58,7 +64,9 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
         if (extent[1] - extent[0]).max() > 0.3 * (wide[1] - wide[0]).max():
             break
     size = scene.size or proportionate(extent)
-    return replace(scene, size=size, camera=fitted(camera, size, extent, box))
+    middle = extent.mean(axis=0)
+    extent = middle + (extent - middle) / scene.zoom
+    return replace(scene, size=size, camera=fitted(camera, size, extent, box, 1.0 if scene.region else MARGIN))
 
 
 def _corners(boxes: Boxes) -> Floats:

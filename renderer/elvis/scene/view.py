@@ -221,16 +221,17 @@ def named(name: str, plane: Plane | None) -> Camera:
     return Camera(_vector(np.subtract(at, forward)), at, up, height=1.0)
 
 
-def fitted(camera: Camera, size: tuple[int, int], extent: Floats, box: Floats) -> Camera:
+def fitted(camera: Camera, size: tuple[int, int], extent: Floats, box: Floats, margin: float = MARGIN) -> Camera:
     """An orthographic camera along the same axes that shows all of ``extent``.
 
     size    width and height in pixels
     extent  (2, 2) least and greatest coordinates along the camera's right and up axes
     box     (2, 3) of the domain; the eye is set before it
+    margin  how many times larger the view is than that
     """
     right, up, forward = camera.basis()
     sides = np.maximum(extent[1] - extent[0], 1e-300)
-    height = MARGIN * max(sides[1], sides[0] * size[1] / size[0])
+    height = margin * max(sides[1], sides[0] * size[1] / size[0])
     across, along = 0.5 * (extent[0] + extent[1])
     middle = forward @ (0.5 * (box[0] + box[1]))
     at = across * right + along * up + middle * forward

@@ -5,7 +5,7 @@ from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from elvis.scene.errors import SceneError
-from elvis.scene.objects import COLOR, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
+from elvis.scene.objects import COLOR, POSITIVE, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
 from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check, settings
 from elvis.scene.surfaces import Plane, Surface, Vector, unit
 
@@ -37,15 +37,21 @@ class Camera(Model):
     def basis(self) -> "tuple[Floats, Floats, Floats]":
         """Unit vectors right, up and forward.
 
-        Raises SceneError where the camera has no direction, or looks along ``up``.
+        Where the camera looks along ``up``, y is upwards, and z where it looks along that.
+        Raises SceneError where the view or ``up`` has no direction.
         """
         import numpy as np
 
         forward = unit(np.subtract(self.at, self.eye), "the view of the camera (at - eye)")
-        right = unit(np.cross(forward, self.up), "up × view of the camera")
+        up, upward = self.up, unit(self.up, "up of the camera")
+        if np.abs(np.cross(forward, upward)).max() < ALONG_UP:
+            up = (0.0, 0.0, 1.0) if abs(forward[1]) > 0.9 else (0.0, 1.0, 0.0)
+        right = unit(np.cross(forward, up), "up × view of the camera")
         return right, np.cross(right, forward), forward
 
 
+#: sine of the angle between a view and ``up`` below which another direction is upwards
+ALONG_UP = 1e-12
 #: suffixes of pictures that hold lines and texts as such
 VECTORS = (".svg", ".pdf")
 #: the direction that a named view looks along, and its upward direction
@@ -57,6 +63,12 @@ NAMED_VIEWS: dict[str, tuple[Vector, Vector]] = {
     "+z": ((0, 0, 1), (0, 1, 0)),
     "-z": ((0, 0, -1), (0, 1, 0)),
     "iso": ((-1, -1, -1), (0, 0, 1)),
+    "top": ((0, 0, -1), (0, 1, 0)),
+    "bottom": ((0, 0, 1), (0, 1, 0)),
+    "front": ((0, 1, 0), (0, 0, 1)),
+    "back": ((0, -1, 0), (0, 0, 1)),
+    "left": ((1, 0, 0), (0, 0, 1)),
+    "right": ((-1, 0, 0), (0, 0, 1)),
 }
 
 
@@ -114,13 +126,15 @@ class Scene(Model):
         Camera | str,
         Setting(
             "A camera, or a named view that is fitted to what is seen: fit (straight at a single plane, else iso), "
-            "+x, -x, +y, -y, +z, -z (look along an axis), iso.",
+            "+x, -x, +y, -y, +z, -z (look along an axis), iso, top, bottom, front, back, left, right (look from there: "
+            "from above down z, from the front along y, from the left along x).",
             names=("fit", *NAMED_VIEWS),
             option="--camera",
             metavar="VIEW",
             parse="camera",
             option_help="fit (straight at a single plane, else iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, "
-            "or eye:at[:up[:degrees]]; orthographic and fitted to what is seen unless degrees are given.",
+            "top, bottom, front, back, left, right, or eye:at[:up[:degrees]]; orthographic and fitted to what is seen "
+            "unless degrees are given.",
         ),
     ] = "fit"
     size: Annotated[
@@ -236,6 +250,22 @@ class Scene(Model):
         ),
     ] = None
     scenes: Annotated[tuple[FilePath, ...], Setting("Scene files, of each of which a panel shows the picture.")] = ()
+    region: Annotated[
+        tuple[float, float, float, float] | None,
+        Setting(
+            "Of 2D data and plane cuts the part that is shown: ends along the picture's width, which is x of 2D data, "
+            "then along its height.",
+            finite=True,
+            expected="finite numbers",
+            option="--region",
+            metavar="X0:X1,Y0:Y1",
+            parse="region",
+            default="all",
+        ),
+    ] = None
+    zoom: Annotated[
+        float, Setting("How many times larger a fitted picture shows its middle.", **POSITIVE, option="--zoom")
+    ] = 1.0
     time: Annotated[
         float | None,
         Setting("What t stands for in expressions.", finite=True, option="--time", default="the time of the data"),
@@ -295,6 +325,9 @@ class Scene(Model):
             raise SceneError(f"the size of a picture is {size.allowed}, found {found}")
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
             raise SceneError(f"unknown view {self.camera!r}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
+        ends = self.region
+        good = ends is None or (ends[0] < ends[1] and ends[2] < ends[3])
+        check(good, "region", "x0 < x1 and y0 < y1", ends)
         check(len(self.background) in (3, 4), "background", "3 numbers, or 4", len(self.background))
         if isinstance(self.range, str):
             check(self.range in ("seen", "all"), "range", "seen, all or two values", self.range)

@@ -85,7 +85,9 @@ class Names:
             return "the data don't tell the time t"
         if name in predefined.INGREDIENTS:
             return f"{name} needs {predefined.INGREDIENTS[name]}; {self.listed}"
-        near = difflib.get_close_matches(name, [*self.fields, *self.ready, *ATTRIBUTES], 1)
+        known = [*self.fields, *self.ready, *ATTRIBUTES]
+        near = [one for one in known if one.lower() == name.lower()]
+        near = near or difflib.get_close_matches(name, known, 1)
         meant = f" (perhaps {near[0]})" if near else ""
         return f"there is no {name!r}{meant}; {self.listed}"
 

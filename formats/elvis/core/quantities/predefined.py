@@ -1,6 +1,7 @@
 """Predefined quantities of flows, from fields with customary names.
 
 speed          |u|
+velocity_x, velocity_y, velocity_z    the components of u
 vorticity      rot u: its length, in two dimensions its one component; vorticity_x, vorticity_y, vorticity_z
 divergence     div u
 q_criterion    (|Omega|^2 - |S|^2) / 2 = -(1/2) sum_ij d_i u_j d_j u_i (Hunt, Wray and Moin 1988)
@@ -42,7 +43,19 @@ _ENERGIES = ("E", "rhoE", "energy", "Energy", "TotalEnergy", "EnergyStagnationDe
 #: what each quantity is made of, in words
 INGREDIENTS = {
     **dict.fromkeys(
-        ("speed", "vorticity", "vorticity_x", "vorticity_y", "vorticity_z", "divergence", "q_criterion", "helicity"),
+        (
+            "speed",
+            "velocity_x",
+            "velocity_y",
+            "velocity_z",
+            "vorticity",
+            "vorticity_x",
+            "vorticity_y",
+            "vorticity_z",
+            "divergence",
+            "q_criterion",
+            "helicity",
+        ),
         "a velocity (u, v, w or velocity_x, ... or rho with rhou, ...)",
     ),
     "pressure": "a field p, or rho, rhou, ... and E",
@@ -62,6 +75,8 @@ def quantities(fields: Sequence[str], dimension: int, gamma: float) -> dict[str,
         pressure = _pressure(density, momentum, energy, gamma)
 
     found: dict[str, Made] = _of_velocity(velocity) if velocity else {}
+    for axis, part in zip("xyz", velocity or (), strict=False):
+        found[f"velocity_{axis}"] = partial(_itself, part)
     if pressure:
         found["pressure"] = partial(_itself, pressure)
     if velocity and pressure and density:

@@ -20,6 +20,14 @@ if TYPE_CHECKING:
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
 
+#: part of what is seen beyond which ambiguous pixels are reported
+SHARE = 0.01
+#: why pixels are not certain
+UNSURE = {
+    "failed": "an element may be there, but its map did not invert",
+    "ambiguous": "they lie within rounding of an element's border, an edge or another surface, or it is not proved "
+    "that nothing lies before what they show; -o record.npz keeps the status of each",
+}
 EPILOG = """\b
 Examples:
   elvis render flow.vtu                                      writes flow.png
@@ -183,8 +191,11 @@ def _report(frame: Frame, known: Sequence[str]) -> None:
     from elvis.core.terminal import note, warn
 
     counts = frame.counts()
-    if counts["failed"]:
-        warn(f"{counts['failed']} pixels failed: an element may be there, but its map did not invert")
+    shown = max(1, sum(counts[name] for name in ("certain", "ambiguous", "failed")))
+    for name, reason in UNSURE.items():
+        if counts[name] > (0 if name == "failed" else SHARE * shown):
+            verb = "failed" if name == "failed" else f"are {name}"
+            warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.2g} % of what is seen: {reason}")
     if counts["not_a_number"]:
         warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
     for remark in frame.stats.get("remarks", ()):

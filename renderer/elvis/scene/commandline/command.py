@@ -30,6 +30,20 @@ class SceneCommand(click.Command):
         arguments = [parameter for parameter in own if isinstance(parameter, click.Argument)]
         return [*arguments, *self._scene_options, *own[len(arguments) :]]
 
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The options in chapters."""
+        from elvis.scene.commandline.options import CHAPTERS, chapter_of
+
+        chapters: dict[str, list[tuple[str, str]]] = {title: [] for title in CHAPTERS}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None and isinstance(parameter, click.Option):
+                chapters[chapter_of(parameter.name or "")].append(record)
+        for title, records in chapters.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
 
 def parsed(parse: str) -> Parsed:
     """The type of texts that a function of `parameters`, imported when it is needed, reads."""

@@ -20,6 +20,21 @@ STYLES = tuple(name for name, setting in settings(Style).items() if setting.opti
 #: options that add objects, by the key ``kind``
 OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
 
+#: chapters of the help, and what stands in each by its key; all else stands in the last
+CHAPTERS = {
+    "Data": ("field", "plugin", "reader", "time", "device"),
+    "Objects": ("plane", *OBJECTS, "clip"),
+    "Colours and lines": ("palette", "range", "bar", *STYLES, "background", "lights", "ambient"),
+    "Camera": ("camera", "region", "zoom", "size", "samples"),
+    "Figure": ("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi", "panels", "plain"),
+    "Output": (),
+}
+
+
+def chapter_of(key: str) -> str:
+    """The chapter of the help in which an option stands."""
+    return next((title for title, keys in CHAPTERS.items() if key in keys), "Output")
+
 
 def scene_options(leaving: Sequence[str]) -> list[click.Option]:
     """The options of a scene in the order of the help, but for those of some keys."""

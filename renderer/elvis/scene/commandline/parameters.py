@@ -134,6 +134,11 @@ def camera(text: str) -> scene.Camera | str:
     return scene.Camera(eye, at, up, *map(_number, parts[3:]))
 
 
+def region(text: str) -> tuple[float, ...]:
+    """``X0:X1,Y0:Y1``."""
+    return numbers(text.replace(":", ","), 4)
+
+
 def size(text: str) -> tuple[int, int]:
     """``WIDTHxHEIGHT`` in pixels."""
     sides, setting = text.lower().split("x"), settings(scene.Scene)["size"]
