@@ -94,6 +94,12 @@ def test_compare_takes_them_too(solvers, elvis, capsys):
           "--refinements", "0", "--judge", "0")  # fmt: skip
 
 
+def test_export_takes_them_too(solvers, elvis, tmp_path):
+    pytest.importorskip("gmsh")
+    elvis("export", solvers / FORMATS["vtk"][0], "-o", tmp_path / "a.msh")
+    assert [field.name for field in read(tmp_path / "a.msh").fields] == ["u", "w"]
+
+
 def test_options_of_converters(solvers, elvis, elvis_json, tmp_path):
     pytest.importorskip("ngsolve")
     files = [solvers / "ngsolve" / "ballbox_p4.vol", solvers / "ngsolve" / "ballbox_p4.u.gfu"]

@@ -240,7 +240,7 @@ def test_values_of_elements_and_of_two_files(session, tmp_path):
         Gmsh([data])
     with pytest.raises(FormatError, match="expected a step 5, found 2 steps"):
         Gmsh([mesh, data], step="5")
-    with pytest.raises(ElvisError, match="expected a number for --step"):
+    with pytest.raises(ElvisError, match="expected a number for the option step"):
         Gmsh([mesh], step="first")
 
 

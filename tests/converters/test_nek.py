@@ -131,7 +131,7 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
     assert not Nek([tmp_path / "run.nek5000"], step="0").fields
     with pytest.raises(FormatError, match="expected a step 2, found 2 steps"):
         Nek([tmp_path / "run.nek5000"], step="2")
-    with pytest.raises(ElvisError, match="expected a number for --step, found 'last'"):
+    with pytest.raises(ElvisError, match="expected a number for the option step, found 'last'"):
         Nek([tmp_path / "run.nek5000"], step="last")
     (tmp_path / "run0.f00001").unlink()
     with pytest.raises(FormatError, match="expected points, or a file of the same series that has them"):

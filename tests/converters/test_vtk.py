@@ -335,7 +335,7 @@ def test_a_series_of_parts(tmp_path):
         Vtk([index])
     with pytest.raises(FormatError, match="expected a step 7, found 2 steps"):
         Vtk([index], step="7")
-    with pytest.raises(ElvisError, match="expected a number for --step, found 'last'"):
+    with pytest.raises(ElvisError, match="expected a number for the option step, found 'last'"):
         Vtk([index], step="last")
 
 

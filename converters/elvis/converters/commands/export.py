@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import overwrite_option
+from elvis.core.arguments import cache_option, overwrite_option, reader_option
 
 if TYPE_CHECKING:
     from elvis.plugins.exporting import Loss
@@ -25,7 +25,7 @@ FILE = click.Path(path_type=Path)
 _ROUNDING = 1e-11
 
 
-@click.command("export", epilog=EPILOG, short_help="Write native data as VTK or Gmsh files, for other programs.")
+@click.command("export", epilog=EPILOG, short_help="Write data as VTK or Gmsh files, for other programs.")
 @click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
 @click.option("--output", "-o", type=FILE, required=True, help="The file to write: .vtu for VTK, .msh for Gmsh.")
 @click.option("--fields", metavar="NAMES", help="Names of the fields to write, commas between them.  [default: all]")
@@ -34,6 +34,8 @@ _ROUNDING = 1e-11
     "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the losses as JSON, numbers with all their digits.")
+@reader_option
+@cache_option
 @overwrite_option
 def export(
     data: tuple[Path, ...],
@@ -42,9 +44,11 @@ def export(
     order: int | None,
     max_error: float | None,
     as_json: bool,
+    reader: tuple[str, ...],
+    no_cache: bool,
     overwrite: bool,
 ) -> None:
-    """Write DATA, native files, as cells with values at nodes, and tell what that cost.
+    """Write DATA, files of any format, as cells with values at nodes, and tell what that cost.
 
     An element becomes one cell, of the lowest order that holds its map and its fields, up to order 10 in VTK and 9 in
     Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.
@@ -53,7 +57,8 @@ def export(
 
     from elvis.core.arguments import field_names
     from elvis.core.files.output import check_places
-    from elvis.formats.reading import read_data
+    from elvis.core.terminal import note
+    from elvis.plugins.data import Reading, dataset_of, pairs
     from elvis.plugins.exporting import GROUP, exporter
     from elvis.plugins.registry import plugins
 
@@ -63,7 +68,9 @@ def export(
             f"expected a name ending in {' or '.join(suffixes)}, found {output}", param_hint="'-o'"
         )
     check_places([output], data, overwrite)
-    dataset = read_data(data)
+    dataset = dataset_of(data, Reading(None, pairs(reader), not no_cache))
+    for remark in dataset.remarks:
+        note(remark)
     names = None if fields is None else field_names(dataset, fields)
     report = partial(_report, path=output, bound=max_error, as_json=as_json)
     exporter(output.suffix[1:])(dataset, names, order, output, report)
