@@ -195,7 +195,7 @@ def _report(frame: Frame, known: Sequence[str]) -> None:
     for name, reason in UNSURE.items():
         if counts[name] > (0 if name == "failed" else SHARE * shown):
             verb = "failed" if name == "failed" else f"are {name}"
-            warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.2g} % of what is seen: {reason}")
+            warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.3g} % of what is seen: {reason}")
     if counts["not_a_number"]:
         warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
     for remark in frame.stats.get("remarks", ()):
