@@ -17,7 +17,7 @@ SAMPLE = {
     "faces": (3, 7),
     "isosurfaces: multiplicity": (2, 3),
     "isosurfaces: touching": (0, 5),
-    "isosurfaces: draw_calls": (3, 4),
+    "isosurfaces: sheets": (3, 4),
     "isosurfaces: near pairs": (2,),
     "volumes": (5,),
     "waves": (1,),

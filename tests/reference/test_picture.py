@@ -136,3 +136,8 @@ def test_statistics_of_a_frame():
     assert frame.stats["device"] == {"name": "reference", "label": "NumPy"}
     assert sum(frame.stats["pixels"].values()) == 600
     assert 0 < frame.stats["seconds"]["locate"] <= frame.stats["seconds"]["frame"]
+
+
+def test_the_box_is_that_of_the_domain():
+    frame = render(linear(grid(Shape.HEXAHEDRON, 2)), Scene("u", OBLIQUE, size=(30, 20), box=True))
+    np.testing.assert_allclose(frame.box, [[0, 0, 0], [1, 1, 1]], rtol=0, atol=1e-12)

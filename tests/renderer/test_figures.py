@@ -12,7 +12,7 @@ from PIL import Image
 
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, one_element
-from elvis.renderer import Camera, Contours, Faces, Isosurface, MeshLines, SceneError, Style
+from elvis.renderer import Camera, Contours, Faces, Isosurface, MeshLines, SceneError, Style, render
 from elvis.scene import ColorBar, Scene
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
@@ -215,9 +215,10 @@ def test_rulers_say_where_things_are(draw, plane):
     assert 8 <= length <= 20
 
 
-def test_edges_of_the_box_are_hidden_behind_the_domain(draw, linear):
+@pytest.mark.parametrize("outputs", [(), ("a.png",)])
+def test_edges_of_the_box_are_hidden_behind_the_domain(linear, outputs):
     solid = linear(one_element(Shape.HEXAHEDRON))
-    frame = draw(solid, size=(60, 50), camera="iso", box=True, objects=(Faces(),))
+    frame = render(solid, size=(60, 50), field="u", camera="iso", box=True, objects=(Faces(),), outputs=outputs)
     low, high = frame.box
     assert np.allclose([low, high], [[-1] * 3, [1] * 3])
     hidden = np.array([[low, [high[0], low[1], low[2]]]])[0]

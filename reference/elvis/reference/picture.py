@@ -24,6 +24,8 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import values
 from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
+from elvis.core.quantities import Expression
+from elvis.core.quantities.bounding import quantity_range
 from elvis.plugins.opening import Opened
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
@@ -47,8 +49,22 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     """
     with limited(scene.timeout):
         frame = _rendered(dataset, scene)
+        if scene.box or scene.axes:
+            frame = replace(frame, box=_domain(dataset))
         check_time()
     return frame
+
+
+def _domain(data: Dataset | Opened) -> Floats:
+    """(2, 3) corners of the box around the domain; SceneError for what a plugin has opened."""
+    if isinstance(data, Opened):
+        raise SceneError("the device reference knows no box around what a plugin opens: leave out --box and --axes")
+    box = surrounding([element_boxes(patch) for patch in patches(data)])
+    for axis, name in enumerate("xyz"[: data.mesh.dimension]):
+        known = quantity_range(data, Expression.of(data, name))
+        if known is not None and np.isfinite((known.lower, known.upper)).all():
+            box[:, axis] = known.lower, known.upper
+    return box
 
 
 def _rendered(dataset: Dataset | Opened, scene: Scene) -> Frame:

@@ -117,8 +117,8 @@ def _other(device: str) -> Drawing | None:
 
 
 def _is_exact(scene: Scene) -> bool:
-    """Whether the scene asks for more than a picture, or doesn't say what it is for."""
-    return not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
+    """Whether the scene asks for more than colours, such as what hides the box, or doesn't say what it is for."""
+    return scene.box or not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
 
 
 def default_field(data: Dataset | Opened) -> str:

@@ -46,7 +46,7 @@ def case(family, rng, size):
     own, form = world(rng), str(rng.choice(list(FORMS)))
     low, high = extent(FORMS[form])
     cells = int(own.name.split()[1])
-    if family == "draw_calls":
+    if family == "sheets":
         # in borders of elements, or a rounding error or so next to them
         first = low + (high - low) * Fraction(int(rng.integers(0, 2 * cells + 1)), 2 * cells)
     else:
@@ -97,5 +97,5 @@ def count(own, form, values, case, frame):
 
 
 FAMILIES = {
-    f"isosurfaces: {name}": partial(case, name) for name in ("multiplicity", "touching", "near pairs", "draw_calls")
+    f"isosurfaces: {name}": partial(case, name) for name in ("multiplicity", "touching", "near pairs", "sheets")
 }
