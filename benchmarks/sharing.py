@@ -63,7 +63,7 @@ def _without(name: str, renderer: Renderer, scene: Scene) -> Any:
 
 @contextmanager
 def _off(name: str) -> Iterator[None]:
-    draw, layers = VolumeRenderer.draw, Stages.layers
+    draw, hit_buffers = VolumeRenderer.draw, Stages.hit_buffers
 
     def stretches(
         self: VolumeRenderer, view: Any, media: Any, fragments: FragmentLists, error: float, clips: Any
@@ -82,15 +82,15 @@ def _off(name: str) -> Iterator[None]:
         return draw(self, view, media, fragments, error, clips)
 
     def twice(self: Stages, *arguments: Any) -> Iterator[Any]:
-        for layer in layers(self, *arguments):
-            assert len(layer.depth)
-        yield from layers(self, *arguments)
+        for hits in hit_buffers(self, *arguments):
+            assert len(hits.depth)
+        yield from hit_buffers(self, *arguments)
 
     changed = {
         "one march": (VolumeRenderer, "draw", stretches),
         "depth": (compositing, "FAINT", -1.0),
         "light": (Medium, "counts", lambda self, low, high: np.ones(len(low), bool)),
-        "samples": (Stages, "layers", twice),
+        "samples": (Stages, "hit_buffers", twice),
     }
     with ExitStack() as stack:
         stack.enter_context(patch.object(*changed[name]))

@@ -41,7 +41,10 @@ FILES = {
         r"a Nek5000 mesh \(\.re2\) without a field: give a field",
     ),
     "a.ma2": (b"#v001       32        5", r"a Nek5000 partition \(\.ma2\) without a field"),
-    "u.gfu": (bytes(range(200)), r"numbers of an NGSolve function \(\.gfu\) without a mesh: give the \.vol file too"),
+    "u.gfu": (
+        bytes(range(200)),
+        r"numbers of an NGSolve function \(\.gfu\) without a mesh: give the \.vol file and --reader",
+    ),
     "s.pickle": (
         b"\x80\x04\x95\x00cngsolve.comp\nMesh",
         r"a pickled NGSolve session, .*ngsolve_export\.export in Python",

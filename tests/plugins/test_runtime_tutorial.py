@@ -122,7 +122,7 @@ def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
     ((name, plugin),) = named(str(folder / "rings.py")).items()
     opened = Opened(name, plugin([folder / "case.npz"]))
     drawing, scene = renderer("vulkan"), Scene("p", objects=(Faces(),), camera="iso", size=(80, 60))
-    drawing.show(opened.volume("p"), opened)
+    drawing.show(opened.volume("p"))
     drawn = drawing.render(scene)
     wanted = render_reference(opened, replace(scene, camera=drawn.view.camera))
     assert np.array_equal(drawn.element, wanted.element)
