@@ -103,7 +103,7 @@ def _is_hidden(frame: Frame, points: Floats) -> Bools:
     inside = within.all(axis=1)
     pixel = np.rint(places[inside]).astype(int)
     wide = np.linalg.norm(view.column) * (depth if view.perspective else np.ones_like(depth))
-    hidden = np.isnan(places).any(axis=1)
+    hidden = np.asarray(np.isnan(places).any(axis=1))
     hidden[inside] = frame.depth[pixel[:, 1], pixel[:, 0]] < (depth - 4.0 * wide)[inside]
     return hidden
 

@@ -298,7 +298,7 @@ def world_gradient(net: Net, jacobians: Floats, bent: Floats, axis: int) -> Net:
     dimension = net.space.shape.dimension
     lengths = np.linalg.norm(jacobians, axis=1).prod(axis=1)
     skewed = lengths / np.abs(np.linalg.det(jacobians))
-    inverse = np.linalg.inv(jacobians)
+    inverse: Floats = np.asarray(np.linalg.inv(jacobians), np.float64)
     plain, top = net.coefficients.T, max(net.space.degrees)
     slopes = [differentiate(net.space, plain, direction) for direction in range(dimension)]
     steepest = np.max([np.abs(slope).max(axis=1, initial=0.0) for _, slope in slopes], axis=0)
