@@ -6,7 +6,7 @@ import pytest
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nektar"
 #: processor seconds of ``job`` on the machine for which limits were chosen
 JOB_SECONDS = 0.045
-#: modules of more than about ten processor seconds with nothing compiled: ``make check`` leaves them out
+#: modules of more than about six processor seconds with nothing compiled: ``make check`` leaves them out
 LONG = (Path(__file__).parent / "long.txt").read_text(encoding="utf-8").split()
 
 
