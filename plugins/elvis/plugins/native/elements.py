@@ -101,10 +101,13 @@ class Elements:
 
     def _quantity(self, expression: Expression, *, bounded: bool = False) -> Quantity:
         """The type and buffers of an expression on these elements; ``bounded`` where it stands for another's level."""
+        polynomial = None if expression.is_field or self.series else self._expanded(expression)
+        if polynomial is not None:
+            return self._of_net(polynomial)
         names = expression.fields if len(expression.fields) < 2 else self._several
         space, net = self._net(names)
         shape = self.geometry.shape
-        arguments = ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
+        arguments = self._all_arguments(space)
         type, source = f"{shape.label}<{arguments}>", ""
         if self.series and shape is Shape.SEGMENT:
             type = f"Segment<{arguments}, {len(self.series.z_ids)}, {len(self.series.lengths)}>"
@@ -116,9 +119,6 @@ class Elements:
                 return Quantity(type, source, buffers)
             degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
             return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
-        polynomial = None if self.series else self._expanded(expression)
-        if polynomial is not None:
-            return self._of_net(polynomial)
         formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions))
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
@@ -136,11 +136,14 @@ class Elements:
         space = net.space
         rounding = net.error + UNIT * operations(space) * net.size
         coefficients = np.ascontiguousarray((net.coefficients * weights(space)[:, None]).T)
-        arguments = ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
         degree = max(*self.geometry.degrees, *space.degrees)
         bounds = partial(_bounds, coefficients, space, lambda: rounding)
-        type = f"{space.shape.label}<{arguments}>"
+        type = f"{space.shape.label}<{self._all_arguments(space)}>"
         return Quantity(type, "", {"coefficients": coefficients}, degree, bounds, rounding=lambda: rounding)
+
+    def _all_arguments(self, space: BernsteinSpace) -> str:
+        """Those of the Slang type of elements with this map and a field in a space."""
+        return ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
 
     def _expanded(self, expression: Expression) -> Net | None:
         """The polynomials that an expression is on these elements; None where it is none, or one of too many terms."""

@@ -141,19 +141,26 @@ class Leaves:
     @cached_property
     def _affine(self) -> tuple[Floats, Floats] | None:
         """Jacobians (n, d, d) of affine maps, and how far they are off (n,); None where a map is bent."""
-        if not is_affine(self.patch, self.rows).all():
+        if not _may_be_affine(self.patch):
             return None
-        return mean_jacobians(self.patch, self.rows)
+        jacobians, bent = mean_jacobians(self.patch, self.rows)
+        return (jacobians, bent) if _are_affine(jacobians, bent).all() else None
 
 
 def is_affine(patch: Patch, rows: Ints) -> Bools:
-    """(n,) elements in which derivatives of polynomials along x, y and z are polynomials: their maps are affine.
-
-    On pyramids none are, since derivatives of polynomials in eta are fractions.
-    """
-    if patch.shape is Shape.PYRAMID or not patch.is_flat:
+    """(n,) elements in which derivatives of polynomials along x, y and z are polynomials: their maps are affine."""
+    if not _may_be_affine(patch):
         return np.zeros(len(rows), bool)
-    jacobians, bent = mean_jacobians(patch, rows)
+    return _are_affine(*mean_jacobians(patch, rows))
+
+
+def _may_be_affine(patch: Patch) -> bool:
+    """Not on pyramids, where derivatives of polynomials in eta are fractions, nor on surfaces in space."""
+    return patch.shape is not Shape.PYRAMID and patch.is_flat
+
+
+def _are_affine(jacobians: Floats, bent: Floats) -> Bools:
+    """(n,) which maps are affine to rounding; see `mean_jacobians`."""
     sizes = np.abs(jacobians).max(axis=(1, 2))
     return np.asarray((bent <= _STRAIGHT * sizes) & (np.linalg.det(jacobians) != 0.0))
 
