@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ SAME = 1e-9
 
 
 @dataclass(frozen=True)
-class Kind:
+class StrokeStyle:
     """What lines have in common that are one stroke."""
 
     width: float
@@ -42,16 +42,16 @@ class Tracer:
     """Gathers short lines band by band."""
 
     painter: Painter
-    found: dict[Kind, list[tuple[Floats, Floats]]] = field(default_factory=dict)
+    found: dict[StrokeStyle, list[tuple[Floats, Floats]]] = field(default_factory=dict)
 
     def strokes(self) -> tuple[Stroke, ...]:
         """All of them, joined."""
         made = []
-        for kind, parts in self.found.items():
+        for style, parts in self.found.items():
             starts, ends = (np.concatenate(some) for some in zip(*parts, strict=True))
             lines = chained(starts, ends)
-            lines = met(lines) if kind.value is None else lines
-            made.append(Stroke(lines, kind.width, kind.color, kind.opacity, kind.value, kind.labels))
+            lines = met(lines) if style.value is None else lines
+            made.append(Stroke(lines, style.width, style.color, style.opacity, style.value, style.labels))
         return tuple(made)
 
     def note(self, drawn: Drawn, view: View, shift: tuple[int, int], own: Bools) -> None:
@@ -66,7 +66,7 @@ class Tracer:
                 side = hits.owner if hits.side is None else hits.side
                 lines = self._borders(view, hits, side)
                 width, color = draw_call.style.mesh_lines.width, draw_call.style.mesh_lines.color
-                self._keep(Kind(width, color, 1.0, None), lines, before, hits, shift, own)
+                self._keep(StrokeStyle(width, color, 1.0, None), lines, before, hits, shift, own)
             if draw_call.style.contours is not None:
                 self._contours(view, draw_call, hits, before, shift, own)
         if self.painter.scene.outline and drawn:
@@ -89,7 +89,7 @@ class Tracer:
         shape = view.height, view.width
         seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
         lines = borders(seen, distance.reshape(shape), depth.reshape(shape))
-        self._keep(Kind(OUTLINE, self.painter.text_color, 1.0, None), lines, [], drawn[0][1], shift, own)
+        self._keep(StrokeStyle(OUTLINE, self.painter.text_color, 1.0, None), lines, [], drawn[0][1], shift, own)
 
     def _contours(
         self, view: View, draw_call: DrawCall, hits: HitBuffer, before: Drawn, shift: tuple[int, int], own: Bools
@@ -105,13 +105,13 @@ class Tracer:
             found = found[~(np.abs(there - found["depth"]) > found["slack"]) | ~np.isfinite(there)]
         for number, value in enumerate(values.tolist()):
             here = found[found["number"] == number]
-            kind = Kind(contours.width, contours.color, 1.0, value, contours.labels)
+            style = StrokeStyle(contours.width, contours.color, 1.0, value, contours.labels)
             lines = here["from"], here["to"], here["pixel"].astype(np.int64)
-            self._keep(kind, lines, before, hits, shift, own)
+            self._keep(style, lines, before, hits, shift, own)
 
     def _keep(
         self,
-        kind: Kind,
+        style: StrokeStyle,
         lines: tuple[Floats, Floats, Ints],
         others: Sequence[tuple[DrawCall, HitBuffer]],
         hits: HitBuffer,
@@ -128,5 +128,5 @@ class Tracer:
         through = np.where(own[pixel], np.round(through, 3), 0.0)
         for part in np.unique(through[through > FAINT]):
             here = through == part
-            same = Kind(kind.width, kind.color, float(part), kind.value, kind.labels)
-            self.found.setdefault(same, []).append((starts[here] + shift, ends[here] + shift))
+            fainter = replace(style, opacity=float(part))
+            self.found.setdefault(fainter, []).append((starts[here] + shift, ends[here] + shift))
