@@ -60,7 +60,7 @@ class Curves:
     def seen(self, view: View) -> Floats:
         """(n, 2) columns and rows of points close enough together for a view, NaN behind the eye."""
         while True:
-            rows = self.place @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+            rows = view.projected(self.place)
             with np.errstate(divide="ignore", invalid="ignore"):
                 seen = np.where(rows[:, 2:] > 0.0, rows[:, :2] / rows[:, 2:], np.nan)
             steps = np.diff(seen.reshape(-1, self.count, 2), axis=1)

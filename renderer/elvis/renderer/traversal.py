@@ -96,7 +96,7 @@ def seen(view: View, corners: Floats, chosen: Bools) -> Sections:
     elements = np.flatnonzero(chosen)
     points = corners[elements]
     with np.errstate(divide="ignore", invalid="ignore"):
-        homogeneous = points @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+        homogeneous = view.projected(points)
         pixel = homogeneous[..., :2] / homogeneous[..., 2:]
     behind = (homogeneous[..., 2] <= 0).any(axis=1)
     x, y = pixel[..., 0], pixel[..., 1]

@@ -75,7 +75,7 @@ def edges_of(box: Floats) -> Iterator[tuple[int, Floats]]:
 
 def seen_of(view: View, points: Floats) -> Floats:
     """(n, 2) columns and rows of world points (n, 3), NaN behind the eye."""
-    rows = points @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+    rows = view.projected(points)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(rows[:, 2:] > 0.0, rows[:, :2] / rows[:, 2:], np.nan)
 

@@ -90,6 +90,10 @@ class View:
         rows, columns = np.divmod(np.arange(self.count), self.width)
         return self.rays(columns, rows)
 
+    def projected(self, points: Floats) -> Floats:
+        """(..., 3) column and row, both times the weight, and the weight of world points (..., 3)."""
+        return np.asarray(points @ self.to_pixel[:, :3].T + self.to_pixel[:, 3])
+
     def depth_of(self, points: Floats) -> Floats:
         """Distance of world points (…, 3) from the eye's plane, along the view."""
         forward = self.camera.basis()[2]

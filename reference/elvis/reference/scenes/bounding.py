@@ -103,7 +103,7 @@ def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floa
     parts = np.array_split(rows, -(-len(rows) * 3 * len(points) // _AT_ONCE) or 1)
     ends: list[Floats] = []
     for part in parts:
-        placed = spread(patch, part, points) @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+        placed = view.projected(spread(patch, part, points))
         low, high = bounds_of(placed.transpose(0, 2, 1).reshape(-1, len(points)), divisor)
         ends.append(np.stack([low, high]).reshape(2, len(part), 3))
     low, high = np.concatenate(ends, axis=1)

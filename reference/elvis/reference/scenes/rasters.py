@@ -19,7 +19,7 @@ _AT_ONCE = 1 << 17
 
 def on_screen(view: View, points: Floats) -> tuple[Floats, Bools]:
     """Columns and rows (…, 2) of world points (…, 3), and whether they lie in front of the eye."""
-    placed = points @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+    placed = view.projected(points)
     front = placed[..., 2] > 1e-12 * np.abs(placed).max(initial=1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(placed[..., :2] / placed[..., 2:]), front

@@ -179,7 +179,7 @@ def _triangle_hits(corners: Floats, view: View) -> tuple[Ints, Floats, Floats]:
 
 def _pairs(corners: Floats, view: View) -> Iterator[tuple[Ints, Ints, Ints]]:
     """Triangles, columns and rows: for every triangle the pixels within its bounds, some at a time."""
-    placed = corners @ view.to_pixel[:, :3].T + view.to_pixel[:, 3]
+    placed = view.projected(corners)
     front = placed[..., 2] > 0.0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         seen = placed[..., :2] / placed[..., 2:]
