@@ -123,7 +123,7 @@ def test_a_flat_surface_costs_few_pieces(renderer):
     data = exact(Shape.HEXAHEDRON, lambda p: (p[:, 2] - 0.46875) ** 3, 1.0, 1.0)
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
     drawer.draw(View.through(CAMERA, (120, 120)), None, 1.0)
-    assert drawer.counts["pieces"] < 200
+    assert drawer.counts["sub_elements"] < 200
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
@@ -133,7 +133,7 @@ def test_elements_that_are_all_rounding_cost_few_pieces(renderer, shape):
     view = View.through(CAMERA, SIZE)
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
     layer = drawer.draw(view, None, 1.0)
-    assert drawer.counts["pieces"] < 600
+    assert drawer.counts["sub_elements"] < 600
     assert (layer.owner == NOBODY).all()
     assert (layer.status[places(view, 2, 0.46875)[1] > 1e-9] == Status.AMBIGUOUS).all()
     assert (layer.status[~meets_cube(view)] == Status.MISS).all()
@@ -158,7 +158,7 @@ def test_a_pair_of_surfaces_seen_from_within_costs_few_pieces(renderer, shape):
     view = View.through(camera, (24, 20))
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
     layer = drawer.draw(view, None, 0.0)
-    assert drawer.counts["pieces"] < 400
+    assert drawer.counts["sub_elements"] < 400
     depth, inside = places(view, 2, 0.375 + 2.0**-8)
     seen = (inside > 1e-9) & (depth > 0)
     assert seen.sum() > 100

@@ -1,4 +1,4 @@
-"""Isosurfaces in object order: elements are halved until rays meet each piece once at most (stages: iso_*)."""
+"""Isosurfaces in object order: elements are halved until rays meet each sub-element once at most (stages: iso_*)."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
-#: what becomes of a piece, as in iso.slang
+#: what becomes of a sub-element, as in iso.slang
 SPLIT, UNDEFINED = 0, 4
-#: pieces that are halved at once; beyond it nothing more is proved
-MOST_PIECES = 1 << 19
-#: rounds of halving, and pieces that a dispatch halves
+#: sub-elements that are halved at once; beyond it nothing more is proved
+MOST_SUB_ELEMENTS = 1 << 19
+#: rounds of halving, and sub-elements that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
-#: drafts of a part: pieces in which rays take too many steps are drawn once more in parts, with closer bounds
+#: drafts of a part: sub-elements in which rays take too many steps are drawn once more in parts, with closer bounds
 _DRAFTS = 5
 
 
@@ -56,7 +56,7 @@ class IsosurfaceDrawer:
     """A loaded volume, ready for any level of any of its quantities from any view.
 
     counts  of the last picture: elements left out because their field has the level all over them (``flat``) or is not
-            a number (``undefined``), and the pieces that were drawn
+            a number (``undefined``), and the sub-elements that were drawn
     """
 
     def __init__(self, loaded: Loaded) -> None:
@@ -76,7 +76,7 @@ class IsosurfaceDrawer:
         """
         if self.loaded.dimension != 3:
             raise SceneError("isosurfaces are drawn of 3D data: draw contours of 2D data")
-        self.counts = {"flat": 0, "undefined": 0, "pieces": 0}
+        self.counts = {"flat": 0, "undefined": 0, "sub_elements": 0}
         stands_in, unproved = False, np.zeros(view.count, bool)
         held = cleared(self.device, view.count, _HELD, clear=("owner", "status", "depth", "doubt"))
         image = written(self.device, held)
@@ -92,7 +92,7 @@ class IsosurfaceDrawer:
             if straight:
                 self._draw_straight(draw, asked)
             else:
-                self._draw_pieces(draw, asked)
+                self._draw_sub_elements(draw, asked)
         hits = _left(HitBuffer.on_device(self.device, held), value)
         hits.status[unproved & (hits.status == Status.MISS)] = Status.AMBIGUOUS
         assert hits.doubt is not None
@@ -131,7 +131,7 @@ class IsosurfaceDrawer:
         self.counts["undefined"] += int(undefined.sum())
         wanted = self._holding(number, quantity, value) & ~undefined
         sections = seen(view, self.traversal.corners(number), wanted)
-        self.counts["pieces"] += len(sections)
+        self.counts["sub_elements"] += len(sections)
         if len(sections):
             tiles, order = binned(sections.least, sections.most, draw.dtype("tiles"))
             buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
@@ -153,15 +153,15 @@ class IsosurfaceDrawer:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
 
     def _whole(self, split: Kernel, number: int, quantity: str | None, value: float) -> NDArray[Any]:
-        """The elements of a part that may have the value, as pieces."""
+        """The elements of a part that may have the value, as sub-elements."""
         elements = np.flatnonzero(self._holding(number, quantity, value))
-        pieces = np.zeros(len(elements), split.dtype("pieces"))
-        pieces["element"], pieces["half"] = elements, 1.0
-        pieces["error"] = self.traversal.rounding(number, quantity, value)[elements]
-        return pieces
+        sub_elements = np.zeros(len(elements), split.dtype("sub_elements"))
+        sub_elements["element"], sub_elements["half"] = elements, 1.0
+        sub_elements["error"] = self.traversal.rounding(number, quantity, value)[elements]
+        return sub_elements
 
-    def _pieces(self, level: _Level, weary: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Pieces of a part that are to be drawn, in order of depth: of all its elements, or parts of those given."""
+    def _sub_elements(self, level: _Level, weary: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Sub-elements of a part that are to be drawn, in order of depth: of all its elements, or parts of those given."""
         number, quantity, value = level.number, level.quantity, level.value
         start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
         parents = self._whole(split, number, quantity, value) if weary is None else weary
@@ -170,13 +170,13 @@ class IsosurfaceDrawer:
         buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
         done = [parents[:0]]
         for turn in range(_ROUNDS):
-            last = len(parents) > MOST_PIECES or turn == _ROUNDS - 1
+            last = len(parents) > MOST_SUB_ELEMENTS or turn == _ROUNDS - 1
             ask = partial(self._ask, split, level, last=last)
             halved = turn > 0 or weary is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
             found = [self._kept(split if halved else start, batch, halved, buffers, ask) for batch in batches]
-            done += [pieces[pieces["fate"] != SPLIT] for pieces in found]
-            parents = _joined([parents[:0], *(pieces[pieces["fate"] == SPLIT] for pieces in found)])
+            done += [sub_elements[sub_elements["fate"] != SPLIT] for sub_elements in found]
+            parents = _joined([parents[:0], *(sub_elements[sub_elements["fate"] == SPLIT] for sub_elements in found)])
             if not len(parents):
                 break
         return self._sorted(_joined(done))
@@ -189,55 +189,55 @@ class IsosurfaceDrawer:
         buffers: dict[str, Buffer],
         ask: Callable[..., Buffer],
     ) -> NDArray[Any]:
-        """What is left of some pieces, halved thrice or as they are."""
+        """What is left of some sub-elements, halved thrice or as they are."""
         lists = {
             "ask": ask(count=len(parents)),
             "parents": self.device.buffer(parents),
-            "pieces": self.device.empty(parents.dtype, (8 if halved else 1) * len(parents)),
+            "sub_elements": self.device.empty(parents.dtype, (8 if halved else 1) * len(parents)),
             "count": self.device.buffer(np.zeros(1, np.uint32)),
         }
         kernel(len(parents), {**buffers, **lists}, groups=halved)
         count = int(self.device.read(lists["count"], np.uint32)[0])
-        return self.device.read(lists["pieces"], parents.dtype)[:count].copy()
+        return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
-    def _sorted(self, pieces: NDArray[Any]) -> NDArray[Any]:
-        self.counts["undefined"] += len(np.unique(pieces["element"][pieces["fate"] == UNDEFINED]))
-        pieces = pieces[pieces["fate"] != UNDEFINED]
-        self.counts["pieces"] += len(pieces)
-        centre = pieces["centre"]
-        return pieces[np.lexsort([*centre.T, pieces["element"], pieces["near"]])]
+    def _sorted(self, sub_elements: NDArray[Any]) -> NDArray[Any]:
+        self.counts["undefined"] += len(np.unique(sub_elements["element"][sub_elements["fate"] == UNDEFINED]))
+        sub_elements = sub_elements[sub_elements["fate"] != UNDEFINED]
+        self.counts["sub_elements"] += len(sub_elements)
+        centre = sub_elements["centre"]
+        return sub_elements[np.lexsort([*centre.T, sub_elements["element"], sub_elements["near"]])]
 
-    def _draw_pieces(self, draw: Kernel, level: _Level) -> None:
-        """The other elements of a part, in pieces, and in parts of those in which rays take too many steps."""
+    def _draw_sub_elements(self, draw: Kernel, level: _Level) -> None:
+        """The other elements of a part, in sub-elements, and in parts of those in which rays take too many steps."""
         self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
         certified = self.traversal.degree(level.number, level.quantity) > 0
         ask = partial(self._ask, draw, level, certified=certified)
         weary = None
         for draft in range(_DRAFTS):
-            pieces = self._pieces(level, weary)
-            if not len(pieces):
+            sub_elements = self._sub_elements(level, weary)
+            if not len(sub_elements):
                 return
-            last = draft == _DRAFTS - 1 or len(pieces) > MOST_PIECES
-            weary = pieces[self._draft(draw, level.buffers, pieces, partial(ask, last=last))]
+            last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
+            weary = sub_elements[self._draft(draw, level.buffers, sub_elements, partial(ask, last=last))]
             if not len(weary):
                 return
 
     def _draft(
-        self, draw: Kernel, buffers: dict[str, Buffer], pieces: NDArray[Any], ask: Callable[..., Buffer]
+        self, draw: Kernel, buffers: dict[str, Buffer], sub_elements: NDArray[Any], ask: Callable[..., Buffer]
     ) -> Bools:
-        """Draws pieces; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
-        least, most = (np.full((len(pieces), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
-        least[:, :2], most[:, :2] = pieces["bounds"][:, :2], pieces["bounds"][:, 2:]
+        """Draws sub-elements; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
+        least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
+        least[:, :2], most[:, :2] = sub_elements["bounds"][:, :2], sub_elements["bounds"][:, 2:]
         tiles, order = binned(least, most, draw.dtype("tiles"))
         lists = {
             "ask": ask(count=len(tiles)),
             "tiles": self.device.buffer(tiles),
             "order": self.device.buffer(order),
-            "pieces": self.device.buffer(pieces),
-            "weary": self.device.buffer(np.zeros(len(pieces), np.uint32)),
+            "sub_elements": self.device.buffer(sub_elements),
+            "weary": self.device.buffer(np.zeros(len(sub_elements), np.uint32)),
         }
         draw(len(tiles), {**buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
-        return np.asarray(self.device.read(lists["weary"], np.uint32)[: len(pieces)] > 0)
+        return np.asarray(self.device.read(lists["weary"], np.uint32)[: len(sub_elements)] > 0)
 
     def _ask(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:
         """The Ask record of the stages (iso.slang)."""
@@ -248,9 +248,9 @@ class IsosurfaceDrawer:
         return self.device.buffer(record)
 
 
-def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
-    """Pieces of all lists, in the layout of the kernels, which may have gaps."""
-    return np.concatenate(pieces, dtype=pieces[0].dtype)
+def _joined(sub_elements: list[NDArray[Any]]) -> NDArray[Any]:
+    """Sub-elements of all lists, in the layout of the kernels, which may have gaps."""
+    return np.concatenate(sub_elements, dtype=sub_elements[0].dtype)
 
 
 def _series(degree: int) -> tuple[Floats, Floats]:
