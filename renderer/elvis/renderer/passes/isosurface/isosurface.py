@@ -160,19 +160,19 @@ class IsosurfaceDrawer:
         sub_elements["error"] = self.traversal.rounding(number, quantity, value)[elements]
         return sub_elements
 
-    def _sub_elements(self, level: _Level, weary: NDArray[Any] | None = None) -> NDArray[Any]:
+    def _sub_elements(self, level: _Level, unfinished: NDArray[Any] | None = None) -> NDArray[Any]:
         """Sub-elements of a part that are to be drawn, in order of depth: of all its elements, or parts of those given."""
         number, quantity, value = level.number, level.quantity, level.value
         start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
-        parents = self._whole(split, number, quantity, value) if weary is None else weary
+        parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
         degree = self.traversal.degree(number, quantity) or STAND_IN
         nodes, transform = (self.device.buffer(array) for array in _series(degree))
         buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
         done = [parents[:0]]
-        for turn in range(_ROUNDS):
-            last = len(parents) > MOST_SUB_ELEMENTS or turn == _ROUNDS - 1
+        for iteration in range(_ROUNDS):
+            last = len(parents) > MOST_SUB_ELEMENTS or iteration == _ROUNDS - 1
             ask = partial(self._ask, split, level, last=last)
-            halved = turn > 0 or weary is not None
+            halved = iteration > 0 or unfinished is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
             found = [self._kept(split if halved else start, batch, halved, buffers, ask) for batch in batches]
             done += [sub_elements[sub_elements["fate"] != SPLIT] for sub_elements in found]
@@ -212,14 +212,14 @@ class IsosurfaceDrawer:
         self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
         certified = self.traversal.degree(level.number, level.quantity) > 0
         ask = partial(self._ask, draw, level, certified=certified)
-        weary = None
+        unfinished = None
         for draft in range(_DRAFTS):
-            sub_elements = self._sub_elements(level, weary)
+            sub_elements = self._sub_elements(level, unfinished)
             if not len(sub_elements):
                 return
             last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
-            weary = sub_elements[self._draft(draw, level.buffers, sub_elements, partial(ask, last=last))]
-            if not len(weary):
+            unfinished = sub_elements[self._draft(draw, level.buffers, sub_elements, partial(ask, last=last))]
+            if not len(unfinished):
                 return
 
     def _draft(
@@ -234,10 +234,10 @@ class IsosurfaceDrawer:
             "tiles": self.device.buffer(tiles),
             "order": self.device.buffer(order),
             "sub_elements": self.device.buffer(sub_elements),
-            "weary": self.device.buffer(np.zeros(len(sub_elements), np.uint32)),
+            "unfinished": self.device.buffer(np.zeros(len(sub_elements), np.uint32)),
         }
         draw(len(tiles), {**buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
-        return np.asarray(self.device.read(lists["weary"], np.uint32)[: len(sub_elements)] > 0)
+        return np.asarray(self.device.read(lists["unfinished"], np.uint32)[: len(sub_elements)] > 0)
 
     def _ask(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:
         """The Ask record of the stages (iso.slang)."""
