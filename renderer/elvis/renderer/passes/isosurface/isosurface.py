@@ -161,7 +161,7 @@ class IsosurfaceDrawer:
         return sub_elements
 
     def _sub_elements(self, level: _Level, unfinished: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Sub-elements of a part that are to be drawn, in order of depth: of all its elements, or parts of those given."""
+        """What is to be drawn of a part, in order of depth: of all its elements, or parts of the sub-elements given."""
         number, quantity, value = level.number, level.quantity, level.value
         start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
         parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
