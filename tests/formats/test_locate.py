@@ -301,7 +301,7 @@ def test_a_field_that_lacks_elements_is_nan_there():
     assert np.isfinite(taken.values[:, 0]).all()
     assert (taken.location.status == Status.INSIDE).all()
     np.testing.assert_array_equal(np.isnan(taken.values[:, 1]), [True, False])
-    with pytest.raises(ElvisError, match="found p"):
+    with pytest.raises(ElvisError, match="there is no"):
         sample(dataset, ["p"], np.zeros((1, 3)))
 
 

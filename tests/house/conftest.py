@@ -34,7 +34,7 @@ def modules(root):
 
 @pytest.fixture(scope="session")
 def wing_files(tmp_path_factory):
-    """``wing.xml`` and ``wing.fld``, the files that the pages speak of: all volume shapes, curved, with p, u and v."""
+    """``wing.xml`` and ``wing.fld``, which the pages speak of: all volume shapes, curved, with p, u, v and w."""
     from elvis.core.testing import approximated, curved, mixed_volume, ripple
     from elvis.formats import Dataset, write
 
@@ -43,6 +43,7 @@ def wing_files(tmp_path_factory):
         "p": lambda x: np.sin(2 * x[:, 0]) * np.cos(x[:, 1]) + x[:, 2] ** 2,
         "u": lambda x: 1 - x[:, 2] ** 2,
         "v": lambda x: x[:, 0] * x[:, 1],
+        "w": lambda x: 0.1 * x[:, 0],
     }
     fields = tuple(approximated(dataset, name, function, modes=5) for name, function in functions.items())
     folder = tmp_path_factory.mktemp("wing")

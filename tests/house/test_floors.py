@@ -3,6 +3,8 @@
 import ast
 import re
 
+import pytest
+
 #: slices that each one may import beside itself; an area is a folder at the top and holds one or two slices
 BELOW = {
     "core": set(),
@@ -13,7 +15,8 @@ BELOW = {
     "renderer": {"core", "formats", "plugins", "scene"},
     "reference": {"core", "formats", "plugins", "scene"},
 }
-
+#: doors name what programs need from all over the house; they hold names alone, and nothing below goes through them
+DOORS = {"formats/elvis/formats/__init__.py": "elvis.formats"}
 
 MODULE = re.compile(r"elvis(\.\w+)+")
 
@@ -32,9 +35,15 @@ def imported_slices(tree):
                 yield node.lineno, rest.partition(".")[0]
 
 
-def test_imports_go_down(root, modules):
+@pytest.fixture
+def inside(root, modules):
+    """The modules but for doors."""
+    return {path: tree for path, tree in modules.items() if path.relative_to(root).as_posix() not in DOORS}
+
+
+def test_imports_go_down(root, inside):
     wrong = []
-    for path, tree in modules.items():
+    for path, tree in inside.items():
         own = path.relative_to(root).parts[2]
         for line, other in imported_slices(tree):
             if other not in {own, *BELOW[own]}:
@@ -53,10 +62,33 @@ def test_imports_across_areas_are_absolute(root, modules):
     assert not wrong
 
 
-def test_modules_that_are_named_in_text_are_below_too(root, modules):
+@pytest.mark.parametrize("door", DOORS)
+def test_doors_hold_names_alone(root, modules, door):
+    kinds = (ast.Import, ast.ImportFrom, ast.If, ast.Assign, ast.FunctionDef)
+    tree = modules[root / door]
+    assert all(isinstance(node, kinds) for node in tree.body[1:])
+    assert [node.name for node in tree.body if isinstance(node, ast.FunctionDef)] == ["__dir__"]
+    assert {target.id for node in tree.body if isinstance(node, ast.Assign) for target in node.targets} == {
+        "__all__",
+        "__getattr__",
+    }
+
+
+def test_nothing_in_the_house_goes_through_a_door(root, inside):
+    wrong = []
+    for path, tree in inside.items():
+        for node in ast.walk(tree):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) else []
+            if any(name in DOORS.values() for name in names):
+                wrong.append(f"{path.relative_to(root)}:{node.lineno}")
+    assert not wrong
+
+
+def test_modules_that_are_named_in_text_are_below_too(root, inside):
     """What ``import_module``, ``lazy_names`` and their like are told."""
     wrong = []
-    for path, tree in modules.items():
+    for path, tree in inside.items():
         own = path.relative_to(root).parts[2]
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and MODULE.fullmatch(node.value):

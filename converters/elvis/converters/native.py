@@ -18,8 +18,7 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.shapes import Shape
-from elvis.formats import read
-from elvis.formats.reading import is_native
+from elvis.formats.reading import is_native, read
 from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
 
 #: differences of values at vertices, as a share of the field's range, below which a field may be continuous

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from dataclasses import field as default
 
 from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
+from elvis.core.hints import perhaps
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
@@ -121,11 +122,25 @@ class Dataset:
         return tuple(field for field in self.fields if field.name not in self.map_names)
 
     def field(self, name: str) -> Field:
-        """The field of this name; KeyError where there is none."""
+        """The field of this name; KeyError, with a near name, where there is none."""
         for candidate in self.fields:
             if candidate.name == name:
                 return candidate
-        raise KeyError(name)
+        names = list(self)
+        known = f"the fields are {', '.join(names)}" if names else "the data hold no fields"
+        raise KeyError(f"there is no field {name!r}{perhaps(str(name), names)}; {known}")
+
+    def __getitem__(self, name: str) -> Field:
+        """As `field`."""
+        return self.field(name)
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the fields, without those that give the map."""
+        return (field.name for field in self.solution)
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a field of this name."""
+        return any(field.name == name for field in self.fields)
 
     def __repr__(self) -> str:
         return describing.line_of_dataset(self)

@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Block, Dataset, Field
+    from elvis.core.files.columns import Columns
     from elvis.core.mesh import Mesh
+    from elvis.core.sampling import Samples
     from elvis.core.shapes import Shape
 
 #: names of fields that one line holds
 _NAMES = 8
+#: rows at each end of a long table
+_ENDS = 5
 
 
 def line_of_mesh(mesh: Mesh) -> str:
@@ -54,6 +58,28 @@ def table_of_dataset(dataset: Dataset) -> str:
     time = "" if dataset.time is None else f"; time {dataset.time:g}"
     caption = f"{_dimensions(dataset.mesh)}: {elements_of(dataset.mesh)}{time}"
     return f"<table><caption>{escape(caption)}</caption><tr>{head}</tr>{''.join(rows)}</table>"
+
+
+def line_of_samples(samples: Samples) -> str:
+    """``<Samples of speed, p at 200 points: 190 inside, 10 outside>``."""
+    from elvis.core.mapping.inverse import Status
+
+    status = samples.location.status
+    counts = [f"{int((status == state).sum())} {state.name.lower()}" for state in Status if (status == state).any()]
+    told = f": {', '.join(counts)}" if counts else ""
+    return f"<Samples of {', '.join(samples.names) or 'nothing'} at {len(samples)} points{told}>"
+
+
+def table_of_columns(columns: Columns, caption: str) -> str:
+    """HTML: a row for each entry of the columns; of a long table the first and the last."""
+    count = len(next(iter(columns.values())))
+    rows = range(count) if count <= 2 * _ENDS else [*range(_ENDS), None, *range(count - _ENDS, count)]
+    lines = []
+    for row in rows:
+        cells = ("…" if row is None else f"{column[row]:.6g}" for column in columns.values())
+        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    return f"<table><caption>{escape(caption)}</caption><tr>{head}</tr>{''.join(lines)}</table>"
 
 
 def elements_of(mesh: Mesh) -> str:

@@ -1,34 +1,70 @@
-"""Fields at world points, in one call."""
+"""Quantities at world points, in one call."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.files.columns import Columns
+from elvis.core.hints import perhaps
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.mapping.pointwise import gradients, values
+from elvis.core.needing import needed
 from elvis.core.patch import patches
+from elvis.core.queries import points_on_line
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
     """What was found at points: one result for a point, or one for each element that holds it; sorted by point.
 
-    names     of the fields
+    ``found["speed"]`` is a column of ``values``.
+
+    names     of the fields, or the texts of the quantities
     points    (k, 3)  world coordinates as asked
     location  (k,)    element, reference coordinates and status of each result
-    values    (k, f)  one column a field; NaN outside the domain and where the field hasn't the element
+    values    (k, f)  one column a quantity; NaN outside the domain and where the quantity hasn't the element
     """
 
     names: tuple[str, ...]
     points: Floats
     location: Location
     values: Floats
+
+    def __getitem__(self, name: str) -> Floats:
+        """(k,) values of a quantity; KeyError where it was not asked for."""
+        if name not in self.names:
+            hint = perhaps(name, self.names)
+            raise KeyError(f"{name!r} was not asked for{hint}: there are {', '.join(self.names) or 'no quantities'}")
+        return np.asarray(self.values[:, self.names.index(name)])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        return describing.line_of_samples(self)
+
+    def _repr_html_(self) -> str:
+        """The first and last results as notebooks show them."""
+        return describing.table_of_columns(self.columns(), repr(self))
+
+    def columns(self) -> Columns:
+        """Arrays (k,) by name: point (row of the input), x, y, z, element (id, -1 outside), status, the quantities."""
+        places = dict(zip("xyz", self.points.T, strict=True))
+        where = {"element": self.location.element_id, "status": self.location.status.astype(int)}
+        return {"point": self.location.point, **places, **where, **dict(zip(self.names, self.values.T, strict=True))}
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame of `columns`; ElvisError where pandas is not installed."""
+        return needed("pandas", "a table").DataFrame(self.columns())
 
 
 class Sampler:
@@ -68,9 +104,45 @@ class Sampler:
         return np.flatnonzero((location.status == Status.INSIDE) & (location.patch == number))
 
 
-def sample(dataset: Dataset, names: Sequence[str], points: Floats, all: bool = False) -> Samples:
-    """The named fields at the world points (n, 3); `Sampler` prepares this once for many calls.
+def sample(dataset: Dataset, quantities: str | Sequence[str] | None, points: Any, all: bool = False) -> Samples:
+    """Exact values of quantities at world points, by the solver's own polynomials on the elements that hold them.
 
-    all  a result for every element that holds a point, both sides of a jump included, not just one for each point
+    quantities  a text or several: fields, expressions such as ``sqrt(u^2+v^2)``, predefined quantities such as
+                ``speed``; None for all fields
+    points      (n, d) or one point (d,): as many coordinates as the data have, or three
+    all         a result for every element that holds a point, both sides of a jump included, not just one a point
+
+    ElvisError for what names no quantity, and for points of another shape.
     """
-    return Sampler(dataset, names).sample(points, all)
+    from elvis.core.quantities import Expression, Names, evaluator
+
+    names = Names.of(dataset)
+    texts = names.fields if quantities is None else [quantities] if isinstance(quantities, str) else quantities
+    wanted = [Expression.parse(text, names) for text in texts]
+    return evaluator.Sampler(dataset, wanted).sample(world_points(points, names.dimension), all)
+
+
+def line(
+    dataset: Dataset,
+    quantities: str | Sequence[str] | None,
+    start: Sequence[float],
+    end: Sequence[float],
+    count: int = 101,
+) -> Samples:
+    """Quantities at evenly spaced points from ``start`` to ``end``, both included (see `sample`)."""
+    return sample(dataset, quantities, points_on_line(start, end, count))
+
+
+def world_points(points: Any, dimension: int) -> Floats:
+    """(n, 3) points; ElvisError unless they are (n, d) numbers, or one of d, with d from ``dimension`` to 3."""
+    try:
+        found = np.asarray(points, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ElvisError(f"expected points as numbers (n, {dimension}), found {points!r:.60}") from error
+    shape = found.shape
+    found = found.reshape(0, 3) if not found.size else np.atleast_2d(found)
+    if found.ndim != 2 or not dimension <= found.shape[1] <= 3:
+        raise ElvisError(
+            f"expected points (n, {dimension}), or one of {dimension} coordinates, found numbers of shape {shape}"
+        )
+    return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))

@@ -1,4 +1,8 @@
-"""Files of solutions: ``dataset = read("wing.xml", "wing.fld")``; what they hold, and what one asks of them."""
+"""Solutions in files and in memory: ``ds = read("wing.xml", "wing.fld")``; what they hold, what one asks of them.
+
+This is a door: it names, from all over the house, what programs need of data, and imports it when it is used.  Nothing
+in the house goes through it (a test guards that), so what reads and writes the native format stands on the core alone.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +16,11 @@ if TYPE_CHECKING:
     from elvis.core.mesh import Composite, Curves, Entities, Mesh
     from elvis.core.norms import norms
     from elvis.core.polynomials.bases import Basis
-    from elvis.core.queries import points_on_line
-    from elvis.core.sampling import sample
+    from elvis.core.queries import points_on_line, points_on_plane
+    from elvis.core.sampling import Samples, line, sample
     from elvis.core.shapes import Shape
-    from elvis.formats.reading import read
     from elvis.formats.writing import write
+    from elvis.plugins.data import read
 
 __all__ = [
     "Basis",
@@ -32,9 +36,12 @@ __all__ = [
     "FormatError",
     "Homogeneous",
     "Mesh",
+    "Samples",
     "Shape",
+    "line",
     "norms",
     "points_on_line",
+    "points_on_plane",
     "read",
     "sample",
     "write",
@@ -48,10 +55,14 @@ __getattr__ = lazy_names(
         "elvis.core.mesh": ("Composite", "Curves", "Entities", "Mesh"),
         "elvis.core.norms": ("norms",),
         "elvis.core.polynomials.bases": ("Basis",),
-        "elvis.core.queries": ("points_on_line",),
-        "elvis.core.sampling": ("sample",),
+        "elvis.core.queries": ("points_on_line", "points_on_plane"),
+        "elvis.core.sampling": ("Samples", "line", "sample"),
         "elvis.core.shapes": ("Shape",),
-        "elvis.formats.reading": ("read",),
         "elvis.formats.writing": ("write",),
+        "elvis.plugins.data": ("read",),
     },
 )
+
+
+def __dir__() -> list[str]:
+    return __all__

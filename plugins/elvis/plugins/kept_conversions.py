@@ -21,7 +21,8 @@ from typing import Any
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import Store, cache_folder
-from elvis.formats import read, write
+from elvis.formats.reading import read
+from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter
 from elvis.plugins.converting import convert
 

@@ -179,7 +179,7 @@ def compare_scene(
         sum(map(_stored, quantities.patches)),
         (fine, estimate(quantities.patches, fine, len(names))[2]),
         seconds,
-        tuple(frame.stats.get("remarks", ())),
+        frame.remarks,
         {f"exact-isosurface-{i}": mesh for i, (_, mesh) in enumerate(surfaces.values())} if meshes else {},
     )
 

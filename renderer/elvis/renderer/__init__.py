@@ -25,3 +25,7 @@ __getattr__ = lazy_names(
         "elvis.scene": tuple(scene.__all__),
     },
 )
+
+
+def __dir__() -> list[str]:
+    return __all__

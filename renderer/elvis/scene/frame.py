@@ -249,6 +249,22 @@ class Frame:
         height, width = self.element.shape
         return f"<Frame {width} x {height} of {self.scene.field}: pixels {told}>"
 
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """(h, w, 3) the bare picture in [0, 255], row 0 at the top; (h, w, 4) where the background is transparent."""
+        return self.rgba if self.scene.is_clear else self.rgb
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on what the picture shows, and on how its data were come by."""
+        return tuple(self.stats.get("remarks", ()))
+
+    def show(self) -> None:
+        """Show the picture, with its colour bar and title: in a notebook, or in the system's viewer of pictures."""
+        from elvis.scene.showing import show
+
+        show(self)
+
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it."""
         from io import BytesIO

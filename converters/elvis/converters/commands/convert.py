@@ -196,8 +196,7 @@ def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent
     from elvis.core.errors import ElvisError
     from elvis.core.files.output import Outputs
     from elvis.core.terminal import say, stage
-    from elvis.formats import write
-    from elvis.formats.writing import companions
+    from elvis.formats.writing import companions, write
 
     fields, data = companions(output)
     stale = [fields] if fields.exists() and not dataset.fields else []

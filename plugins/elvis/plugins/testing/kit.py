@@ -11,7 +11,8 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.formats import read, write
+from elvis.formats.reading import read
+from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter, Elements
 from elvis.plugins.converting import Conversion, Settings, convert
 from elvis.plugins.discovery import with_defaults

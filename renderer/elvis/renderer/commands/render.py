@@ -198,7 +198,7 @@ def _report(frame: Frame, known: Sequence[str]) -> None:
             warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.3g} % of what is seen: {reason}")
     if counts["not_a_number"]:
         warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
-    for remark in frame.stats.get("remarks", ()):
+    for remark in frame.remarks:
         (note if remark in known else warn)(remark)
     if sys.stderr.isatty():
         click.echo(", ".join(f"{counts[name]} pixels {name}" for name in ("certain", "ambiguous", "failed")), err=True)

@@ -89,12 +89,7 @@ class NativeSource:
         """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""
         from elvis.core.quantities.evaluator import Sampler
 
-        found = Sampler(self.dataset, wanted).sample(points, all=every)
-        location = found.location
-        places = dict(zip("xyz", found.points.T, strict=True))
-        where = {"element": location.element_id, "status": location.status.astype(int)}
-        values = dict(zip((each.text for each in wanted), found.values.T, strict=True))
-        return {"point": location.point, **places, **where, **values}
+        return Sampler(self.dataset, wanted).sample(points, all=every).columns()
 
     def norms(self, texts: Sequence[str] | None) -> dict[str, Norm]:
         """Norms of coordinates and fields, or of quantities."""
