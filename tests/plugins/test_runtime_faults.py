@@ -46,7 +46,7 @@ struct Lying : IVolume
     __init(uint element) { honest = Differentiated<Cube>(element); }
     Frame frame(double3 r) { Frame f = honest.frame(r); f.dx = 1.01lf * f.dx; return f; }
     double value(double3 r) { return honest.value(r); }
-    double3 slope(double3 r) { return honest.slope(r); }
+    double3 gradient(double3 r) { return honest.gradient(r); }
     static double margin(double3 r) { return Cube.margin(r); }
     static double3 center() { return Cube.center(); }
     static uint hull_count() { return 8; }

@@ -46,9 +46,9 @@ struct Given : IFormula
     {{
         {value}
     }}
-    static double3 slope<V : IVolume>(uint element, double3 r)
+    static double3 gradient<V : IVolume>(uint element, double3 r)
     {{
-        {slope}
+        {gradient}
     }}
 }}
 """
@@ -83,8 +83,8 @@ class Formula:
         parts = len(ordered(self.expression.root))
         if parts > _MOST:
             raise ElvisError(f"expected an expression of at most {_MOST} parts in pictures, found {parts}")
-        value, slope = self._value(), self._slope()
-        text = _SOURCE.format(value="\n        ".join(value), slope="\n        ".join(slope))
+        value, gradient = self._value(), self._gradient()
+        text = _SOURCE.format(value="\n        ".join(value), gradient="\n        ".join(gradient))
         return f"import distances; {text}" if self.targets else text
 
     def _value(self) -> Iterator[str]:
@@ -93,41 +93,41 @@ class Formula:
         yield from self._statements(root)
         yield f"return {_name(root, _numbers(root))};"
 
-    def _slope(self) -> Iterator[str]:
-        """The chain rule over the leaves; by differences where their own slopes aren't at hand."""
+    def _gradient(self) -> Iterator[str]:
+        """The chain rule over the leaves; by differences where their own gradients aren't at hand."""
         root = self.expression.root
-        moving = [leaf for leaf in leaves(root) if not (leaf.op == "attribute" and is_constant(leaf.name))]
+        varying = [leaf for leaf in leaves(root) if not (leaf.op == "attribute" and is_constant(leaf.name))]
         if any(
             (leaf.op == "attribute" and not target_of(leaf.name)) or len(leaf.axes) > (leaf.op == "coordinate")
-            for leaf in moving
+            for leaf in varying
         ):
             yield "return differences<V, Given>(element, r);"
             return
-        parts = {leaf: partial(root, leaf) for leaf in moving}
+        parts = {leaf: partial(root, leaf) for leaf in varying}
         parts = {leaf: part for leaf, part in parts.items() if part is not ZERO}
         yield from self._ingredients(leaves(*parts.values()), list(parts))
         yield from self._statements(*parts.values())
         numbers = _numbers(*parts.values())
-        terms = [f"{_name(part, numbers)} * {self._moved(leaf)}" for leaf, part in parts.items()]
+        terms = [f"{_name(part, numbers)} * {self._gradient_of(leaf)}" for leaf, part in parts.items()]
         yield f"return {' + '.join(terms) or 'double3(0.0lf, 0.0lf, 0.0lf)'};"
 
-    def _ingredients(self, used: Sequence[Node], moved: Sequence[Node]) -> Iterator[str]:
-        """What the leaves are made of: the frame, values, slopes and gradients of fields."""
-        placed = any(leaf.op == "coordinate" or target_of(leaf.name) is not None for leaf in (*used, *moved))
+    def _ingredients(self, used: Sequence[Node], varying: Sequence[Node]) -> Iterator[str]:
+        """What the leaves are made of: the frame, values and gradients (in the world too) of fields."""
+        placed = any(leaf.op == "coordinate" or target_of(leaf.name) is not None for leaf in (*used, *varying))
         framed = placed or any(leaf.axes for leaf in used)
         if framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used):
             yield "Frame frame = V(element).frame(r);"
-        if any(target_of(leaf.name) is not None for leaf in (*used, *moved)):
+        if any(target_of(leaf.name) is not None for leaf in (*used, *varying)):
             count = len(self.targets)
             yield f"Near nears[{count}];"
             yield f"[loop] for (uint k = 0u; k < {count}u; ++k) nears[k] = nearest(k, frame.position);"
         valued = [leaf.name for leaf in used if leaf.op == "field" and not leaf.axes]
-        sloped = [leaf.name for leaf in used if leaf.op == "field" and len(leaf.axes) == 1]
-        risen = [leaf.name for leaf in moved if leaf.op == "field"]
+        derived = [leaf.name for leaf in used if leaf.op == "field" and len(leaf.axes) == 1]
+        varied = [leaf.name for leaf in varying if leaf.op == "field"]
         yield from self._gathered("value", "double", "value(r)", valued)
-        yield from self._gathered("slope", "double3", "slope(r)", [*sloped, *risen])
-        for m in self._rows(sloped):
-            yield f"double3 gradient{m} = in_world(frame, slope{m});"
+        yield from self._gathered("reference_gradient", "double3", "gradient(r)", [*derived, *varied])
+        for m in self._rows(derived):
+            yield f"double3 gradient{m} = in_world(frame, reference_gradient{m});"
         for m in self._rows([leaf.name for leaf in used if len(leaf.axes) > 1]):
             row = f"element * {len(self.fields)}u + {m}u"
             yield f"Hessian hessian{m} = Hessian(V({row}), V(element), r);"
@@ -147,14 +147,14 @@ class Formula:
     def _rows(self, fields: Sequence[str]) -> list[int]:
         return sorted({self.fields.index(name) for name in fields})
 
-    def _moved(self, leaf: Node) -> str:
-        """The slope of a leaf."""
+    def _gradient_of(self, leaf: Node) -> str:
+        """The gradient of a leaf in reference coordinates."""
         if leaf.op == "coordinate":
             axis = "xyz"[leaf.axes[0]]
             return f"double3(frame.dx.{axis}, frame.dy.{axis}, frame.dz.{axis})"
         if leaf.op == "attribute":
             return f"in_reference(frame, nears[{self.targets.index(str(target_of(leaf.name)))}].gradient)"
-        return f"slope{self.fields.index(leaf.name)}"
+        return f"reference_gradient{self.fields.index(leaf.name)}"
 
     def _statements(self, *roots: Node) -> Iterator[str]:
         """One for each part of the expressions, after those of its operands."""

@@ -36,12 +36,12 @@ struct Joined : IVolume
         {values}
         }}
     }}
-    double3 slope(double3 r)
+    double3 gradient(double3 r)
     {{
         uint element = number / {count}u;
         switch (number % {count}u)
         {{
-        {slopes}
+        {gradients}
         }}
     }}
     static double margin(double3 r) {{ return field0::Element.margin(r); }}
@@ -69,8 +69,8 @@ def joined(parts: Sequence[Part], folder: Path) -> tuple[str, str, Mapping[str, 
             body = re.sub(rf"\b{name}\b", f"{name}_of_{m}", body)
         bodies.append(f"namespace field{m}\n{{\n{body}\n}}")
         buffers |= {f"{name}_of_{m}" if name in declared else name: array for name, array in part.buffers.items()}
-    values, slopes = (_cases(len(parts), asked) for asked in ("value", "slope"))
-    text = _SOURCE.format(count=len(parts), values=values, slopes=slopes)
+    values, gradients = (_cases(len(parts), asked) for asked in ("value", "gradient"))
+    text = _SOURCE.format(count=len(parts), values=values, gradients=gradients)
     return "Joined", "\n".join([*heads, *bodies, text]), buffers
 
 

@@ -55,8 +55,8 @@ class NativeVolume:
         dimension = _dimension(dataset, found)
         primary = names.index(carried[0]) if carried else None
         attributes = Attributes(dataset)
-        sloped = any(expression.order for expression in expressions)
-        groups = [group for sort in (_by_affinity(found) if sloped else [found]) for group in _groups(sort, primary)]
+        derived = any(expression.order for expression in expressions)
+        groups = [group for sort in (_by_affinity(found) if derived else [found]) for group in _groups(sort, primary)]
         parts = [Elements(patches, geometry, names, expressions, attributes).part() for geometry, patches in groups]
         if dimension == 2 and Kind.of(dataset) is Kind.SURFACE:
             parts = [_in_space(part) for part in parts]

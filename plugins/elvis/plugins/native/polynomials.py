@@ -175,9 +175,9 @@ def mean_jacobians(patch: Patch, rows: Ints) -> tuple[Floats, Floats]:
     jacobians = np.empty((len(rows), dimension, dimension))
     bent = np.zeros(len(rows))
     for direction in range(dimension):
-        slopes = differentiate(space, control, direction)[1]
-        jacobians[:, :, direction] = slopes.mean(axis=2)
-        away = np.abs(slopes - slopes.mean(axis=2, keepdims=True)).max(axis=(1, 2), initial=0.0)
+        derivatives = differentiate(space, control, direction)[1]
+        jacobians[:, :, direction] = derivatives.mean(axis=2)
+        away = np.abs(derivatives - derivatives.mean(axis=2, keepdims=True)).max(axis=(1, 2), initial=0.0)
         bent = np.maximum(bent, away)
     return jacobians, bent
 
@@ -307,16 +307,16 @@ def world_gradient(net: Net, jacobians: Floats, bent: Floats, axis: int) -> Net:
     skewed = lengths / np.abs(np.linalg.det(jacobians))
     inverse: Floats = np.asarray(np.linalg.inv(jacobians), np.float64)
     plain, top = net.coefficients.T, max(net.space.degrees)
-    slopes = [differentiate(net.space, plain, direction) for direction in range(dimension)]
-    steepest = np.max([np.abs(slope).max(axis=1, initial=0.0) for _, slope in slopes], axis=0)
+    derivatives = [differentiate(net.space, plain, direction) for direction in range(dimension)]
+    steepest = np.max([np.abs(derivative).max(axis=1, initial=0.0) for _, derivative in derivatives], axis=0)
 
     # J^-T g of a Jacobian that is off by E is off by J^-T E^T J^-T g
     sums = np.abs(inverse).sum(axis=(1, 2))
     off = sums * sums * bent * steepest
     total = None
-    for direction, (space, slope) in enumerate(slopes):
-        error = top * net.error + (3 + 16 * skewed) * UNIT * np.abs(slope).max(axis=1, initial=0.0)
-        part = Net(space, np.ascontiguousarray(slope.T), error).times(inverse[:, direction, axis])
+    for direction, (space, derivative) in enumerate(derivatives):
+        error = top * net.error + (3 + 16 * skewed) * UNIT * np.abs(derivative).max(axis=1, initial=0.0)
+        part = Net(space, np.ascontiguousarray(derivative.T), error).times(inverse[:, direction, axis])
         total = part if total is None else _sum(total, part)
     assert total is not None
     return Net(total.space, total.coefficients, total.error + off)

@@ -78,9 +78,9 @@ def outside(surface: Solid, points: Floats) -> Floats:
         return np.asarray((points - np.asarray(surface.point)) @ unit(surface.normal, "the normal of the plane"))
     matrix, center, level = _quadric(surface)
     away = points - center
-    slope = away @ matrix
-    value = np.einsum("ni,ni->n", slope, away) - level
-    distance = value / np.maximum(2.0 * np.linalg.norm(slope, axis=1), 1e-300)
+    gradient = away @ matrix
+    value = np.einsum("ni,ni->n", gradient, away) - level
+    distance = value / np.maximum(2.0 * np.linalg.norm(gradient, axis=1), 1e-300)
     return np.where(away @ np.asarray(surface.axis) > 0.0, distance, np.inf) if isinstance(surface, Cone) else distance
 
 
