@@ -218,7 +218,7 @@ def test_rulers_say_where_things_are(draw, plane):
 @pytest.mark.parametrize("outputs", [(), ("a.png",)])
 def test_edges_of_the_box_are_hidden_behind_the_domain(linear, outputs):
     solid = linear(one_element(Shape.HEXAHEDRON))
-    frame = render(solid, size=(60, 50), field="u", camera="iso", box=True, objects=(Faces(),), outputs=outputs)
+    frame = render(solid, Scene("u", size=(60, 50), camera="iso", box=True, objects=(Faces(),), outputs=outputs))
     low, high = frame.box
     assert np.allclose([low, high], [[-1] * 3, [1] * 3])
     hidden = np.array([[low, [high[0], low[1], low[2]]]])[0]

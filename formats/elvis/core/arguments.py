@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -102,7 +103,7 @@ def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
     for name in names:
         if name not in known:
             fields = f"the fields are {', '.join(known)}" if known else "the data hold no fields"
-            raise ElvisError(f"there is no field {name!r}; {fields}")
+            raise ElvisError(f"there is no field {name!r}{perhaps(name, known)}; {fields}")
     return names
 
 

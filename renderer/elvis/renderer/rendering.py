@@ -24,6 +24,7 @@ from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
+from elvis.renderer.asking import Asked
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
@@ -51,24 +52,34 @@ Drawing: TypeAlias = Callable[[Dataset | Opened, Scene], Frame]
 
 
 def render(
-    data: Dataset | Opened | str | Path | Sequence[str | Path],
+    *data: Any,
     scene: Scene | None = None,
-    *,
-    device: str = "auto",
+    device: str | None = None,
     progress: Progress | None = None,
-    **options: Any,
+    **keywords: Any,
 ) -> Frame:
     """A picture of a dataset, of what a runtime plugin has opened, or of files of any format.
 
-    data      what `read` returns, or files as it takes them; these are converted where they aren't native
-    scene     what to draw; or its parts as keywords: ``render(data, field="u", plane=Plane((0, 0, 0), (0, 0, 1)))``
+    As ``render("case.xml", "case.fld", "u")``, or ``render(ds, "speed", contours=10, plane=(point, normal))``.
+
+    data      what `read` returns, or files and scene files; then the quantity that colours the picture, or a Scene
+    scene     what to draw, which keywords change
     device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
     progress  is told how much of how much is done
+    keywords  options of ``elvis render`` and keys of scenes, by name (docs/scene.md); ``output`` writes the picture
 
-    Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used.
+    Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used,
+    KeywordError, which is also a TypeError, with a near name for a keyword that there is not.
     """
-    scene = scene or Scene(**options)
-    dataset = _at_hand(data, scene)
+    asked = Asked.of(data, scene, keywords)
+    at_hand = _at_hand(asked)
+    frame = _rendered(at_hand, asked.scene, device or asked.scene.device, progress)
+    asked.write(frame)
+    return frame
+
+
+def _rendered(dataset: Dataset | Opened, scene: Scene, device: str, progress: Progress | None) -> Frame:
+    """A picture of data that are at hand."""
     if not scene.field and isinstance(dataset, Dataset) and not dataset.solution:
         scene, dataset = of_mesh(scene), replace(dataset, remarks=(*dataset.remarks, REMARK))
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
@@ -87,12 +98,14 @@ def render(
         return _noted(renderer.render(scene, references=_is_exact(scene)), asked, dataset.remarks)
 
 
-def _at_hand(data: Dataset | Opened | str | Path | Sequence[str | Path], scene: Scene) -> Dataset | Opened:
+def _at_hand(asked: Asked) -> Dataset | Opened:
     """The data, read where they are files, as the scene says."""
-    if isinstance(data, (Dataset, Opened)):
-        return data
-    files = [data] if isinstance(data, (str, Path)) else data
-    return open_data([Path(file) for file in files], Reading(scene.plugin, pairs(scene.reader)), warn)
+    if asked.data is not None:
+        return asked.data
+    scene = asked.scene
+    if not scene.data:
+        raise SceneError("expected data first: what read returns, or the mesh and field files; found none")
+    return open_data([Path(file) for file in scene.data], Reading(scene.plugin, pairs(scene.reader)), warn)
 
 
 def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None = None) -> Frame:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.core.files.plain import check_plain
+from elvis.core.hints import perhaps
 from elvis.scene import ColorBar, Transfer, Vector
 from elvis.scene.errors import SceneError
 
@@ -59,9 +60,11 @@ class Palette:
         try:
             colormap = cmap.Colormap(ALIASES.get(name, name))
         except (ValueError, TypeError) as error:
+            meant = perhaps(name, [*cmap.Colormap.catalog(), *FIRST, *ALIASES])
             known = ", ".join(("viridis", "magma", "turbo", "coolwarm", "RdBu_r", "gray", *FIRST, *ALIASES))
             raise SceneError(
-                f"unknown colour map {name!r}: expected an .xml file or a name of the cmap catalogue, e.g. {known}"
+                f"unknown colour map {name!r}{meant}: expected an .xml file or a name of the cmap catalogue, "
+                f"e.g. {known}"
             ) from error
         return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import is_dataclass
-from difflib import get_close_matches
 from functools import cache
 from math import inf
 from sys import float_info
@@ -19,6 +18,7 @@ from pydantic import Discriminator, Field, Tag, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator
 from pydantic_core.core_schema import no_info_after_validator_function
 
+from elvis.core.hints import nearest
 from elvis.scene.errors import SceneError
 from elvis.scene.settings import LONGEST, Model, Setting, check, choices, is_free, type_words, types
 from elvis.scene.whole import Scene
@@ -192,8 +192,8 @@ def _sentence(errors: list[ErrorDetails]) -> str:
 
 
 def _unknown(place: str, key: str, known: Iterable[str]) -> str:
-    near = get_close_matches(key, known, 1)
-    return f"unknown key {place!r}" + (f", did you mean {near[0]}?" if near else f": expected {', '.join(known)}")
+    near = nearest(key, known)
+    return f"unknown key {place!r}" + (f", did you mean {near}?" if near else f": expected {', '.join(known)}")
 
 
 def _place(loc: tuple[int | str, ...]) -> tuple[str, Any]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from elvis.core.hints import perhaps
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import COLOR, POSITIVE, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
 from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check, settings
@@ -324,7 +325,8 @@ class Scene(Model):
             found = " x ".join(map(str, self.size))
             raise SceneError(f"the size of a picture is {size.allowed}, found {found}")
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
-            raise SceneError(f"unknown view {self.camera!r}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
+            meant = perhaps(self.camera, NAMED_VIEWS)
+            raise SceneError(f"unknown view {self.camera!r}{meant}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
         ends = self.region
         good = ends is None or (ends[0] < ends[1] and ends[2] < ends[3])
         check(good, "region", "x0 < x1 and y0 < y1", ends)

@@ -12,6 +12,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.hints import perhaps
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -63,7 +64,7 @@ def faces_of(dataset: Dataset, name: str) -> list[Faces]:
     if mesh.dimension < 2:
         raise ElvisError("expected 2D or 3D data, found lines, which have no boundary faces")
     if name != ALL and name not in known:
-        raise ElvisError(f"there is no boundary {name!r}; there are {', '.join((ALL, *known))}")
+        raise ElvisError(f"there is no boundary {name!r}{perhaps(name, known)}; there are {', '.join((ALL, *known))}")
     blocks = geometry(dataset)
     members = [_members(mesh, block) for block in blocks]
     sides = np.bincount(np.concatenate([np.empty(0, np.int64), *(own.reshape(-1) for own in members)]))

@@ -13,6 +13,7 @@ from elvis.core.distances.boundaries import ALL, boundaries
 from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
+from elvis.core.hints import perhaps
 from elvis.core.quantities import predefined
 from elvis.core.quantities.tree import AXES, Node, attribute, coordinate, field, number
 
@@ -73,8 +74,9 @@ class Names:
         if target not in self.boundaries:
             if not target.lower().endswith(SUFFIXES):
                 known = f"; there are {', '.join(self.boundaries)}" if self.boundaries else ""
+                meant = perhaps(target, self.boundaries)
                 raise ElvisError(
-                    f"there is no boundary {target!r}{known}; files of triangles end in {', '.join(SUFFIXES)}"
+                    f"there is no boundary {target!r}{meant}{known}; files of triangles end in {', '.join(SUFFIXES)}"
                 )
             check_plain(target)
         return attribute(f"distance({target})")

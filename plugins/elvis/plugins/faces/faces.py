@@ -10,6 +10,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
 from elvis.plugins.faces.nets import FaceSpace
 
 
@@ -94,8 +95,9 @@ class Faces:
         if colon and kind in ("element", "region"):
             ids = self._elements(kind, name)
             return [np.isin(self.ids[block.part], ids)[block.element] for block in self.blocks]
-        known = ", ".join(["all", "inner", *self.boundaries, "element:ID", "shape:NAME", "region:NAME"])
-        raise ElvisError(f"expected faces to be one of {known}, found {word!r}")
+        names = ["all", "inner", *self.boundaries]
+        known = ", ".join([*names, "element:ID", "shape:NAME", "region:NAME"])
+        raise ElvisError(f"expected faces to be one of {known}, found {word!r}{perhaps(word, names)}")
 
     def _elements(self, kind: str, name: str) -> Ints:
         """Ids of the elements that ``element:`` or ``region:`` names."""
@@ -104,7 +106,8 @@ class Faces:
                 raise ElvisError(f"expected the number of an element, found {name!r}")
             return np.array([int(name)])
         if name not in self.regions:
-            raise ElvisError(f"expected one of the regions {', '.join(self.regions) or '(none)'}, found {name!r}")
+            found = f"{name!r}{perhaps(name, self.regions)}"
+            raise ElvisError(f"expected one of the regions {', '.join(self.regions) or '(none)'}, found {found}")
         return self.regions[name]
 
     @cached_property

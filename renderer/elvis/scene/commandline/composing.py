@@ -22,8 +22,9 @@ def composed(
     options: dict[str, Any],
     settings: tuple[tuple[str, str], ...],
     unused: tuple[str, ...] = (),
+    base: Scene | None = None,
 ) -> Scene:
-    """The scene of a scene file among ``files``, else the usual one, with what the options say.
+    """The scene of a scene file among ``files``, else ``base`` or the usual one, with what the options say.
 
     options   scene keys to values, None where an option was not given; planes and OBJECTS are added to the objects,
               STYLES go to every object
@@ -38,7 +39,7 @@ def composed(
     if len(scene_files) > 1:
         options, scene_files = {**options, "scenes": tuple(map(str, scene_files))}, []
     given = {key: value for key, value in options.items() if value is not None and value != ()}
-    scene = read_scene(scene_files[0], (*(OVERRIDDEN & given.keys()), *unused)) if scene_files else Scene()
+    scene = read_scene(scene_files[0], (*(OVERRIDDEN & given.keys()), *unused)) if scene_files else base or Scene()
     style = {key: given.pop(key) for key in STYLES if key in given}
 
     # one plane without a style of its own is the shortcut

@@ -10,6 +10,7 @@ from PIL import ImageColor
 
 from elvis import scene
 from elvis.core.arguments import numbers, triples
+from elvis.core.hints import perhaps
 from elvis.scene.objects import check_range
 from elvis.scene.settings import check, choices, settings, types
 
@@ -129,7 +130,8 @@ def camera(text: str) -> scene.Camera | str:
     names, parts = ("fit", *scene.NAMED_VIEWS), text.split(":")
     if text in names:
         return text
-    check(2 <= len(parts) <= 4, "camera", f"{', '.join(names)} or eye:at[:up[:degrees]]", repr(text))
+    found = f"{text!r}{perhaps(text, names)}"
+    check(2 <= len(parts) <= 4, "camera", f"{', '.join(names)} or eye:at[:up[:degrees]]", found)
     eye, at, up = map(_point, [*parts, "0,0,1"][:3])
     return scene.Camera(eye, at, up, *map(_number, parts[3:]))
 

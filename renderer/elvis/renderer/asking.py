@@ -1,0 +1,102 @@
+"""What a call of `render` asks for: data, a scene, and files to be written."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from elvis.core.dataset import Dataset
+from elvis.core.files.output import Outputs, check_places
+from elvis.plugins.opening import Opened
+from elvis.scene import Scene
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Frame
+from elvis.scene.tables import input_files
+
+#: how names of files end, and texts of quantities don't
+_SUFFIX = re.compile(r"\.[A-Za-z][A-Za-z0-9_]*$")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Data at hand, None where they are the files of the scene; the scene; the files that are to be written."""
+
+    data: Dataset | Opened | None
+    scene: Scene
+    outputs: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(given: Sequence[Any], scene: Scene | None, keywords: Mapping[str, Any]) -> Asked:
+        """What positional values, a scene and keywords say; SceneError where they contradict one another."""
+        data, files, rest = _sorted(given)
+        for each in rest:
+            if isinstance(each, Scene):
+                scene = _only(scene, each, "scene")
+        texts = [each for each in rest if isinstance(each, str)]
+        for text in texts:
+            keywords = {**keywords, "field": _only(keywords.get("field"), text, "quantity")}
+        if not keywords and not files:
+            return Asked(data, scene or Scene())
+        from elvis.scene.keywords import scene_of_keywords
+
+        found = scene_of_keywords(keywords, scene, files)
+        if not {"output", "outputs"} & keywords.keys():
+            return Asked(data, found)
+        check_places(found.outputs, input_files(found), False)
+        return Asked(data, found, found.outputs)
+
+    def write(self, frame: Frame) -> None:
+        """Write the files, all or none."""
+        if not self.outputs:
+            return
+        with Outputs() as together:
+            for name in self.outputs:
+                frame.save(name, plain=self.scene.plain, outputs=together)
+
+
+def _sorted(given: Sequence[Any]) -> tuple[Dataset | Opened | None, list[Path], list[Any]]:
+    """Data, files, and what else there is: a scene, a quantity."""
+    items = list(_flat(given))
+    if items and isinstance(items[0], (Dataset, Opened)):
+        return items[0], [], [_checked(each, False) for each in items[1:]]
+    files, rest = list[Path](), list[Any]()
+    for each in items:
+        is_first = not files
+        if isinstance(each, Path) or (isinstance(each, str) and (is_first or _is_file(each))):
+            files.append(Path(each))
+        else:
+            rest.append(_checked(each, is_first))
+    return None, files, rest
+
+
+def _flat(given: Sequence[Any]) -> Iterator[Any]:
+    """The values, those in lists of files one by one."""
+    for each in given:
+        if isinstance(each, (list, tuple)):
+            yield from each
+        else:
+            yield each
+
+
+def _is_file(text: str) -> bool:
+    """Whether a text names a file, which need not be there, rather than a quantity."""
+    return os.path.exists(text) or _SUFFIX.search(text) is not None
+
+
+def _checked(value: Any, is_first: bool) -> Any:
+    """A scene or the text of a quantity; SceneError for anything else."""
+    if isinstance(value, (Scene, str)):
+        return value
+    expected = "data (what read returns, or names of files)" if is_first else "a quantity or a Scene after the data"
+    raise SceneError(f"expected {expected}, found {value!r:.60}")
+
+
+def _only(one: Any, other: Any, what: str) -> Any:
+    """Whichever of two is there; SceneError where both are."""
+    if one is not None:
+        raise SceneError(f"expected one {what}, found {one!r:.60} and {other!r:.60}")
+    return other

@@ -1,0 +1,258 @@
+"""Scenes from keywords of Python, by the names of the command line and of scene files: ``contours=10, plane=(p, n)``.
+
+Names, checks and sentences are those of the models.  A value may be the model's own (``Plane(p, n)``), plain numbers
+and names (``(p, n)``, ``10``, ``"turbo"``), or the text that the option takes (``"0,0,0:0,0,1"``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+import numpy as np
+
+from elvis.core.hints import nearest
+from elvis.scene import (
+    Camera,
+    Clip,
+    ColorBar,
+    Contours,
+    CutSurface,
+    Faces,
+    Isosurface,
+    Light,
+    MeshLines,
+    Plane,
+    Scene,
+    SceneObject,
+    Surface,
+)
+from elvis.scene.commandline import parameters
+from elvis.scene.commandline.composing import composed
+from elvis.scene.commandline.options import STYLES
+from elvis.scene.errors import SceneError
+from elvis.scene.objects import Style
+from elvis.scene.settings import Setting, settings
+from elvis.scene.tables import scene_of, table_of
+
+#: keys of a scene that say nothing of one picture in Python, and what to do instead
+ELSEWHERE = {
+    "stats": "numbers are in .stats of the picture",
+    "data": "data stand first, without a keyword",
+    "scenes": "several scenes are drawn one by one",
+    "panels": "several scenes are drawn one by one",
+}
+_SURFACES = get_args(Surface)
+
+
+class KeywordError(SceneError, TypeError):
+    """A keyword that there is not."""
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """What a keyword sets: the key of the scene, of its style, or the kind of an object."""
+
+    key: str
+    setting: Setting
+
+
+@cache
+def keywords() -> dict[str, Keyword]:
+    """All names that are known: keys of a scene and of its styles, kinds of objects, and the options of these."""
+    found: dict[str, Keyword] = {}
+    entries = [(key, setting) for key, setting in settings(Scene).items() if key not in ELSEWHERE]
+    entries += [(key, settings(Style)[key]) for key in STYLES]
+    entries += [(cls.kind, cls.option) for cls in get_args(SceneObject)]
+    for key, setting in entries:
+        options = (option.partition("/")[0] for option in setting.option.split())
+        for name in (key, *(option[2:].replace("-", "_") for option in options if option.startswith("--"))):
+            found[name] = Keyword(key, setting)
+    return found
+
+
+def scene_of_keywords(given: Mapping[str, Any], base: Scene | None = None, files: Sequence[Path] = ()) -> Scene:
+    """The scene that keywords say, over ``base`` or over the scene file among ``files``, whose others are its data.
+
+    KeywordError with a near name for a keyword that there is not, SceneError for a value that can't be.
+    """
+    options: dict[str, Any] = {}
+    for name, value in given.items():
+        keyword = _keyword(name)
+        if keyword.key in options:
+            raise KeywordError(f"{name}: it is given twice, under two names")
+        if value is not None:
+            options[keyword.key] = _meaning(name, keyword, value)
+    base = base or Scene()
+    objects = tuple(options.pop("objects", base.objects))
+    planes = options.get("plane", ())
+    if len(planes) == 1:
+        options.pop("plane")
+        base = replace(base, plane=planes[0])
+    scene = composed(tuple(files), options, (), base=replace(base, objects=objects))
+    return scene_of(table_of(scene)) if given else scene
+
+
+def _keyword(name: str) -> Keyword:
+    """What a name sets; KeywordError where it is none."""
+    known = keywords()
+    if name in known:
+        return known[name]
+    for key, advice in ELSEWHERE.items():
+        if name == key:
+            raise KeywordError(f"there is no keyword {name!r} here: {advice}")
+    near = nearest(name, known)
+    told = f"did you mean {near}?" if near else f"there are {', '.join(sorted(known))}"
+    raise KeywordError(f"there is no keyword {name!r}: {told}")
+
+
+def _meaning(name: str, keyword: Keyword, value: Any) -> Any:
+    """The value of an option: of repeatable ones a tuple."""
+    form = FORMS.get(keyword.key, lambda plain: plain)
+    try:
+        if not keyword.setting.repeatable or keyword.key == "reader":
+            return _one(keyword.setting, form, value)
+        several = value if _is_several(keyword.key, value) else [value]
+        return tuple(_one(keyword.setting, form, each) for each in several)
+    except click.BadParameter as error:
+        raise SceneError(f"{name}: {error.message}") from error
+    except SceneError as error:
+        raise error if str(error).startswith(name) else SceneError(f"{name}: {error}") from error
+    except (TypeError, ValueError, IndexError, AttributeError) as error:
+        expected = keyword.setting.metavar or "another value"
+        raise SceneError(f"{name}: expected {expected}, or its parts, found {value!r:.60}") from error
+
+
+def _one(setting: Setting, form: Callable[[Any], Any], value: Any) -> Any:
+    """A single value, from a text of the command line or from plain values; those of the models stay."""
+    if isinstance(value, str) and setting.parse:
+        return getattr(parameters, setting.parse)(value)
+    return form(value)
+
+
+def _is_several(key: str, value: Any) -> bool:
+    """Whether a value holds several of what may be repeated, rather than the parts of one."""
+    if isinstance(value, str) or not isinstance(value, Sequence) or not len(value):
+        return False
+    if key == "plane":
+        return _depth(value) > 2 or all(isinstance(each, (str, Plane)) for each in value)
+    if key == "faces":
+        return all(isinstance(each, Faces) for each in value)
+    if key == "lights":
+        return all(isinstance(each, (str, Light)) or _depth(each) for each in value)
+    return all(isinstance(each, (str, Path, Mapping)) or is_dataclass(each) for each in value)
+
+
+def _depth(value: Any) -> int:
+    """How deep lists lie in one another: 0 of a number."""
+    if isinstance(value, np.ndarray):
+        return value.ndim
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return 1 + max(map(_depth, value), default=0)
+    return 1 if is_dataclass(value) else 0
+
+
+def _floats(values: Any) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.ravel(values))
+
+
+def _plane(value: Any) -> Plane:
+    if isinstance(value, Plane):
+        return value
+    point, normal = map(_floats, value)
+    if len(point) != 3 or len(normal) != 3:
+        raise ValueError
+    return Plane(point, normal)
+
+
+def _camera(value: Any) -> Any:
+    if isinstance(value, Camera):
+        return value
+    if isinstance(value, Mapping):
+        return Camera(**value)
+    eye, at, *rest = value
+    return Camera(_floats(eye), _floats(at), *rest)  # type: ignore[arg-type]
+
+
+def _contours(value: Any) -> Contours:
+    if isinstance(value, Contours):
+        return value
+    if isinstance(value, Mapping):
+        return Contours(**value)
+    if isinstance(value, bool):
+        raise TypeError
+    value = value.item() if isinstance(value, np.integer) else value
+    return Contours(count=value) if isinstance(value, int) else Contours(_floats(value))
+
+
+def _mesh_lines(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return MeshLines(**value)
+    if isinstance(value, bool):
+        return MeshLines() if value else None
+    if not isinstance(value, MeshLines):
+        raise TypeError
+    return value
+
+
+def _isosurface(value: Any) -> Isosurface:
+    if isinstance(value, Mapping):
+        ((quantity, values),) = value.items()
+        return Isosurface(_floats(values), quantity)
+    return value if isinstance(value, Isosurface) else Isosurface(_floats(value))
+
+
+def _faces(value: Any) -> Faces:
+    if isinstance(value, bool):
+        raise TypeError
+    return value if isinstance(value, Faces) else Faces(tuple(map(str, value)))
+
+
+def _cut(value: Any) -> CutSurface:
+    return CutSurface(value) if isinstance(value, _SURFACES) else _of(CutSurface, value)
+
+
+def _clip(value: Any) -> Clip:
+    return Clip(value) if isinstance(value, _SURFACES) else _of(Clip, value)
+
+
+def _light(value: Any) -> Light:
+    return value if isinstance(value, Light) else Light(tuple(_floats(value)))  # type: ignore[arg-type]
+
+
+def _of(kind: type, value: Any) -> Any:
+    if not isinstance(value, kind):
+        raise TypeError
+    return value
+
+
+def _reader(value: Any) -> tuple[str, ...]:
+    if isinstance(value, Mapping):
+        return tuple(f"{name}={text}" for name, text in value.items())
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+#: plain values of keys that hold models, or lists of numbers in lists
+FORMS: dict[str, Callable[[Any], Any]] = {
+    "plane": _plane,
+    "camera": _camera,
+    "contours": _contours,
+    "mesh_lines": _mesh_lines,
+    "isosurface": _isosurface,
+    "faces": _faces,
+    "cut": _cut,
+    "clip": _clip,
+    "lights": _light,
+    "bar": lambda value: ColorBar(**value) if isinstance(value, Mapping) else _of(ColorBar, value),
+    "region": _floats,
+    "reader": _reader,
+    "outputs": str,
+    "size": lambda value: tuple(int(side) for side in value),
+    "color": _floats,
+    "background": _floats,
+    "range": lambda value: value if isinstance(value, str) else _floats(value),
+}
