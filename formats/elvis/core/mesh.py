@@ -66,11 +66,15 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class Composite:
-    """A named set of entities; ``parts`` pairs a tag letter (V E S F T Q A P R H) with ids, in file order."""
+    """A named set of entities; ``parts`` pairs a tag letter (V E S F T Q A P R H) with ids, in file order.
+
+    label  what a comment in the file calls one that has no name; several may have the same
+    """
 
     id: int
     parts: tuple[tuple[str, Ints], ...]
     name: str | None = None
+    label: str | None = None
 
 
 #: bounding entities of an element: vertices of a segment, edges of a 2D element, faces of a 3D element
@@ -120,6 +124,22 @@ class Mesh:
     def composite(self, id: int) -> Composite | None:
         """The composite of this id, None where there is none."""
         return next((c for c in self.composites if c.id == id), None)
+
+    def named_parts(self) -> dict[str, tuple[tuple[str, Ints], ...]]:
+        """The parts of composites by every word that names them: names and ids, then labels that are neither.
+
+        Composites of one name, or of one label, are one.
+        """
+        found: dict[str, tuple[tuple[str, Ints], ...]] = {}
+        for composite in self.composites:
+            for word in dict.fromkeys((composite.name, str(composite.id))):
+                if word:
+                    found[word] = (*found.get(word, ()), *composite.parts)
+        labelled: dict[str, tuple[tuple[str, Ints], ...]] = {}
+        for composite in self.composites:
+            if composite.label and composite.label not in found:
+                labelled[composite.label] = (*labelled.get(composite.label, ()), *composite.parts)
+        return {**found, **labelled}
 
     def __repr__(self) -> str:
         return describing.line_of_mesh(self)

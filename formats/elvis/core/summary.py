@@ -158,7 +158,7 @@ def _expansion(expansion: Expansion, elements: int) -> Facts:
 
 def _composite(composite: Composite) -> Facts:
     parts = [{"tag": tag, "entities": len(ids)} for tag, ids in composite.parts]
-    return {"id": composite.id, "name": composite.name, "parts": parts}
+    return {"id": composite.id, "name": composite.name, "label": composite.label, "parts": parts}
 
 
 def _bytes(dataset: Dataset) -> int:

@@ -17,6 +17,7 @@ from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geomet
 from elvis.formats.nektar.assembly import RawGeometry, assemble, unite
 from elvis.formats.nektar.fields_input import time_of
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
+from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
 from elvis.formats.nektar.sections import Section
 from elvis.formats.nektar.xml import GZIP_SIGNATURE, Element, head, load
 
@@ -102,6 +103,7 @@ class _Reader:
         self._mesh_metadata: dict[str, str] = {}
         self._field_metadata: dict[str, str] = {}
         self._is_in_parts = False
+        self._remarks: list[Remark] = []
 
     def add(self, path: Path) -> None:
         """Take in a file or a folder."""
@@ -147,7 +149,9 @@ class _Reader:
         self._field_metadata.update(metadata)
 
     def _add_xml(self, path: Path, is_mesh_piece: bool = False) -> None:
-        for root in xml.parse(load(path), str(path)):
+        data = load(path)
+        self._remarks += read_remarks(data)
+        for root in xml.parse(data, str(path)):
             xml.check_root(root, str(path))
             metadata: dict[str, str] = {}
             parts: list[str] = []
@@ -193,7 +197,7 @@ class _Reader:
             raise FormatError(f"no geometry among {', '.join(names)}{self._held()}; {_advice(Path(names[0]))}")
         self._geometries.clear()
         self._tags.clear()
-        return assemble(unite(pieces))
+        return with_remarks(assemble(unite(pieces)), self._remarks)
 
     def _held(self) -> str:
         """What was found where a mesh should be."""

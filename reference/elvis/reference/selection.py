@@ -69,10 +69,10 @@ def _counts(mesh: Mesh, patch: Patch) -> Ints:
 
 def _composite(mesh: Mesh, name: str) -> Composite:
     """The composite of this name or id; SceneError where there is none."""
-    for composite in mesh.composites:
-        if name in (composite.name, str(composite.id)):
-            return composite
-    known = ", ".join(composite.name or str(composite.id) for composite in mesh.composites) or "none"
+    named = mesh.named_parts()
+    if name in named:
+        return Composite(-1, named[name])
+    known = ", ".join(named) or "none"
     raise SceneError(f"select of faces: expected all, inner or a composite of the mesh ({known}), found {name!r}")
 
 

@@ -47,11 +47,10 @@ def boundaries(mesh: Mesh) -> dict[str, Ints]:
     )
     every = np.concatenate([mesh.of(shape).ids for shape in shapes])
     found: dict[str, Ints] = {}
-    for composite in mesh.composites:
-        ids = [own for tag, own in composite.parts if tag in tags]
+    for name, parts in mesh.named_parts().items():
+        ids = [own for tag, own in parts if tag in tags]
         if ids:
-            rows = np.flatnonzero(np.isin(every, np.concatenate(ids)))
-            found.update({name: rows for name in (composite.name, str(composite.id)) if name})
+            found[name] = np.flatnonzero(np.isin(every, np.concatenate(ids)))
     return found
 
 

@@ -74,7 +74,7 @@ class Names:
         if target not in self.boundaries:
             if not target.lower().endswith(SUFFIXES):
                 known = f"; there are {', '.join(self.boundaries)}" if self.boundaries else ""
-                meant = perhaps(target, self.boundaries)
+                meant = perhaps(target, [name for name in self.boundaries if name != ALL])
                 raise ElvisError(
                     f"there is no boundary {target!r}{meant}{known}; files of triangles end in {', '.join(SUFFIXES)}"
                 )

@@ -99,14 +99,13 @@ def _names(mesh: Mesh, extruded: bool) -> tuple[dict[str, Ints], dict[str, Ints]
     """Composites by id and name: those of faces as numbers of faces, those of elements as ids."""
     tables: tuple[dict[str, Ints], dict[str, Ints]] = {}, {}
     solids = {shape.tag for shape in Shape.of_dimension(mesh.dimension)} | ({"F"} if mesh.dimension == 2 else set())
-    for composite in mesh.composites:
-        names = [name for name in (composite.name, str(composite.id)) if name]
-        sides = ("E", "S") if extruded else ("F", "T", "Q")
-        faces = [_numbers(mesh, extruded, ids) for tag, ids in composite.parts if tag in sides]
-        elements = [ids for tag, ids in composite.parts if tag in solids]
-        for table, parts in zip(tables, (faces, elements), strict=True):
-            if parts:
-                table.update(dict.fromkeys(names, np.concatenate(parts)))
+    sides = ("E", "S") if extruded else ("F", "T", "Q")
+    for name, parts in mesh.named_parts().items():
+        faces = [_numbers(mesh, extruded, ids) for tag, ids in parts if tag in sides]
+        elements = [ids for tag, ids in parts if tag in solids]
+        for table, found in zip(tables, (faces, elements), strict=True):
+            if found:
+                table[name] = np.concatenate(found)
     return tables
 
 

@@ -97,7 +97,8 @@ class Faces:
             return [np.isin(self.ids[block.part], ids)[block.element] for block in self.blocks]
         names = ["all", "inner", *self.boundaries]
         known = ", ".join([*names, "element:ID", "shape:NAME", "region:NAME"])
-        raise ElvisError(f"expected faces to be one of {known}, found {word!r}{perhaps(word, names)}")
+        near = [word.lower()] if word.lower() in names[:2] else self.boundaries
+        raise ElvisError(f"expected faces to be one of {known}, found {word!r}{perhaps(word, near)}")
 
     def _elements(self, kind: str, name: str) -> Ints:
         """Ids of the elements that ``element:`` or ``region:`` names."""

@@ -302,7 +302,7 @@ def _expansion_row(expansion: Facts) -> tuple[object, ...]:
 
 def _composite_row(composite: Facts) -> tuple[object, ...]:
     parts = ", ".join(f"{part['tag']}[{part['entities']}]" for part in composite["parts"])
-    return composite["id"], composite["name"] or "", parts
+    return composite["id"], composite["name"] or composite["label"] or "", parts
 
 
 def _cut(rows: Sequence[tuple[object, ...]], many: int | None) -> Sequence[tuple[object, ...]]:
