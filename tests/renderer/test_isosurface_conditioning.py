@@ -118,7 +118,7 @@ def test_steep_surfaces_are_certain_and_their_uncertainty_bounds_the_error(iso, 
     assert np.nanmax(layer.uncertainty[well & (layer.status == Status.CERTAIN)]) < 1e-11
 
 
-def test_a_flat_surface_costs_few_pieces(renderer):
+def test_a_flat_surface_costs_few_sub_elements(renderer):
     """Where the field can't be told from its level, halving shows nothing new."""
     data = exact(Shape.HEXAHEDRON, lambda p: (p[:, 2] - 0.46875) ** 3, 1.0, 1.0)
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
@@ -127,8 +127,8 @@ def test_a_flat_surface_costs_few_pieces(renderer):
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_elements_that_are_all_rounding_cost_few_pieces(renderer, shape):
-    """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, pieces next to apexes aren't halved to the end."""
+def test_elements_that_are_all_rounding_cost_few_sub_elements(renderer, shape):
+    """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, sub-elements next to apexes aren't halved to the end."""
     data = exact(shape, lambda p: p[:, 2] - 0.46875, 2.0**-52, 1.0)
     view = View.through(CAMERA, SIZE)
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
@@ -151,8 +151,8 @@ def test_chebyshev_series_are_exact_where_symmetry_says_so():
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PYRAMID])
-def test_a_pair_of_surfaces_seen_from_within_costs_few_pieces(renderer, shape):
-    """Two planes 2^-8 apart: pieces next to the eye's plane, next to the picture, are not halved to the end."""
+def test_a_pair_of_surfaces_seen_from_within_costs_few_sub_elements(renderer, shape):
+    """Two planes 2^-8 apart: sub-elements next to the eye's plane, next to the picture, are not halved to the end."""
     data = exact(shape, lambda p: (p[:, 2] - 0.375) * (p[:, 2] - 0.375 - 2.0**-8))
     camera = Camera((0.5, 0.6, 0.45), (0.45, 1.3, 0.2), (1.0, 0.0, 0.0), fov=90.0)
     view = View.through(camera, (24, 20))

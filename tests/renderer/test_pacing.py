@@ -164,30 +164,30 @@ def test_after_an_interrupt_the_next_picture_is_right(renderer, cube, dispatches
         assert np.array_equal(again.color, whole.color)
 
 
-def test_faces_are_cut_into_pieces_anew_after_an_interrupt(renderer, cube, monkeypatch):
+def test_faces_are_cut_into_patches_anew_after_an_interrupt(renderer, cube, monkeypatch):
     drawing = renderer("vulkan")
     drawing.load(cube, "u")
     scene = Scene("u", camera=NEAR, size=(40, 30), objects=(Faces(),))
-    plain = faces.pieces_of
+    plain = faces.face_patches
 
     def interrupted(space, nets, view):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(faces, "pieces_of", interrupted)
+    monkeypatch.setattr(faces, "face_patches", interrupted)
     with pytest.raises(KeyboardInterrupt):
         drawing.render(scene)
-    monkeypatch.setattr(faces, "pieces_of", plain)
+    monkeypatch.setattr(faces, "face_patches", plain)
     assert drawing.render(scene).seen.any()
 
 
-def test_the_time_is_looked_at_while_faces_are_cut_into_pieces(draw, cube, dispatches, monkeypatch):
-    clock, plain = Clock(), faces.pieces_of
+def test_the_time_is_looked_at_while_faces_are_cut_into_patches(draw, cube, dispatches, monkeypatch):
+    clock, plain = Clock(), faces.face_patches
 
     def late(space, nets, view):
         clock.now += 5.0
         return plain(space, nets, view)
 
-    monkeypatch.setattr(faces, "pieces_of", late)
+    monkeypatch.setattr(faces, "face_patches", late)
     monkeypatch.setattr(time_limit, "perf_counter", clock)
     with pytest.raises(SceneError, match="not done after 4 s, the time limit"):
         draw(cube, camera=NEAR, size=(40, 30), objects=(Faces(),), timeout=4.0)

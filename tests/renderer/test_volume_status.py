@@ -91,9 +91,9 @@ def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
     found = FaceDrawer.seen
 
     def fewer(self, *arguments):
-        pieces, view = found(self, *arguments)
-        pieces["most"][pieces["face"] % 4 == 0, 0] = 17
-        return pieces, view
+        patches, view = found(self, *arguments)
+        patches["most"][patches["face"] % 4 == 0, 0] = 17
+        return patches, view
 
     monkeypatch.setattr(FaceDrawer, "seen", fewer)
     frame = draw(data, camera=CAMERA, size=SIZE, objects=(VOLUME,))

@@ -1,4 +1,4 @@
-"""Faces of elements in object order: pieces of faces are drawn into the tiles of the picture that they reach into."""
+"""Faces of elements in object order: patches of faces are drawn into the tiles of the picture that they reach into."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.passes.faces.pieces import Edges, Pieces, pieces_of
+from elvis.renderer.passes.faces.face_patches import Edges, FacePatches, face_patches
 from elvis.renderer.passes.faces.sides import Sides
 from elvis.renderer.tiles import TILE, binned
 from elvis.scene.conditioning import misplaced
@@ -38,7 +38,7 @@ class FaceDrawer:
     def __init__(self, loaded: Loaded, faces: Faces) -> None:
         self.loaded, self.faces = loaded, faces
         self._chosen: tuple[tuple[str, ...] | Bools, list[tuple[Ints, Floats, Sides]]] = (), []
-        self._seen: tuple[object, list[tuple[Pieces, Edges]]] = None, []
+        self._seen: tuple[object, list[tuple[FacePatches, Edges]]] = None, []
 
     def draw(
         self, view: View, select: Sequence[str] = ("all",), beyond: Floats | None = None, quantity: str | None = None
@@ -59,7 +59,7 @@ class FaceDrawer:
             every = {**self.loaded.bound(number, quantity), **buffers, **image}
             kernel(len(work), every, groups=True, work=work)
         hits = HitBuffer.on_device(device, held) if held else HitBuffer.empty(view.count)
-        for _, edges in self._pieces(view, select):
+        for _, edges in self._patches(view, select):
             _mark(view, hits, edges, np.broadcast_to(after, view.count))
         return hits
 
@@ -68,7 +68,7 @@ class FaceDrawer:
     ) -> NDArray[Any]:
         """All hits on the faces that ``select`` names, for the pixels of some rows of a picture: by pixel and depth.
 
-        select  as words; or (elements,) whether all faces of an element count, by its running number
+        select  as words; or (elements,) whether all faces of an element count, by its index
         rows    the first row and the one after the last, all by default
         The records are those of face_list.slang.  A face appears as often as a ray meets it.  A ray within the
         tolerance of an edge may meet the faces on both sides of it, at one depth.
@@ -79,7 +79,7 @@ class FaceDrawer:
             found.append(self.loaded.device.listed("hits", kernel, run))
         every = np.concatenate(found, dtype=found[0].dtype)
 
-        # pieces of a face share their borders
+        # patches of a face share their borders
         every = every[np.lexsort((every["depth"], every["face"], every["pixel"]))]
         same = (np.diff(every["face"].astype(np.int64)) == 0) & (np.diff(every["pixel"].astype(np.int64)) == 0)
         every = every[~np.append(False, same & (np.diff(every["depth"]) <= self._tie(view)))[: len(every)]]
@@ -89,19 +89,19 @@ class FaceDrawer:
         return held
 
     def seen(self, view: View, chosen: Bools, number: int, kernel: Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Piece records of a part's chosen elements, those of one element together, of near ones first; and a FaceView.
+        """FacePatch records of chosen elements of a part, one element's together, near ones first; and a FaceView.
 
-        chosen  (elements,) by running number
+        chosen  (elements,) by index
         """
-        pieces = self._parts(view, chosen, number, kernel.dtype("pieces"))
+        patches = self._parts(view, chosen, number, kernel.dtype("patches"))
         near = np.full(len(self.loaded.parts[number]), np.inf)
-        np.minimum.at(near, pieces["element"], pieces["near"])
+        np.minimum.at(near, patches["element"], patches["near"])
         rank = np.argsort(np.argsort(near, kind="stable"))
-        return pieces[np.argsort(rank[pieces["element"]], kind="stable")], self._record(kernel, view)
+        return patches[np.argsort(rank[patches["element"]], kind="stable")], self._record(kernel, view)
 
     def _parts(self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Records of all pieces of a part that are seen."""
-        every = self._pieces(view, select)
+        """Records of all patches of a part that are seen."""
+        every = self._patches(view, select)
         own = [k for k, block in enumerate(self.faces.blocks) if block.part == number]
         return np.concatenate([np.empty(0, dtype), *(self._records(k, every[k][0], dtype) for k in own)], dtype=dtype)
 
@@ -115,14 +115,14 @@ class FaceDrawer:
         view: View,
         select: Sequence[str] | Bools,
         quantity: str | None,
-        layered: bool | None = None,
+        has_beyond: bool | None = None,
         rows: tuple[int, int] | None = None,
     ) -> Iterator[tuple[int, Kernel, dict[str, Buffer], Ints]]:
-        """For each part that is seen its number, a kernel, buffers that say what is where, and pieces in each tile.
+        """For each part that is seen its number, a kernel, buffers that say what is where, and patches in each tile.
 
         The first one has all tiles of the picture, unless they are only listed (``layered`` None).
         """
-        every, device, fresh = self._pieces(view, select), self.loaded.device, layered is not None
+        every, device, fresh = self._patches(view, select), self.loaded.device, has_beyond is not None
         for number, part in enumerate(self.loaded.parts):
             if not any(
                 len(some.face)
@@ -131,20 +131,20 @@ class FaceDrawer:
             ):
                 continue
             kernel = device.kernel(stage, part, quantity)
-            pieces = self._parts(view, select, number, kernel.dtype("pieces"))
-            pieces = pieces[np.argsort(pieces["near"], kind="stable")]
+            patches = self._parts(view, select, number, kernel.dtype("patches"))
+            patches = patches[np.argsort(patches["near"], kind="stable")]
             size = (view.width, view.height) if fresh else None
-            tiles, listed = binned(pieces["least"], pieces["most"], kernel.dtype("tiles"), size)
+            tiles, listed = binned(patches["least"], patches["most"], kernel.dtype("tiles"), size)
             if rows is not None:
                 tiles = tiles[(tiles["y"] + TILE > rows[0]) & (tiles["y"] < rows[1])]
             place = {"first": self.loaded.first[number], "count": len(tiles)}
-            record = self._record(kernel, view, **place, fresh=fresh, layered=bool(layered))
-            data = {"pieces": pieces, "listed": listed, "tiles": tiles, "view": record}
+            record = self._record(kernel, view, **place, fresh=fresh, has_beyond=bool(has_beyond))
+            data = {"patches": patches, "listed": listed, "tiles": tiles, "view": record}
             counts = (tiles["end"] - tiles["first"]).astype(np.int64)
             yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, counts
             fresh = False
 
-    def _pieces(self, view: View, select: Sequence[str] | Bools) -> list[tuple[Pieces, Edges]]:
+    def _patches(self, view: View, select: Sequence[str] | Bools) -> list[tuple[FacePatches, Edges]]:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
         words = select if isinstance(select, np.ndarray) else tuple(select)
         # what is interrupted leaves the last answers as they were
@@ -164,24 +164,24 @@ class FaceDrawer:
         if self._seen[0] != (key := (view, words if isinstance(words, tuple) else id(words))):
             found = []
             for block, (_, nets, sides) in zip(self.faces.blocks, self._chosen[1], strict=True):
-                pieces, edges = pieces_of(block.space, nets, view)
-                found.append((sides.both(pieces), edges))
+                patches, edges = face_patches(block.space, nets, view)
+                found.append((sides.both(patches), edges))
             self._seen = key, found
         return self._seen[1]
 
-    def _records(self, number: int, pieces: Pieces, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Piece records (face.slang) of a block's pieces."""
-        block, rows = self.faces.blocks[number], self._chosen[1][number][0][pieces.face]
+    def _records(self, number: int, patches: FacePatches, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """FacePatch records (face.slang) of a block's patches."""
+        block, rows = self.faces.blocks[number], self._chosen[1][number][0][patches.face]
         record = np.zeros(len(rows), dtype)
         record["element"], record["square"] = block.element[rows], len(block.space.halves) == 2
         record["face"] = sum(map(len, self.faces.blocks[:number])) + rows
-        record["least"], record["most"], record["near"] = *pieces.bounds, pieces.near
-        record["noise"] = pieces.noise
+        record["least"], record["most"], record["near"] = *patches.bounds, patches.near
+        record["noise"] = patches.noise
         # a margin changes by no more than the coordinates of the face
-        record["brink"] = TOLERANCE + 2.0 * pieces.noise * np.abs(pieces.place[:, 1:]).sum(axis=1).max(axis=1)
-        record["origin"], record["along"], record["across"] = pieces.place.transpose(1, 0, 2)
+        record["border_width"] = TOLERANCE + 2.0 * patches.noise * np.abs(patches.place[:, 1:]).sum(axis=1).max(axis=1)
+        record["origin"], record["along"], record["across"] = patches.place.transpose(1, 0, 2)
         frames = block.frames[block.local[rows]]
-        own = pieces.place @ frames[:, 1:]
+        own = patches.place @ frames[:, 1:]
         record["start"], record["first"], record["second"] = frames[:, 0] + own[:, 0], own[:, 1], own[:, 2]
         return record
 
@@ -205,14 +205,14 @@ def _mark(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> None:
     # steps of one pixel along the longer direction of each edge, within the picture
     steep = np.abs(edges.ends[1, :, 1] - edges.ends[0, :, 1]) > np.abs(edges.ends[1, :, 0] - edges.ends[0, :, 0])
     (x0, y0), (x1, y1) = np.moveaxis(np.where(steep[:, None], edges.ends[..., ::-1], edges.ends), -1, 1)
-    first, last = np.ceil(np.minimum(x0, x1) - edges.reach), np.floor(np.maximum(x0, x1) + edges.reach)
+    first, last = np.ceil(np.minimum(x0, x1) - edges.radius), np.floor(np.maximum(x0, x1) + edges.radius)
     end = np.where(steep, view.height, view.width) - 1
     edge, x = _runs(first.clip(0, None), np.minimum(last, end))
 
     # there all pixels whose centres are near it
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
     y, end = y0[edge] + slope[edge] * (x - x0[edge]), np.where(steep, view.width, view.height)[edge] - 1
-    first, last = np.ceil(y - edges.reach[edge]).clip(0, None), np.minimum(np.floor(y + edges.reach[edge]), end)
+    first, last = np.ceil(y - edges.radius[edge]).clip(0, None), np.minimum(np.floor(y + edges.radius[edge]), end)
     for some in chunks(len(edge), max(1, _AT_ONCE // max(view.width, view.height))):
         step, across = _runs(first[some], last[some])
         along, own = x[some][step], edge[some][step]

@@ -12,7 +12,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.nets import FaceSpace
-from elvis.renderer.passes.faces.pieces import Pieces
+from elvis.renderer.passes.faces.face_patches import FacePatches
 
 #: part of the greatest coordinate within which two maps are one
 SAME = 1e-13
@@ -48,21 +48,21 @@ class Sides:
         alone = np.setdiff1d(np.arange(len(entity)), other)
         return Sides(alone, np.searchsorted(alone, first), other, turns[which[found]])
 
-    def both(self, pieces: Pieces) -> Pieces:
-        """The pieces of all faces, from those of the faces that stand alone, by their rows."""
+    def both(self, patches: FacePatches) -> FacePatches:
+        """The patches of all faces, from those of the faces that stand alone, by their rows."""
         pair = np.full(len(self.alone), -1)
         pair[self.first] = np.arange(len(self.first))
-        again = np.flatnonzero(pair[pieces.face] >= 0)
-        pair = pair[pieces.face[again]]
-        place = pieces.place[again] @ self.turn[pair, 1:]
+        again = np.flatnonzero(pair[patches.face] >= 0)
+        pair = pair[patches.face[again]]
+        place = patches.place[again] @ self.turn[pair, 1:]
         place[:, 0] += self.turn[pair, 0]
         return replace(
-            pieces,
-            face=np.append(self.alone[pieces.face], self.other[pair]),
-            place=np.concatenate([pieces.place, place]),
-            bounds=np.concatenate([pieces.bounds, pieces.bounds[:, again]], axis=1),
-            near=np.append(pieces.near, pieces.near[again]),
-            noise=np.append(pieces.noise, pieces.noise[again]),
+            patches,
+            face=np.append(self.alone[patches.face], self.other[pair]),
+            place=np.concatenate([patches.place, place]),
+            bounds=np.concatenate([patches.bounds, patches.bounds[:, again]], axis=1),
+            near=np.append(patches.near, patches.near[again]),
+            noise=np.append(patches.noise, patches.noise[again]),
         )
 
 

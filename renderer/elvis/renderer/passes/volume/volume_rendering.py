@@ -284,21 +284,21 @@ class _March:
         return _Seen(number, listed, kernel, tiles, counts, {"order": sections.element[order]})
 
     def _curved(self, listed: int, number: int) -> _Seen:
-        """A part of curved elements, by pieces of their faces."""
+        """A part of curved elements, by patches of their faces."""
         if self.renderer.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
         kernel = self._kernel("volume_trace", number, listed)
-        pieces, view = self.renderer.faces().seen(self.view, self.bent, number, kernel)
-        pieces = pieces[self.chosen[listed][number][pieces["element"]]]
-        tiles, order = binned(pieces["least"], pieces["most"], kernel.dtype("tiles"))
+        patches, view = self.renderer.faces().seen(self.view, self.bent, number, kernel)
+        patches = patches[self.chosen[listed][number][patches["element"]]]
+        tiles, order = binned(patches["least"], patches["most"], kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
         wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[listed]), APART
         # as many segments as there are elements in a tile
-        fresh = np.append(True, np.diff(pieces["element"][order].astype(np.int64)) != 0)[: len(order)]
+        fresh = np.append(True, np.diff(patches["element"][order].astype(np.int64)) != 0)[: len(order)]
         fresh[tiles["first"]] = True
         counts = np.add.reduceat(fresh.astype(np.int64), tiles["first"]) if len(tiles) else np.zeros(0, np.int64)
         return _Seen(
-            number, listed, kernel, tiles, counts, {"order": order, "pieces": pieces, "view": view, "wanted": wanted}
+            number, listed, kernel, tiles, counts, {"order": order, "patches": patches, "view": view, "wanted": wanted}
         )
 
     def bands(self) -> Iterator[_Band]:

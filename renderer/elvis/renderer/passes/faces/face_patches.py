@@ -1,7 +1,7 @@
-"""Faces cut into pieces whose projected maps are nearly linear, so that a pixel's ray meets each of them once at most.
+"""Faces cut into patches whose projected maps are nearly linear, so that a pixel's ray meets each of them once at most.
 
 Screen nets (5, count, n) hold homogeneous control points of the projected maps: column, row and weight as by
-View.to_pixel, depth times w, and w.  NumPy goes quickly along long axes alone, so pieces are the last axis.
+View.to_pixel, depth times w, and w.  NumPy goes quickly along long axes alone, so patches are the last axis.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from elvis.scene.view import View
 
 #: greatest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
 TAME = 0.25
-#: pixels below which a piece counts as a point, or as a line where it is that thin, unless rounding leaves more open
+#: pixels below which a patch counts as a point, or as a line where it is that thin, unless rounding leaves more open
 THIN = 1e-6
 #: how often a face is halved at most
 _LEVELS = 96
-#: columns of pixels up to which thin pieces are looked at closely
+#: columns of pixels up to which thin patches are looked at closely
 _COLUMNS = 8
-#: pieces worked on at once
+#: patches worked on at once
 _CHUNK = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """Pieces of faces as a view sees them.
+class FacePatches:
+    """Patches of faces as a view sees them.
 
     face    (n,)       number of the face
-    place   (n, 3, 2)  origin and axes of the piece in face coordinates
+    place   (n, 3, 2)  origin and axes of the patch in face coordinates
     bounds  (2, n, 4)  least and greatest x, y, x + y and x - y of the pixels (x, y) that it may cover
     near    (n,)       no point of it has a smaller depth
-    noise   (n,)       what rounding leaves undecided, in coordinates of the piece
+    noise   (n,)       what rounding leaves undecided, in coordinates of the patch
     """
 
     face: Ints
@@ -50,19 +50,19 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """Pieces that are seen as points or lines: folds of faces, and faces that are seen edge-on.
+    """Patches that are seen as points or lines: folds of faces, and faces that are seen edge-on.
 
-    ends   (2, n, 2)  in pixels
-    depth  (2, n)     least and greatest
-    reach  (n,)       pixels within which a ray may meet the piece though it seems to pass the line between the ends
+    ends    (2, n, 2)  in pixels
+    depth   (2, n)     least and greatest
+    radius  (n,)       pixels within which a ray may meet the patch though it seems to pass the line between the ends
     """
 
     ends: Floats
     depth: Floats
-    reach: Floats
+    radius: Floats
 
 
-def pieces_of(space: FaceSpace, nets: Floats, view: View) -> tuple[Pieces, Edges]:
+def face_patches(space: FaceSpace, nets: Floats, view: View) -> tuple[FacePatches, Edges]:
     """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view."""
     forward = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
     rows = np.concatenate([view.to_pixel, forward[None], [[0.0, 0.0, 0.0, 1.0]]])
@@ -79,22 +79,22 @@ def pieces_of(space: FaceSpace, nets: Floats, view: View) -> tuple[Pieces, Edges
     depth = screen[3] / screen[4]
     noise = rounding * spread[~line]
     bounds, near = pixels[..., ~line].transpose(0, 2, 1), depth.min(axis=0)
-    pieces = Pieces(face[~line], np.moveaxis(place[..., ~line], -1, 0), bounds, near[~line], noise)
+    patches = FacePatches(face[~line], np.moveaxis(place[..., ~line], -1, 0), bounds, near[~line], noise)
 
     weight, between = screen[2][:, line], np.stack([near[line], depth[:, line].max(axis=0)])
     slack = _slack(weight, rounding, view)
     ends, width = _ends(screen[:2, :, line] / weight, slack)
-    return pieces, Edges(ends.transpose(0, 2, 1), between, width + 3.0 * slack)
+    return patches, Edges(ends.transpose(0, 2, 1), between, width + 3.0 * slack)
 
 
 @dataclass(eq=False)
 class _Batch:
-    """Pieces that are worked on at once.
+    """Patches that are worked on at once.
 
     face    (n,)           number of the face
-    place   (3, 2, n)      as in Pieces
+    place   (3, 2, n)      as in FacePatches
     screen  (5, count, n)  nets
-    pixels  (2, 4, n)      as the bounds of Pieces, where it is in front of the eye
+    pixels  (2, 4, n)      as the bounds of FacePatches, where it is in front of the eye
     line    (n,)           whether it is as thin as a line or a point
     spread  (n,)           see _linearity
     """
@@ -114,11 +114,11 @@ class _Batch:
         return _Batch(face, place, screen, np.zeros((2, 4, count), np.int64), np.zeros(count, bool), np.zeros(count))
 
     def parts(self) -> tuple[Any, ...]:
-        """All arrays; pieces are the last axis of each."""
+        """All arrays; patches are the last axis of each."""
         return self.face, self.place, self.screen, self.pixels, self.line, self.spread
 
     def some(self, which: Ints) -> _Batch:
-        """The pieces with these numbers."""
+        """The patches with these numbers."""
         return _Batch(*(part.take(which, axis=-1) for part in self.parts()))
 
 
@@ -130,22 +130,22 @@ def _rounding(nets: Floats, view: View) -> float:
 
 
 def _slack(weight: Floats, rounding: float, view: View) -> Floats:
-    """(n,) pixels below which rounding leaves no shape to pieces in front of the eye, that have weights (count, n).
+    """(n,) pixels below which rounding leaves no shape to patches in front of the eye, that have weights (count, n).
 
-    So a piece that rounding may move onto a pixel's centre is kept, and no piece is halved into noise.
+    So a patch that rounding may move onto a pixel's centre is kept, and no patch is halved into noise.
     """
     with np.errstate(divide="ignore", over="ignore"):
         own = rounding / weight.min(axis=0, initial=np.inf)
-    return np.asarray(own.clip(THIN, _reach(view)))
+    return np.asarray(own.clip(THIN, _extent(view)))
 
 
-def _reach(view: View) -> float:
+def _extent(view: View) -> float:
     """Pixels beyond which all is as far away, and more than from one side of the picture to another."""
     return 2.0 * (view.width + view.height)
 
 
 def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Iterator[_Batch]:
-    """Pieces that are tame, and those that are points or lines.
+    """Patches that are tame, and those that are points or lines.
 
     What is neither is halved where it looks longest, unless it covers no centre.
     rounding  see _rounding
@@ -154,25 +154,25 @@ def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> It
     while stack:
         level, batch = stack.pop()
         batch, front = _seen(batch, view, rounding)
-        tame, way, batch.spread = _linearity(space, batch, front, view)
+        tame, direction, batch.spread = _linearity(space, batch, front, view)
         done = front & (tame | batch.line | (level == _LEVELS))
         batch.line |= ~tame
         yield batch.some(np.flatnonzero(done))
         if level < _LEVELS and not done.all():
-            halves = _halved(space, way[~done], batch.some(np.flatnonzero(~done)))
+            halves = _halved(space, direction[~done], batch.some(np.flatnonzero(~done)))
             stack += [
                 (level + 1, halves.some(np.arange(len(halves.face))[k])) for k in chunks(len(halves.face), _CHUNK)
             ]
 
 
-def _halved(space: FaceSpace, way: Ints, batch: _Batch) -> _Batch:
-    """Two pieces for each, cut the way that it says."""
-    batch = batch.some(order := np.argsort(way, kind="stable"))
-    ends = np.searchsorted(way[order], np.arange(len(space.halves) + 1))
+def _halved(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
+    """Two patches for each, cut the direction that it says."""
+    batch = batch.some(order := np.argsort(direction, kind="stable"))
+    ends = np.searchsorted(direction[order], np.arange(len(space.halves) + 1))
     halves = _Batch(*(np.concatenate([part, part], axis=-1) for part in batch.parts()))
     for cut in range(len(space.halves)):
         for half in range(2):
-            own, new = slice(ends[cut], ends[cut + 1]), slice(*(ends[cut : cut + 2] + half * len(way)))
+            own, new = slice(ends[cut], ends[cut + 1]), slice(*(ends[cut : cut + 2] + half * len(direction)))
             halves.screen[..., new] = space.cuts[cut, half] @ batch.screen[..., own]
             halves.place[..., new] = np.tensordot(space.halves[cut, half], batch.place[1:, :, own], 1)
             halves.place[0, :, new] += batch.place[0, :, own]
@@ -180,7 +180,7 @@ def _halved(space: FaceSpace, way: Ints, batch: _Batch) -> _Batch:
 
 
 def _seen(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
-    """The pieces that may cover the centre of a pixel, and (n,) whether they are in front of the eye.
+    """The patches that may cover the centre of a pixel, and (n,) whether they are in front of the eye.
 
     Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.
     """
@@ -192,7 +192,7 @@ def _seen(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
     batch = batch.some(np.flatnonzero(seen))
 
     # what rounding can't tell from the eye itself may be anywhere: a point in the middle, of the weight that says so
-    least = rounding / _reach(view)
+    least = rounding / _extent(view)
     at_eye = batch.screen[2].max(axis=0) <= least
     batch.screen[:3, :, at_eye] = least * np.append(0.5 * size, 1.0)[:, None, None]
     front = batch.screen[2].min(axis=0) > 0.0
@@ -231,10 +231,10 @@ def _pixels(points: Floats, slack: Floats, view: View) -> Ints:
 
     None where the least ones exceed the greatest.
     """
-    reach, (x, y) = _reach(view), points
+    extent, (x, y) = _extent(view), points
     every = (x, y, x + y, x - y)
-    least = np.stack([side.min(axis=0) for side in every]).clip(-reach, reach)
-    most = np.stack([side.max(axis=0) for side in every]).clip(-reach, reach)
+    least = np.stack([side.min(axis=0) for side in every]).clip(-extent, extent)
+    most = np.stack([side.max(axis=0) for side in every]).clip(-extent, extent)
     least, most = np.ceil(least - slack), np.floor(most + slack)
     least[:2] = least[:2].clip(0.0, None)
     most[:2] = most[:2].clip(None, [[view.width - 1.0], [view.height - 1.0]])
@@ -255,10 +255,10 @@ def _ends(points: Floats, slack: Floats) -> tuple[Floats, Floats]:
 
 
 def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tuple[Bools, Ints, Floats]:
-    """(n,) whether X - i W and Y - j W change nearly linearly, which way the pieces look longest, and their spread:
+    """(n,) whether X - i W and Y - j W change nearly linearly, which direction the patches look longest, and their spread:
 
-    how far roots move in the piece where X - i W and Y - j W change by 1, to first order.
-    All pixels (i, j) within the bounds of a piece are meant.  With the matrix M that inverts the mean Jacobian for the
+    how far roots move in the patch where X - i W and Y - j W change by 1, to first order.
+    All pixels (i, j) within the bounds of a patch are meant.  With the matrix M that inverts the mean Jacobian for the
     middle pixel, b is the greatest row sum of M J - 1, which the derivatives' nets bound, and g what other pixels add.
     """
     size = np.array([[view.width - 1.0], [view.height - 1.0]])
@@ -287,8 +287,8 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
     speeds = [(*plane, *(half[:, None] * derivative[2])) for plane, derivative in zip(planes, derivatives, strict=True)]
     if len(space.halves) == 3:
         speeds.append(tuple(t - s for s, t in zip(*speeds, strict=True)))
-    way = np.argmax([sum(part * part for part in side).max(axis=0) for side in speeds], axis=0)
-    return tame, way, np.maximum(np.abs(first).sum(axis=0), np.abs(second).sum(axis=0))
+    direction = np.argmax([sum(part * part for part in side).max(axis=0) for side in speeds], axis=0)
+    return tame, direction, np.maximum(np.abs(first).sum(axis=0), np.abs(second).sum(axis=0))
 
 
 def _weighted(w: Floats, derivatives: list[Floats]) -> Floats:
