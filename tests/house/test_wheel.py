@@ -65,8 +65,8 @@ def test_every_file_of_the_areas_is_in_the_wheel(root, wheel, project_files):
 
 
 def test_nothing_else_is_in_the_wheel(wheel):
-    strays = {name for name in zipfile.ZipFile(wheel).namelist() if not name.startswith(("elvis/", "elvis_viz-"))}
-    assert not strays
+    others = {name for name in zipfile.ZipFile(wheel).namelist() if not name.startswith(("elvis/", "elvis_viz-"))}
+    assert not others
 
 
 def test_the_installed_modules_are_those_of_the_wheel(environment, tmp_path):

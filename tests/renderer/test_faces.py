@@ -158,8 +158,8 @@ def test_brute_force_counts_as_many_hits(drawer, shape, seed):
     drawn = drawer(wild(seed, shape))
     nets = [(block.space, net) for block in drawn.faces.blocks for net in block.nets(np.arange(len(block)))]
     points = np.concatenate([net[:, :3] for _, net in nets])
-    middle, reach = points.mean(axis=0), np.linalg.norm(points - points.mean(axis=0), axis=1).max()
-    camera = list(cameras(tuple(middle), 3 * reach, 1.5 * reach))[2 + seed]
+    middle, radius = points.mean(axis=0), np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    camera = list(cameras(tuple(middle), 3 * radius, 1.5 * radius))[2 + seed]
     view = View.through(camera, (32, 28))
     hits = drawn.hits(view)
     counted = sum(crossings(net, space, view) for space, net in nets)

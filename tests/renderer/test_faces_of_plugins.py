@@ -88,8 +88,10 @@ def test_quasi_3d_data_have_walls_and_lids(drawer, nektar):
     drawn = drawer(volume, dataset)
     boxes = np.concatenate([part.boxes for part in volume.parts]).astype(float)
     low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
-    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low))
-    view = View.through(Camera(tuple(middle + reach * np.array([1.1, -1.3, 0.9])), tuple(middle), fov=45.0), (70, 60))
+    middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
+    view = View.through(
+        Camera(tuple(middle + diagonal * np.array([1.1, -1.3, 0.9])), tuple(middle), fov=45.0), (70, 60)
+    )
     layer, hits = drawn.draw(view), drawn.hits(view)
     counts = np.bincount(hits["pixel"], minlength=view.count)
     sure = layer.status != Status.AMBIGUOUS
@@ -106,9 +108,9 @@ def test_real_meshes_are_closed(drawer, shared, name):
     drawn = drawer(volume, dataset)
     boxes = np.concatenate([part.boxes for part in volume.parts]).astype(float)
     low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
-    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low))
-    for way, size in (((0.51, -0.63, 0.612), {"fov": 60.0}), ((-0.4, 0.3, -0.8), {"height": reach})):
-        view = View.through(Camera(tuple(middle + reach * np.array(way)), tuple(middle), **size), (60, 60))
+    middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
+    for way, size in (((0.51, -0.63, 0.612), {"fov": 60.0}), ((-0.4, 0.3, -0.8), {"height": diagonal})):
+        view = View.through(Camera(tuple(middle + diagonal * np.array(way)), tuple(middle), **size), (60, 60))
         layer, hits = drawn.draw(view), drawn.hits(view)
         counts = np.bincount(hits["pixel"], minlength=view.count)
         assert (counts[layer.status == Status.CERTAIN] % 2 == 0).all()

@@ -128,7 +128,7 @@ def test_a_flat_surface_costs_few_sub_elements(renderer):
 
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_elements_that_are_all_rounding_cost_few_sub_elements(renderer, shape):
-    """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, sub-elements next to apexes aren't halved to the end."""
+    """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, and next to apexes nothing is halved to the end."""
     data = exact(shape, lambda p: p[:, 2] - 0.46875, 2.0**-52, 1.0)
     view = View.through(CAMERA, SIZE)
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))

@@ -117,7 +117,7 @@ class Canvas:
 
     def _bands(self) -> Iterator[Band]:
         """Bands of ``most`` pixels at most, and the pixels around that lines need, also beyond the picture's edge."""
-        view, margin = self.view, self.painter.reach
+        view, margin = self.view, self.painter.radius
         rows = max(1, self.most // view.width)
         for top in range(0, view.height, rows):
             end = min(view.height, top + rows)

@@ -68,15 +68,15 @@ class Curves:
                 return seen
             self.sample(2 * self.count - 1)
 
-    def nearest(self, view: View, reach: float) -> tuple[Floats, Ints]:
-        """By pixel (n,): the distance in pixels of the nearest point within ``reach``, and its number."""
+    def nearest(self, view: View, radius: float) -> tuple[Floats, Ints]:
+        """By pixel (n,): the distance in pixels of the nearest point within ``radius``, and its number."""
         seen, size = self.seen(view), np.array([view.width, view.height])
         distance, number = np.full(view.count, np.inf), np.zeros(view.count, np.int64)
-        around = range(-int(np.ceil(reach)), int(np.ceil(reach)) + 1)
+        around = range(-int(np.ceil(radius)), int(np.ceil(radius)) + 1)
         for offset in product(around, around):
             pixel = np.rint(np.nan_to_num(seen, nan=-1e6)) + offset
             away = np.linalg.norm(pixel - seen, axis=1)
-            held = np.flatnonzero(((pixel >= 0) & (pixel < size)).all(axis=1) & (away <= reach))
+            held = np.flatnonzero(((pixel >= 0) & (pixel < size)).all(axis=1) & (away <= radius))
             held = held[np.argsort(-away[held], kind="stable")]
             own = (pixel[held, 1] * view.width + pixel[held, 0]).astype(np.int64)
             nearer = away[held] < distance[own]

@@ -25,7 +25,7 @@ class Loaded:
 
     first  (parts + 1,) running number of each part's first element: elements count through all parts
     ids    (elements + 1,) global ids by running number; NOBODY, which is beyond the end, takes the last one, -1
-    reach  greatest finite coordinate of the elements' boxes, in magnitude
+    extent  greatest finite coordinate of the elements' boxes, in magnitude
     bytes  of all buffers so far: those of quantities come when they are first asked for
     """
 
@@ -39,7 +39,7 @@ class Loaded:
         self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
-        self.reach = max(map(_reach, self.parts), default=0.0)
+        self.extent = max(map(_extent, self.parts), default=0.0)
 
     @cached_property
     def box(self) -> Floats:
@@ -49,7 +49,7 @@ class Loaded:
     @property
     def rounding(self) -> float:
         """How far coordinates may be off by rounding, in world units."""
-        return _ROUNDINGS * float(np.finfo(np.float64).eps) * self.reach
+        return _ROUNDINGS * float(np.finfo(np.float64).eps) * self.extent
 
     @cached_property
     def is_far(self) -> bool:
@@ -112,6 +112,6 @@ def _outward(ends: Floats) -> NDArray[np.float32]:
         return np.nextafter(ends.astype(np.float32), np.array([-np.inf, np.inf], np.float32))
 
 
-def _reach(part: Part) -> float:
+def _extent(part: Part) -> float:
     """The greatest finite coordinate of the part's boxes, in magnitude."""
     return float(np.abs(part.boxes).max(initial=0.0, where=np.isfinite(part.boxes)))

@@ -91,9 +91,9 @@ def _uncertain(hits: HitBuffer, view: View, pixel: Ints) -> Floats:
     """
     depth = hits.depth[pixel]
     origins, directions = view.rays(pixel % view.width, pixel // view.width)
-    reach = float(np.abs(origins + depth[:, None] * directions).max(initial=0.0))
+    extent = float(np.abs(origins + depth[:, None] * directions).max(initial=0.0))
     known = np.full(len(pixel), np.nan) if hits.uncertainty is None else hits.uncertainty[pixel]
-    rounded = uncertainties(view, pixel, depth, hits.normal[pixel], reach)
+    rounded = uncertainties(view, pixel, depth, hits.normal[pixel], extent)
     return np.where(np.isnan(known), rounded, np.nan_to_num(known, posinf=0.0))
 
 
@@ -280,7 +280,7 @@ class Painter:
         return text_color_on(self.scene.backdrop)
 
     @property
-    def reach(self) -> int:
+    def radius(self) -> int:
         """Pixels around one that its lines depend on, in each direction."""
         styles = [item.style for item in self.scene.every_object if not isinstance(item, VolumeRendering)]
         lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]

@@ -290,7 +290,7 @@ class Stages:
             further = hit if draw_call.style.opacity < 1.0 else gone
             if draw_call.once or not further.any():
                 return
-            beyond = np.where(further, hits.depth + SAME * (self.loaded.reach + np.abs(hits.depth)), np.inf)
+            beyond = np.where(further, hits.depth + SAME * (self.loaded.extent + np.abs(hits.depth)), np.inf)
 
     def clipped(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools]:
         """(n,) hits that lie where nothing is to be shown, and (n,) those of which that is not certain."""
@@ -300,7 +300,7 @@ class Stages:
             return gone, unsure
         origins, directions = view.rays(hit % view.width, hit // view.width)
         points = origins + hits.depth[hit, None] * directions
-        room = CLOSE * self.loaded.reach
+        room = CLOSE * self.loaded.extent
         around = np.zeros(len(hit)) if hits.uncertainty is None else hits.uncertainty[hit]
         for clip in clips:
             if isinstance(clip.surface, Implicit):
@@ -320,7 +320,7 @@ class Stages:
         change by as near to the hit as surfaces are taken for one."""
         values, close = sampled(self.loaded, hits, expression)[hit], np.zeros(len(hit))
         part = np.searchsorted(self.loaded.first, hits.owner[hit], side="right") - 1
-        traversal, room = self.volumes.traversal, 2.0 * CLOSE * self.loaded.reach
+        traversal, room = self.volumes.traversal, 2.0 * CLOSE * self.loaded.extent
         for number in np.unique(part):
             here, own = part == number, self.loaded.parts[number]
             if traversal.degree(number, expression) == 0:

@@ -62,9 +62,9 @@ def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
     y = least[owner, 1] + TILE * (index // across[owner])
 
     # keep those that the diagonal bounds touch
-    reach = TILE - 1
-    kept = (x + y + 2 * reach >= least[owner, 2]) & (x + y <= most[owner, 2])
-    kept &= (x - y + reach >= least[owner, 3]) & (x - y - reach <= most[owner, 3])
+    last = TILE - 1
+    kept = (x + y + 2 * last >= least[owner, 2]) & (x + y <= most[owner, 2])
+    kept &= (x - y + last >= least[owner, 3]) & (x - y - last <= most[owner, 3])
     return Tiles(owner[kept], x[kept].astype(np.int32), y[kept].astype(np.int32))
 
 

@@ -81,7 +81,7 @@ class Traversal:
     def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> Buffer:
         """The Rays record of the stages (ray.slang)."""
         place = {"first": self.loaded.first[number], "count": count}
-        errors = {"apart": APART * self.loaded.reach, "misplaced": misplaced(view, self.loaded.reach)}
+        errors = {"apart": APART * self.loaded.extent, "misplaced": misplaced(view, self.loaded.extent)}
         record = record_of(kernel, "rays", view, level=level, **place, **errors)
         return self.device.buffer(record)
 

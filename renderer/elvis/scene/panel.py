@@ -126,14 +126,14 @@ class Panel:
         self._line(ruler.line)
         align = {"ha": "center" if abs(ruler.away[0]) < 0.5 else "right" if ruler.away[0] < 0 else "left"}
         align["va"] = "center" if abs(ruler.away[1]) < 0.5 else "top" if ruler.away[1] > 0 else "bottom"
-        reach = 0.0
+        extent = 0.0
         for place, text in zip(ruler.places, ruler.texts, strict=True):
             self._line(np.array([place, place + 0.35 * self.unit * ruler.away]))
             x, y = place + 0.6 * self.unit * ruler.away
             box = self._text(x + 0.5, self.height - 0.5 - y, text, **align)
             size = box.get_window_extent(self.sheet.measure())
-            reach = max(reach, abs(ruler.away) @ [size.width, size.height])
-        x, y = ruler.line.mean(axis=0) + (1.1 * self.unit + reach) * ruler.away
+            extent = max(extent, abs(ruler.away) @ [size.width, size.height])
+        x, y = ruler.line.mean(axis=0) + (1.1 * self.unit + extent) * ruler.away
         self._text(x + 0.5, self.height - 0.5 - y, ruler.name, style="italic", **align)
 
     def _draw_arrows(self) -> None:

@@ -183,7 +183,7 @@ def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bo
     """(h, w - 1) where borders cross from one column to the next, from 0 to 1; whether there are any."""
     met = owner[:, :-1] != owner[:, 1:]
     left, right = distance[:, :-1], distance[:, 1:]
-    start, end = _reach(owner, distance), 1.0 - _reach(owner[:, ::-1], distance[:, ::-1])[:, ::-1]
+    start, end = _border_distance(owner, distance), 1.0 - _border_distance(owner[:, ::-1], distance[:, ::-1])[:, ::-1]
     with np.errstate(invalid="ignore", divide="ignore"):
         between = left / (left + right)
         nearer = np.where(depth[:, :-1] <= depth[:, 1:], start, end)
@@ -192,7 +192,7 @@ def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bo
     return np.clip(np.where(together, between, alone), 0.0, 1.0), met
 
 
-def _reach(owner: Ints, distance: Floats) -> Floats:
+def _border_distance(owner: Ints, distance: Floats) -> Floats:
     """(h, w - 1) how far from each column but the last its border is, towards the next; half where unknown."""
     here, slope = distance[:, :-1], np.full(distance[:, :-1].shape, np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -40,7 +40,7 @@ ORDINARY = ("plain", "off", "mirrored")
 def camera(rng, world, kind):
     """A camera of one of the kinds, at random."""
     corners = world.corners()
-    middle, reach = corners.mean(axis=0), float(np.linalg.norm(np.ptp(corners, axis=0))) / 2
+    middle, radius = corners.mean(axis=0), float(np.linalg.norm(np.ptp(corners, axis=0))) / 2
     place = world.placed(world.bent(rng.uniform(0.2, 0.8, (1, 3)) * [1, 1, world.dimension == 3]))[0]
     way = rng.normal(size=3)
     way /= np.linalg.norm(way)
@@ -49,13 +49,13 @@ def camera(rng, world, kind):
         kind = str(rng.choice(["oblique", "perspective"]))
     up = _vector(np.roll(np.eye(3)[int(np.abs(way).argmax())], 1))
     if kind == "inside":
-        return Camera(_vector(place), _vector(place + reach * way), up, fov=90.0)
-    distance = float(rng.uniform(1.5, 4)) * reach
+        return Camera(_vector(place), _vector(place + radius * way), up, fov=90.0)
+    distance = float(rng.uniform(1.5, 4)) * radius
     if kind == "perspective":
-        fov = float(np.degrees(2 * np.arctan(0.8 * reach / distance)))
+        fov = float(np.degrees(2 * np.arctan(0.8 * radius / distance)))
         return Camera(_vector(middle - distance * way), _vector(middle), up, fov=fov)
     at, part = (place, 10.0 ** -rng.uniform(0, 3)) if kind == "close" else (middle, 0.8)
-    return Camera(_vector(at - distance * way), _vector(at), up, height=float(2 * part * reach))
+    return Camera(_vector(at - distance * way), _vector(at), up, height=float(2 * part * radius))
 
 
 def _vector(array):

@@ -39,7 +39,7 @@ class Rays:
     """The rays of a view in a world.
 
     quadratics  (n, 3, 3) coefficients of 1, t, t^2 of the straight coordinates along each ray
-    reach       greatest coordinate that takes part in computing them
+    extent      greatest coordinate that takes part in computing them
     rounding    (3,) of straight coordinates
     """
 
@@ -50,8 +50,8 @@ class Rays:
         self.quadratics = world.along(self.origins, self.ways)
         corners = world.corners() if corners is None else corners
         self.diagonal = float(np.linalg.norm(np.ptp(corners, axis=0)))
-        self.reach = float(max(np.abs(corners).max(), np.abs(view.camera.eye).max()))
-        self.rounding, self.sides = world.rounding(self.reach), world.sides()
+        self.extent = float(max(np.abs(corners).max(), np.abs(view.camera.eye).max()))
+        self.rounding, self.sides = world.rounding(self.extent), world.sides()
         room = 1e-9 * self.diagonal * np.array([[-1.0], [1.0]])
         box = np.stack([corners.min(axis=0), corners.max(axis=0)]) + room
         self.enter, self.leave = _interval(self.origins, self.ways, *box)

@@ -78,9 +78,9 @@ class World:
         result[:, 2] -= b * squares + f * y
         return result
 
-    def rounding(self, reach):
-        """(3,) how far straight coordinates may be off where world coordinates up to ``reach`` are rounded."""
-        rounding = ROUNDINGS * EPS * reach / np.abs(self.scale)
+    def rounding(self, extent):
+        """(3,) how far straight coordinates may be off where world coordinates up to ``extent`` are rounded."""
+        rounding = ROUNDINGS * EPS * extent / np.abs(self.scale)
         (a, b), (e, f) = np.abs(self.bend), np.abs(self.shear)
         return rounding + rounding[1] * np.array([2 * a + e, 0.0, 2 * b + f])
 

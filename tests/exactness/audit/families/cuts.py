@@ -53,5 +53,5 @@ def plane_roots(rays, plane, inside):
     normal /= np.sqrt((normal**2).sum())
     zero = np.zeros(len(rays.origins), np.longdouble)
     q = np.stack([(rays.origins - np.asarray(plane.point)) @ normal, rays.ways @ normal, zero], axis=1)
-    noise = 16 * EPS * (rays.reach + float(np.abs(plane.point).max()))
+    noise = 16 * EPS * (rays.extent + float(np.abs(plane.point).max()))
     return surface_roots(rays, q, noise, inside)

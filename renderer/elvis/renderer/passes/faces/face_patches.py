@@ -166,7 +166,7 @@ def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> It
 
 
 def _halved(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
-    """Two patches for each, cut the direction that it says."""
+    """Two patches for each, cut in this direction."""
     batch = batch.some(order := np.argsort(direction, kind="stable"))
     ends = np.searchsorted(direction[order], np.arange(len(space.halves) + 1))
     halves = _Batch(*(np.concatenate([part, part], axis=-1) for part in batch.parts()))
@@ -255,7 +255,7 @@ def _ends(points: Floats, slack: Floats) -> tuple[Floats, Floats]:
 
 
 def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tuple[Bools, Ints, Floats]:
-    """(n,) whether X - i W and Y - j W change nearly linearly, which direction the patches look longest, and their spread:
+    """(n,) whether X - i W and Y - j W change nearly linearly, where patches look longest, and their spread:
 
     how far roots move in the patch where X - i W and Y - j W change by 1, to first order.
     All pixels (i, j) within the bounds of a patch are meant.  With the matrix M that inverts the mean Jacobian for the

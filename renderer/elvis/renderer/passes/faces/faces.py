@@ -107,7 +107,7 @@ class FaceDrawer:
 
     def _tie(self, view: View) -> float:
         """Difference of depth up to which two hits are at one place."""
-        return _TIE * (self.loaded.reach + float(np.abs(view.camera.eye).max()))
+        return _TIE * (self.loaded.extent + float(np.abs(view.camera.eye).max()))
 
     def _work(
         self,
@@ -187,7 +187,7 @@ class FaceDrawer:
 
     def _record(self, kernel: Kernel, view: View, **values: Any) -> NDArray[Any]:
         """The FaceView record (face.slang)."""
-        uncertain = {"tie": self._tie(view), "misplaced": misplaced(view, self.loaded.reach)}
+        uncertain = {"tie": self._tie(view), "misplaced": misplaced(view, self.loaded.extent)}
         return record_of(kernel, "view", view, **uncertain, **values)
 
 

@@ -242,7 +242,7 @@ class IsosurfaceDrawer:
     def _ask(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:
         """The Ask record of the stages (iso.slang)."""
         view = level.view
-        errors = {"apart": APART * self.loaded.reach, "misplaced": misplaced(view, self.loaded.reach)}
+        errors = {"apart": APART * self.loaded.extent, "misplaced": misplaced(view, self.loaded.extent)}
         place = {"across": 1 / np.linalg.norm(view.column), "first": self.loaded.first[level.number]}
         record = record_of(kernel, "ask", view, level=level.value, **place, **errors, **other)
         return self.device.buffer(record)

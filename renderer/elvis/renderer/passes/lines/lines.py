@@ -72,7 +72,7 @@ class Marks:
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class WorkItems:
     """Elements to be searched around pixels, (n,) each, as the records of line.slang."""
 
     pixel: NDArray[Any]
@@ -81,21 +81,21 @@ class Pieces:
     whole: NDArray[Any]
 
     @staticmethod
-    def around(pixel: NDArray[Any], element: NDArray[Any], whole: int = 0) -> Pieces:
-        """Pieces whose elements are hit at the pixels themselves."""
-        return Pieces(pixel, pixel, element, np.full(len(pixel), whole))
+    def around(pixel: NDArray[Any], element: NDArray[Any], whole: int = 0) -> WorkItems:
+        """Work items whose elements are hit at the pixels themselves."""
+        return WorkItems(pixel, pixel, element, np.full(len(pixel), whole))
 
-    def and_those(self, found: NDArray[Any]) -> Pieces:
-        """The pieces of a kernel's records, then these."""
-        return Pieces(*(np.append(found[item.name], getattr(self, item.name)) for item in fields(Pieces)))
+    def and_those(self, found: NDArray[Any]) -> WorkItems:
+        """The items of a kernel's records, then these."""
+        return WorkItems(*(np.append(found[item.name], getattr(self, item.name)) for item in fields(WorkItems)))
 
-    def __getitem__(self, chosen: Any) -> Pieces:
-        return Pieces(self.pixel[chosen], self.base[chosen], self.element[chosen], self.whole[chosen])
+    def __getitem__(self, chosen: Any) -> WorkItems:
+        return WorkItems(self.pixel[chosen], self.base[chosen], self.element[chosen], self.whole[chosen])
 
     def records(self, dtype: np.dtype[Any]) -> NDArray[Any]:
         """As a kernel has them."""
         records = np.zeros(len(self.pixel), dtype)
-        for item in fields(Pieces):
+        for item in fields(WorkItems):
             records[item.name] = getattr(self, item.name)
         return records
 
@@ -113,26 +113,26 @@ class Lines:
         width     in pixels
         quantity  of the parts, whose values are the hit buffer's field; None is the parts' own field
         """
-        buffers, pieces, size = self._prepared(view, hits, values, width, quantity)
+        buffers, items, size = self._prepared(view, hits, values, width, quantity)
         buffers |= {name: self._device.empty(np.uint32, 8) for name in ("strokes", "count")}
-        self._run("line_draw", view, hits, pieces, buffers, quantity, **size)
+        self._run("line_draw", view, hits, items, buffers, quantity, **size)
         return Marks(self._device, buffers["marks"], width, hits.owner, NOTHING - MOST + 1)
 
     def strokes(self, view: View, hits: HitBuffer, values: Floats, quantity: str | None = None) -> NDArray[Any]:
         """The same lines as short straight ones, the records Stroke of line.slang; those that other parts hide too."""
-        buffers, pieces, size = self._prepared(view, hits, values, 1.0, quantity)
+        buffers, items, size = self._prepared(view, hits, values, 1.0, quantity)
         kernel = self._device.kernel("line_draw", self._loaded.parts[0], quantity)
-        kernel.capacity = max(kernel.capacity, 4 * len(pieces.pixel))
+        kernel.capacity = max(kernel.capacity, 4 * len(items.pixel))
 
         def run(lists: dict[str, Buffer]) -> None:
-            self._run("line_draw", view, hits, pieces, {**buffers, **lists}, quantity, **size, traced=1)
+            self._run("line_draw", view, hits, items, {**buffers, **lists}, quantity, **size, traced=1)
 
         return self._device.listed("strokes", kernel, run)
 
     def _prepared(
         self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None
-    ) -> tuple[dict[str, Buffer], Pieces, dict[str, float]]:
-        """What line_draw needs for contours: buffers, pieces to be searched, and numbers of its record."""
+    ) -> tuple[dict[str, Buffer], WorkItems, dict[str, float]]:
+        """What line_draw needs for contours: buffers, items to be searched, and numbers of its record."""
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
         buffers = self._buffers(view, hits, width)
@@ -140,17 +140,17 @@ class Lines:
         buffers |= {"hit_depth": self._device.buffer(np.zeros(1))} if hits.flat is not None else {}
         slivers = self._slivers(view, hits, levels, quantity)
         smooth = all(self._is_polynomial(number, quantity) for number in range(len(self._loaded.parts)))
-        pieces = slivers.and_those(self._found(view, hits, buffers, len(levels), smooth))
-        return buffers, pieces, {"reach": 0.5 * width + 0.5, "levels": len(levels), "offset": hits.offset}
+        items = slivers.and_those(self._found(view, hits, buffers, len(levels), smooth))
+        return buffers, items, {"half_width": 0.5 * width + 0.5, "levels": len(levels), "offset": hits.offset}
 
     def mesh(self, view: View, hits: HitBuffer, width: float) -> Marks:
         """Lines along the borders of elements; width in pixels."""
-        buffers, reach = self._buffers(view, hits, width), 0.5 * width + 0.5
+        buffers, half_width = self._buffers(view, hits, width), 0.5 * width + 0.5
         side = hits.owner if hits.side is None else hits.side
-        near = np.flatnonzero(_near_others(side.reshape(view.height, view.width), int(np.ceil(reach))))
+        near = np.flatnonzero(_near_others(side.reshape(view.height, view.width), int(np.ceil(half_width))))
         near = near[hits.owner[near] != NOBODY]
-        pieces = Pieces.around(near, hits.owner[near])
-        self._run("line_border", view, hits, pieces, buffers, reach=reach)
+        items = WorkItems.around(near, hits.owner[near])
+        self._run("line_border", view, hits, items, buffers, half_width=half_width)
         return Marks(self._device, buffers["marks"], width, hits.owner)
 
     def _buffers(self, view: View, hits: HitBuffer, width: float) -> dict[str, Buffer]:
@@ -161,10 +161,10 @@ class Lines:
             "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
 
-    def _slivers(self, view: View, hits: HitBuffer, levels: Floats, quantity: str | None) -> Pieces:
-        """Pieces of thin sections that may show in a pixel's square but own none of the nine pixels around it."""
+    def _slivers(self, view: View, hits: HitBuffer, levels: Floats, quantity: str | None) -> WorkItems:
+        """Work items of thin sections that may show in a pixel's square but own none of the nine pixels around it."""
         if hits.sections is None or not len(levels):
-            return Pieces.around(np.zeros(0, np.int64), np.zeros(0, np.uint32))
+            return WorkItems.around(np.zeros(0, np.int64), np.zeros(0, np.uint32))
         sections, (ends, _) = hits.sections, self._loaded.every(quantity)
         low, high = ends[sections["element"]].T
         sections = sections[np.searchsorted(levels, low) < np.searchsorted(levels, high, "right")]
@@ -179,7 +179,7 @@ class Lines:
         corner, free = pixel + 2 * (pixel // view.width), np.ones(len(pixel), bool)
         for k in range(9):
             free &= around[corner + (k // 3 * (view.width + 2) + k % 3)] != element
-        return Pieces.around(pixel[free], element[free], whole=2)
+        return WorkItems.around(pixel[free], element[free], whole=2)
 
     def _is_polynomial(self, number: int, quantity: str | None) -> bool:
         """Whether a part's map and quantity are polynomials, which have neither poles nor jumps in an element."""
@@ -189,7 +189,7 @@ class Lines:
     def _found(
         self, view: View, hits: HitBuffer, buffers: dict[str, Buffer], levels: int, smooth: bool
     ) -> NDArray[Any]:
-        """The pieces that line_find.slang lists."""
+        """The items that line_find.slang lists."""
         kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
         every = buffers | {
@@ -203,17 +203,17 @@ class Lines:
         stage: str,
         view: View,
         hits: HitBuffer,
-        pieces: Pieces,
+        items: WorkItems,
         buffers: dict[str, Buffer],
         quantity: str | None = None,
         **size: float,
     ) -> None:
-        """A stage over the pieces of each part, sorted by element."""
-        pieces = _waves(pieces)
-        ends = np.searchsorted(pieces.element, self._loaded.first)
+        """A stage over the items of each part, sorted by element."""
+        items = _waves(items)
+        ends = np.searchsorted(items.element, self._loaded.first)
         packed = "reference" not in hits.held
         for number, part in enumerate(self._loaded.parts):
-            own = pieces[ends[number] : ends[number + 1]]
+            own = items[ends[number] : ends[number + 1]]
             count = len(own.pixel)
             if not count:
                 continue
@@ -223,7 +223,7 @@ class Lines:
             flat = hits.flat is not None
             record = record_of(kernel, "view", view, **place, **size, packed=packed, flat=flat, smooth=smooth)
             references = self._device.buffer(hits.reference[own.base]) if packed else hits.held["reference"]
-            data = {"pieces": own.records(kernel.dtype("pieces")), "facets": facets, "view": record}
+            data = {"items": own.records(kernel.dtype("items")), "facets": facets, "view": record}
             brought = {name: self._device.buffer(some) for name, some in data.items()}
             kernel(count, {**self._loaded.bound(number, quantity), **buffers, **brought, "references": references})
 
@@ -240,21 +240,21 @@ class Lines:
         return self._facets[number]
 
 
-def _waves(pieces: Pieces) -> Pieces:
-    """Pieces by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
-    order = np.argsort(pieces.element, kind="stable")
-    element = pieces.element[order]
+def _waves(items: WorkItems) -> WorkItems:
+    """Work items by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
+    order = np.argsort(items.element, kind="stable")
+    element = items.element[order]
     first = np.flatnonzero(np.diff(element.astype(np.int64), prepend=-1))
     counts = np.diff(np.append(first, len(element)))
     rooms = -(-counts // WAVE) * WAVE
 
-    # rooms that hold no piece have the first one of their element, without a pixel
+    # rooms that hold no item have the first one of their element, without a pixel
     place = np.arange(len(element)) + np.repeat(np.cumsum(rooms - counts) - (rooms - counts), counts)
     filled = np.repeat(order[first], rooms)
     filled[place] = order
     pixel = np.full(len(filled), NOBODY)
-    pixel[place] = pieces.pixel[order]
-    return replace(pieces[filled], pixel=pixel)
+    pixel[place] = items.pixel[order]
+    return replace(items[filled], pixel=pixel)
 
 
 def covered(distance: Floats, width: float) -> Floats:

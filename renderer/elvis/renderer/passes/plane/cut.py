@@ -44,7 +44,7 @@ class Cutter:
 
     def __init__(self, loaded: Loaded) -> None:
         self.device, self.parts, self.buffers = loaded.device, loaded.parts, loaded.buffers
-        self.first, self.reach = loaded.first, loaded.reach
+        self.first, self.extent = loaded.first, loaded.extent
         self.gaps, self.far = Gaps(self.parts, self._candidates), loaded.is_far
         self.clock = Clock()
         self.tiles = 0
@@ -79,7 +79,7 @@ class Cutter:
             _doubt_cracks(pixels, view)
         with self.clock.stage("grant"):
             self._commit(pixels.committed, image)
-        uncertain = slanted(view, self.reach)
+        uncertain = slanted(view, self.extent)
         if uncertain is not None:
             pixels.status = doubted(pixels.status, uncertain)
         for some, first in zip(every, self.first, strict=False):
@@ -157,7 +157,7 @@ class Cutter:
         record = record_of(kernel, "view", view, references=self.references, first=self.first[number], count=count)
         record["origin"], record["column"], record["row"], record["weight"] = view.plane_point
         record["point"], record["normal"] = view.plane.point, view.across
-        record["slack"] = 1e-12 * (self.reach + float(np.abs(view.plane.point).max()))
+        record["slack"] = 1e-12 * (self.extent + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
     def _commit(self, committed: list[NDArray[Any]], image: dict[str, Buffer]) -> None:

@@ -55,7 +55,7 @@ class SolidDrawer:
             places.put(new, self.finder.find(_points(view, met.pixel[new], met.depth[new])))
             self._asked[new] = True
         found = _hits_of(view, met, places, chosen)
-        _weigh(found, view, met, chosen, self.loaded.reach)
+        _weigh(found, view, met, chosen, self.loaded.extent)
         if met.doubt is not None:
             found.doubt = met.doubt if beyond is None else np.where(met.doubt > beyond, met.doubt, np.inf)
             doubtful = np.isfinite(found.doubt) & (found.doubt <= found.depth) & (found.status != Status.FAILED)
@@ -70,7 +70,7 @@ class SolidDrawer:
         near = _between(view, met.pixel, met.depth, low, high)
         doubt, uncertainty = met.doubt, met.uncertainty
         if doubt is not None:
-            pixel, room = np.flatnonzero(np.isfinite(doubt)), CLOSE * self.loaded.reach
+            pixel, room = np.flatnonzero(np.isfinite(doubt)), CLOSE * self.loaded.extent
             outside = ~_between(view, pixel, doubt[pixel], low - room, high + room)
             doubt = doubt.copy()
             doubt[pixel[outside]] = np.inf
@@ -89,16 +89,16 @@ def _points(view: View, pixel: Ints, depth: Floats) -> Floats:
     return np.asarray(origins + depth[:, None] * directions)
 
 
-def _weigh(found: HitBuffer, view: View, met: Hits, chosen: Ints, reach: float) -> None:
+def _weigh(found: HitBuffer, view: View, met: Hits, chosen: Ints, extent: float) -> None:
     """Tell the uncertainty of the chosen hits; those of which depths are known too badly are no longer certain."""
     pixel, depth = met.pixel[chosen], met.depth[chosen]
     if met.uncertainty is None:
-        uncertainty = uncertainties(view, pixel, depth, met.normal[chosen], reach)
+        uncertainty = uncertainties(view, pixel, depth, met.normal[chosen], extent)
     else:
         uncertainty = met.uncertainty[chosen]
     found.uncertainty = np.full(view.count, np.nan)
     found.uncertainty[pixel] = np.where(found.owner[pixel] == NOBODY, np.nan, uncertainty)
-    found.status[pixel] = doubted(found.status[pixel], ~(uncertainty <= MOST * np.maximum(depth, reach)))
+    found.status[pixel] = doubted(found.status[pixel], ~(uncertainty <= MOST * np.maximum(depth, extent)))
 
 
 def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:

@@ -63,8 +63,8 @@ class Visibility:
         for own, inside in self.clips:
             if isinstance(own, Plane):
                 distance = outside(own, boxes[:, :3] + half)
-                reach = half @ np.abs(unit(own.normal, "the normal of the plane"))
-                gone |= (distance + reach < 0.0) if inside else (distance - reach > 0.0)
+                half_width = half @ np.abs(unit(own.normal, "the normal of the plane"))
+                gone |= (distance + half_width < 0.0) if inside else (distance - half_width > 0.0)
         return gone
 
 

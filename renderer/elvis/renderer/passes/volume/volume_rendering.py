@@ -197,9 +197,9 @@ class VolumeRenderer:
             raise SceneError("volumes are drawn of 3D data")
         if len(transfer.colors) != len(transfer.values):
             raise SceneError(f"colors of a volume: expected one for each of {len(transfer.values)} values")
-        densest, reach = max(transfer.densities), self.loaded.reach
-        if densest * 4 > np.finfo(float).max / max(reach, 1.0):
-            raise SceneError(f"densities of a volume: {densest:g} overflows over lengths of {reach:g}")
+        densest, extent = max(transfer.densities), self.loaded.extent
+        if densest * 4 > np.finfo(float).max / max(extent, 1.0):
+            raise SceneError(f"densities of a volume: {densest:g} overflows over lengths of {extent:g}")
 
 
 class _March:
@@ -266,7 +266,7 @@ class _March:
 
     def _tolerance(self, quantity: str | None) -> float:
         """Error of a quantity that changes colours by less than a quarter of the error asked for, along any ray."""
-        length = 4 * self.loaded.reach
+        length = 4 * self.loaded.extent
         own = [medium for medium in self.media if medium.quantity == quantity]
         densest = max(max(medium.transfer.densities) for medium in self.media)
         gate = 0.25 * self.error / max(densest, 1.0 / length) if any(medium.gate for medium in own) else np.inf
