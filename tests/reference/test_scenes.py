@@ -252,7 +252,7 @@ def test_even_fog_takes_up_light_by_its_length(shape):
 
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
 def test_rays_may_begin_within_elements(shape):
-    """The eye is in the cube: volume hides by the length from there on, and the nearer sheet behind it is not seen."""
+    """The eye is in the cube: volume hides by the length from there on, and the surface behind it is not seen."""
     volume = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
     for camera in (
         Camera((0.4, 0.3, 0.45), (0.9, 0.8, 0.6), fov=70.0),

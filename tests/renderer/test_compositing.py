@@ -15,13 +15,13 @@ from elvis.scene.view import View
 RED, GREEN, BLUE, WHITE = np.vstack([np.eye(3), np.ones(3)])
 
 
-def layer_at(depths, normal=(0.0, 0.0, 1.0)):
-    """A layer with these depths; infinite ones are misses."""
-    layer = HitBuffer.empty(len(depths))
+def hits_at(depths, normal=(0.0, 0.0, 1.0)):
+    """A hit buffer with these depths; infinite ones are misses."""
+    hits = HitBuffer.empty(len(depths))
     hit = np.isfinite(depths)
-    layer.depth, layer.owner = np.asarray(depths, float), np.where(hit, 0, layer.owner)
-    layer.normal = np.where(hit[:, None], normal, np.nan)
-    return layer
+    hits.depth, hits.owner = np.asarray(depths, float), np.where(hit, 0, hits.owner)
+    hits.normal = np.where(hit[:, None], normal, np.nan)
+    return hits
 
 
 def fragment(depths, color, opacity=1.0):
@@ -45,14 +45,14 @@ def composite(shader):
 
 @pytest.fixture
 def fragments_of(shader):
-    """(n, 3) colours times alpha, and (n,) alphas, of a layer that is painted as the last fragment of two."""
+    """(n, 3) colours times alpha, and (n,) alphas, of a hit buffer that is painted as the last fragment of two."""
 
-    def paint(view, layer, material):
+    def paint(view, hits, material):
         fragments = FragmentLists(shader._device, view.count, 2, tuple(WHITE))
-        shader.add(view, layer, material, fragments, 1)
+        shader.add(view, hits, material, fragments, 1)
         made = shader._device.read(fragments.buffers["fragment_colors"], np.float64).reshape(2, view.count, 4)[1]
         depths = shader._device.read(fragments.buffers["fragment_depths"], np.float64).reshape(2, view.count)[1]
-        assert np.array_equal(depths, layer.depth)
+        assert np.array_equal(depths, hits.depth)
         return made[:, :3], made[:, 3]
 
     return paint
@@ -103,17 +103,17 @@ def marks(shader, distances, width):
 
 def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(shader, fragments_of):
     """Lines of a pixel's width cover 1 - their distance of it."""
-    layer = layer_at([1.0, 1.0, 1.0, np.inf])
+    hits = hits_at([1.0, 1.0, 1.0, np.inf])
     mesh, contours = marks(shader, [1.0, 0.5, 0.0, 0.0], 1.0), marks(shader, [1.0, 1.0, 0.75, 0.0], 1.0)
     assert np.array_equal(mesh.coverage, [0.0, 0.5, 1.0, 1.0])
     material = Material(tuple(GREEN), 0.5, mesh=(mesh, tuple(RED)), contours=(contours, tuple(BLUE)))
     surface = 0.5 * GREEN + 0.5 * WHITE
     expected = [surface, 0.5 * RED + 0.5 * surface, 0.25 * BLUE + 0.75 * RED, WHITE]
-    assert np.allclose(shader.over(sight(4), layer, material, WHITE, whole=False), expected)
-    color, alpha = fragments_of(sight(4), layer, material)
+    assert np.allclose(shader.over(sight(4), hits, material, WHITE, whole=False), expected)
+    color, alpha = fragments_of(sight(4), hits, material)
     assert np.allclose(color + (1 - alpha)[:, None] * WHITE, expected)
     assert np.array_equal(
-        shader.over(sight(4), layer, material, WHITE, whole=True), np.floor(255 * np.array(expected) + 0.5)
+        shader.over(sight(4), hits, material, WHITE, whole=True), np.floor(255 * np.array(expected) + 0.5)
     )
 
 
@@ -121,8 +121,8 @@ def test_colours_are_those_of_the_colour_map(shader):
     """To the last bit; what is not a finite number has its own."""
     palette = Palette.named("viridis", -1.0, 2.0)
     values = np.concatenate([np.linspace(-1.5, 2.5, 40), [np.nan, np.inf, -np.inf]])
-    layer = layer_at(np.ones(len(values))).showing(values)
-    painted = shader.over(sight(len(values)), layer, Material(palette), WHITE, whole=False)
+    hits = hits_at(np.ones(len(values))).showing(values)
+    painted = shader.over(sight(len(values)), hits, Material(palette), WHITE, whole=False)
     assert np.array_equal(painted, palette.colors(values))
     assert np.array_equal(painted[-3:], np.tile(NOT_A_NUMBER, (3, 1)))
 
@@ -130,10 +130,10 @@ def test_colours_are_those_of_the_colour_map(shader):
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 75.0])
 def test_lambert_s_law(fragments_of, degrees):
     angle = np.deg2rad(degrees)
-    layer = layer_at([5.0], (np.sin(angle), 0.0, np.cos(angle)))
+    hits = hits_at([5.0], (np.sin(angle), 0.0, np.cos(angle)))
 
     def shade(*lights, ambient=0.2):
-        return fragments_of(sight(1), layer, Material(tuple(WHITE), 1.0, lights, ambient))[0][0, 0]
+        return fragments_of(sight(1), hits, Material(tuple(WHITE), 1.0, lights, ambient))[0][0, 0]
 
     assert shade(Light(None, 0.5)) == pytest.approx(0.2 + 0.5 * np.cos(angle))
     assert shade(Light((3.0, 0.0, 0.0), 0.5)) == pytest.approx(0.2 + 0.5 * np.sin(angle))
@@ -144,8 +144,8 @@ def test_lambert_s_law(fragments_of, degrees):
 
 
 def test_headlight_shines_along_each_ray(fragments_of):
-    view, layer = sight(3, fov=90.0), layer_at([2.0, 2.0, 2.0])
+    view, hits = sight(3, fov=90.0), hits_at([2.0, 2.0, 2.0])
     towards = view.rays(np.arange(3), np.zeros(3))[1]
     expected = 0.5 * 2.0 / np.linalg.norm(2.0 * towards, axis=1)
     material = Material(tuple(WHITE), 1.0, [Light(None, 0.5)], 0.0)
-    assert np.allclose(fragments_of(view, layer, material)[0][:, 0], expected)
+    assert np.allclose(fragments_of(view, hits, material)[0][:, 0], expected)

@@ -47,8 +47,8 @@ def proved(renderer, dataset, camera, levels, quantity=None):
     volume = NativeVolume.of(dataset, "u") if quantity is None else volume_of(dataset, ["u", quantity])
     loaded = Loaded(renderer("vulkan").device, volume)
     view = PlaneView.on(View.through(CAMERAS[camera], SIZE), PLANE)
-    layer = Cutter(loaded).draw(view)
-    return ContourProof(loaded, Lines(loaded), view, layer, np.array(levels), quantity), view
+    hits = Cutter(loaded).draw(view)
+    return ContourProof(loaded, Lines(loaded), view, hits, np.array(levels), quantity), view
 
 
 def ranges(view, field, cells=24):

@@ -86,12 +86,12 @@ def test_a_paraboloid_is_hit_where_its_equation_says(drawer, device):
         hits = drawn.hits(view, ["top"])
         certain = first.status != Status.AMBIGUOUS
         assert (~certain).sum() < 4
-        for layer, depths in ((first, truth[:, 0]), (second, truth[:, 1])):
-            found = layer.owner != NOBODY
+        for buffer, depths in ((first, truth[:, 0]), (second, truth[:, 1])):
+            found = buffer.owner != NOBODY
             assert np.array_equal(found[certain], np.isfinite(depths[certain]))
             both = found & np.isfinite(depths)
-            assert np.abs(layer.depth[both] - depths[both]).max(initial=0) < 1e-10
-            check_layer(view, layer, found)
+            assert np.abs(buffer.depth[both] - depths[both]).max(initial=0) < 1e-10
+            check_buffer(view, buffer, found)
         assert np.array_equal(
             np.bincount(hits["pixel"], minlength=view.count)[certain], np.isfinite(truth[certain]).sum(1)
         )
@@ -99,19 +99,19 @@ def test_a_paraboloid_is_hit_where_its_equation_says(drawer, device):
     assert folded > 1000
 
 
-def check_layer(view, layer, found):
+def check_buffer(view, buffer, found):
     """Positions on the paraboloid, normals along its gradient and towards the viewer, fields of the straight places."""
     pixels = np.flatnonzero(found)
     origin, way = view.rays(pixels % view.width, pixels // view.width)
-    place = origin + layer.depth[pixels, None] * way
+    place = origin + buffer.depth[pixels, None] * way
     assert np.abs(place[:, 2] - 1 + place[:, 0] ** 2 + place[:, 1] ** 2 / 2).max(initial=0) < 1e-10
     gradient = np.column_stack([2 * place[:, 0], place[:, 1], np.ones(len(place))])
     gradient /= -np.linalg.norm(gradient, axis=1, keepdims=True) * np.sign((gradient * way).sum(1, keepdims=True))
-    assert np.abs(layer.normal[pixels] - gradient).max(initial=0) < 1e-9
-    assert np.abs(layer.reference[pixels, :2] - place[:, :2]).max(initial=0) < 1e-10
-    assert np.abs(layer.field[pixels] - place[:, 0] + 2 * place[:, 1]).max(initial=0) < 1e-10
-    assert np.isnan(layer.field[~found]).all()
-    assert np.isinf(layer.depth[~found]).all()
+    assert np.abs(buffer.normal[pixels] - gradient).max(initial=0) < 1e-9
+    assert np.abs(buffer.reference[pixels, :2] - place[:, :2]).max(initial=0) < 1e-10
+    assert np.abs(buffer.field[pixels] - place[:, 0] + 2 * place[:, 1]).max(initial=0) < 1e-10
+    assert np.isnan(buffer.field[~found]).all()
+    assert np.isinf(buffer.depth[~found]).all()
 
 
 def crossings(net, space, view, steps=320):
@@ -168,8 +168,8 @@ def test_brute_force_counts_as_many_hits(drawer, shape, seed):
     assert (found != counted).sum() <= 2  # the grid's triangles are not the faces
     assert (hits["status"] == 1).all()
     assert (found % 2 == 0).mean() > 0.999
-    layer = drawn.draw(view)
-    assert (layer.status[found != counted] == Status.AMBIGUOUS).all() or (found != counted).sum() <= 2
+    buffer = drawn.draw(view)
+    assert (buffer.status[found != counted] == Status.AMBIGUOUS).all() or (found != counted).sum() <= 2
 
 
 @pytest.fixture(scope="module")
@@ -196,26 +196,26 @@ PLACES = {
 @pytest.mark.parametrize("place", PLACES)
 def test_closed_hulls_have_no_gaps_and_no_doubles(drawer, mixed, place):
     drawn, view = drawer(mixed()), View.through(PLACES[place], (120, 90))
-    hits, layer = drawn.hits(view), drawn.draw(view)
+    hits, buffer = drawn.hits(view), drawn.draw(view)
     counts = np.bincount(hits["pixel"], minlength=view.count)
-    sure = layer.status != Status.AMBIGUOUS
+    sure = buffer.status != Status.AMBIGUOUS
     assert (~sure).sum() < 5
     sure[hits["pixel"][hits["margin"] < 1e-6]] = False  # rays along edges and flat walls
     assert (~sure).sum() < 9
     assert counts[sure].max() >= 2 - (place == "inside")
     assert (counts[sure] % 2 == (place == "inside")).all()
 
-    # rays go in and out by turns, and layers are the hits one after another
+    # rays go in and out by turns, and hit buffers have the hits one after another
     turn = np.arange(len(hits)) - np.searchsorted(hits["pixel"], hits["pixel"]) + (place == "inside")
     certain = sure[hits["pixel"]]
     assert np.array_equal(hits["entering"][certain], 1 - turn[certain] % 2)
     for number in range(2):
-        here = np.flatnonzero(np.isfinite(layer.depth) & sure)
+        here = np.flatnonzero(np.isfinite(buffer.depth) & sure)
         own = hits[np.searchsorted(hits["pixel"], here) + number]
-        assert np.array_equal(layer.depth[here], own["depth"])
-        assert np.array_equal(layer.owner[here], own["element"])
-        layer = drawn.draw(view, beyond=layer.depth) if number == 0 else layer
-        sure &= layer.status != Status.AMBIGUOUS
+        assert np.array_equal(buffer.depth[here], own["depth"])
+        assert np.array_equal(buffer.owner[here], own["element"])
+        buffer = drawn.draw(view, beyond=buffer.depth) if number == 0 else buffer
+        sure &= buffer.status != Status.AMBIGUOUS
         sure &= counts >= 2
 
 
@@ -231,14 +231,14 @@ def test_pictures_do_not_depend_on_how_a_mesh_is_told(drawer, mixed, place):
     view = View.through(PLACES[place], (120, 90))
     first = drawer(mixed()).draw(view)
     for other in (mixed(seed=5), mixed(nodes=5)):
-        layer = drawer(other).draw(view)
-        sure = (first.status != Status.AMBIGUOUS) & (layer.status != Status.AMBIGUOUS)
+        buffer = drawer(other).draw(view)
+        sure = (first.status != Status.AMBIGUOUS) & (buffer.status != Status.AMBIGUOUS)
         assert (~sure).sum() < 5
         hit = sure & np.isfinite(first.depth)
-        assert np.array_equal(np.isfinite(layer.depth[sure]), np.isfinite(first.depth[sure]))
-        assert np.abs(layer.depth[hit] - first.depth[hit]).max() < 1e-10
-        assert np.abs(layer.normal[hit] - first.normal[hit]).max() < 1e-8
-        assert np.abs(layer.field[hit] - first.field[hit]).max() < 1e-10
+        assert np.array_equal(np.isfinite(buffer.depth[sure]), np.isfinite(first.depth[sure]))
+        assert np.abs(buffer.depth[hit] - first.depth[hit]).max() < 1e-10
+        assert np.abs(buffer.normal[hit] - first.normal[hit]).max() < 1e-8
+        assert np.abs(buffer.field[hit] - first.field[hit]).max() < 1e-10
 
 
 def test_walls_seen_edge_on_hide_nothing(drawer):
@@ -250,7 +250,7 @@ def test_walls_seen_edge_on_hide_nothing(drawer):
     middle = (low + high) / 2 + [0.1, 0.1, 0]
     camera = Camera((*middle[:2], high[2] + 2), tuple(middle), (0, 1, 0), height=1.5 * float(high[1] - low[1]))
     view = View.through(camera, (151, 151))
-    layer = drawn.draw(view)
+    buffer = drawn.draw(view)
 
     # the shear undone, step by step
     pixel = np.arange(view.count)
@@ -260,12 +260,12 @@ def test_walls_seen_edge_on_hide_nothing(drawer):
         own_x, own_y = x - 0.2 * own_y**2, y - 0.2 * own_x
     inside = np.min([own_x - low[0], high[0] - own_x, own_y - low[1], high[1] - own_y], axis=0)
     sure = np.abs(inside) > 1e-8
-    found = np.isfinite(layer.depth)
+    found = np.isfinite(buffer.depth)
     assert np.array_equal(found[sure], inside[sure] > 0)
     assert 0.2 < found.mean() < 0.9
-    assert (layer.status[sure & (np.abs(inside) > 1e-3)] != Status.FAILED).all()
-    assert np.abs(layer.depth[found] - 2).max() < 1e-12
-    assert np.abs(layer.field[found] - high[2]).max() < 1e-12
+    assert (buffer.status[sure & (np.abs(inside) > 1e-3)] != Status.FAILED).all()
+    assert np.abs(buffer.depth[found] - 2).max() < 1e-12
+    assert np.abs(buffer.field[found] - high[2]).max() < 1e-12
 
 
 def test_a_tetrahedron_through_itself(drawer):
@@ -291,13 +291,13 @@ def test_plane_data_are_seen_from_above(drawer):
     field = approximated(Dataset(mesh), "u", lambda p: p[:, 0], 4)
     drawn = drawer(Dataset(mesh, (Field("u", field.blocks),)))
     view = View.through(Camera((1.2, 0.7, 5.0), (1.2, 0.7, 0.0), (0, 1, 0), height=4.0), (80, 80))
-    layer = drawn.draw(view)
-    found = np.isfinite(layer.depth)
+    buffer = drawn.draw(view)
+    found = np.isfinite(buffer.depth)
     pixel = np.flatnonzero(found)
     origin, way = view.rays(pixel % 80, pixel // 80)
     assert found.sum() > 300
-    assert np.abs(layer.depth[found] - 5).max() < 1e-12
-    assert np.abs(layer.field[found] - (origin + 5 * way)[:, 0]).max() < 1e-12
+    assert np.abs(buffer.depth[found] - 5).max() < 1e-12
+    assert np.abs(buffer.field[found] - (origin + 5 * way)[:, 0]).max() < 1e-12
 
 
 def test_faces_may_end_in_a_point(drawer):
@@ -306,15 +306,15 @@ def test_faces_may_end_in_a_point(drawer):
     drawn = drawer(dataset)
     for camera in (Camera((3, -4, 2.5), (0, 0, 0), height=3.0), Camera((0, 0, 5.0), (0, 0, 0), (0, 1, 0), height=3.0)):
         view = View.through(camera, (81, 61))
-        hits, layer = drawn.hits(view), drawn.draw(view)
-        pixel = np.flatnonzero(np.isfinite(layer.depth))
+        hits, buffer = drawn.hits(view), drawn.draw(view)
+        pixel = np.flatnonzero(np.isfinite(buffer.depth))
         origin, way = view.rays(pixel % 81, pixel // 81)
-        x, y, z = (origin + layer.depth[pixel, None] * way).T
+        x, y, z = (origin + buffer.depth[pixel, None] * way).T
         off = np.minimum(np.abs(np.maximum(np.abs(x), np.abs(y)) - (1 - z) / 2), np.abs(z + 1))
         assert len(pixel) > 800
         assert off.max() < 1e-10
-        sure = np.flatnonzero(layer.status == Status.CERTAIN)
+        sure = np.flatnonzero(buffer.status == Status.CERTAIN)
         doubtful = np.unique(hits["pixel"][hits["margin"] < 1e-6])
         counts = np.bincount(hits["pixel"], minlength=view.count)
         assert (counts[np.setdiff1d(sure, doubtful)] == 2).all()
-        assert (layer.status != Status.FAILED).all()
+        assert (buffer.status != Status.FAILED).all()

@@ -25,11 +25,11 @@ def drawer(renderer):
     return lambda volume, dataset=None: FaceDrawer(Loaded(renderer("vulkan").device, volume), faces_of(dataset, volume))
 
 
-def places(view, layer):
+def places(view, buffer):
     """Pixels that are hit, and where (n, 3)."""
-    pixel = np.flatnonzero(np.isfinite(layer.depth))
+    pixel = np.flatnonzero(np.isfinite(buffer.depth))
     origin, way = view.rays(pixel % view.width, pixel // view.width)
-    return pixel, origin + layer.depth[pixel, None] * way
+    return pixel, origin + buffer.depth[pixel, None] * way
 
 
 @pytest.mark.skipif(not MFEM.is_dir(), reason="needs the shared data")
@@ -41,27 +41,27 @@ def test_a_pipe_is_round_to_the_last_bit(drawer):
 
     # across the straight leg: an outer cylinder of radius 3 around the z axis
     view = View.through(Camera((0.0, -20.0, 2.0), (0.0, 0.0, 2.0), height=2.0), (140, 40))
-    layer, hits = drawn.draw(view), drawn.hits(view)
+    buffer, hits = drawn.draw(view), drawn.hits(view)
     pixel = np.arange(view.count)
     x = view.rays(pixel % 140, pixel // 140)[0][:, 0]
-    assert np.array_equal(np.isfinite(layer.depth), np.abs(x) <= 3)
-    seen, place = places(view, layer)
+    assert np.array_equal(np.isfinite(buffer.depth), np.abs(x) <= 3)
+    seen, place = places(view, buffer)
     assert np.abs(place[:, 1] + np.sqrt(9 - x[seen] ** 2)).max() < 1e-10
     radial = place * [1, 1, 0] / 3
-    assert np.abs(layer.normal[seen] - radial).max() < 1e-10
+    assert np.abs(buffer.normal[seen] - radial).max() < 1e-10
     counts = np.bincount(hits["pixel"], minlength=view.count)
     assert np.array_equal(counts, np.where(np.abs(x) <= 3, 2, 0) + np.where(np.abs(x) <= 2, 2, 0))
 
     # along the axis, from within: walls are seen edge-on or from next to the eye, nothing is lost
     for size in ({"height": 6.4}, {"fov": 80.0}):
         view = View.through(Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0, 1, 0), **size), (60, 60))
-        layer = drawn.draw(view)
-        pixel, place = places(view, layer)
+        buffer = drawn.draw(view)
+        pixel, place = places(view, buffer)
         radius = np.hypot(place[:, 0], place[:, 1])
         off = np.min(np.abs([radius - 3, radius - 2, place[:, 2]]), axis=0)
         assert len(pixel) > 100
         assert off.max() < 1e-10
-        assert (layer.status != Status.FAILED).all()
+        assert (buffer.status != Status.FAILED).all()
 
 
 def test_a_periodic_box_has_six_sides(drawer, tmp_path):
@@ -71,11 +71,11 @@ def test_a_periodic_box_has_six_sides(drawer, tmp_path):
     drawn = drawer(FourierBox([tmp_path / "box.npz"]).volume("u"))
     assert sum(map(len, drawn.faces.select(["all"]))) == 6
     view = View.through(Camera((3.0, -4.0, 6.0), (0.5, 0.2, 3.0), fov=45.0), (70, 60))
-    layer, hits = drawn.draw(view), drawn.hits(view)
-    pixel, place = places(view, layer)
+    buffer, hits = drawn.draw(view), drawn.hits(view)
+    pixel, place = places(view, buffer)
     reference = 2 * (place - low) / (high - low) - 1
     assert np.abs(np.abs(reference).max(axis=1) - 1).max() < 1e-12
-    assert np.abs(layer.field[pixel] - series(bases, amplitudes, reference)).max() < 1e-11
+    assert np.abs(buffer.field[pixel] - series(bases, amplitudes, reference)).max() < 1e-11
     assert set(np.unique(np.bincount(hits["pixel"], minlength=view.count))) == {0, 2}
 
 
@@ -92,9 +92,9 @@ def test_quasi_3d_data_have_walls_and_lids(drawer, nektar):
     view = View.through(
         Camera(tuple(middle + diagonal * np.array([1.1, -1.3, 0.9])), tuple(middle), fov=45.0), (70, 60)
     )
-    layer, hits = drawn.draw(view), drawn.hits(view)
+    buffer, hits = drawn.draw(view), drawn.hits(view)
     counts = np.bincount(hits["pixel"], minlength=view.count)
-    sure = layer.status != Status.AMBIGUOUS
+    sure = buffer.status != Status.AMBIGUOUS
     assert (counts[sure] % 2 == 0).all()
     assert counts.max() >= 2
     wall = drawn.draw(view, list(drawn.faces.boundaries)[:1])
@@ -111,11 +111,11 @@ def test_real_meshes_are_closed(drawer, shared, name):
     middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
     for way, size in (((0.51, -0.63, 0.612), {"fov": 60.0}), ((-0.4, 0.3, -0.8), {"height": diagonal})):
         view = View.through(Camera(tuple(middle + diagonal * np.array(way)), tuple(middle), **size), (60, 60))
-        layer, hits = drawn.draw(view), drawn.hits(view)
+        buffer, hits = drawn.draw(view), drawn.hits(view)
         counts = np.bincount(hits["pixel"], minlength=view.count)
-        assert (counts[layer.status == Status.CERTAIN] % 2 == 0).all()
-        assert (layer.status <= Status.AMBIGUOUS).all()
-        assert (layer.status == Status.AMBIGUOUS).sum() < 4
+        assert (counts[buffer.status == Status.CERTAIN] % 2 == 0).all()
+        assert (buffer.status <= Status.AMBIGUOUS).all()
+        assert (buffer.status == Status.AMBIGUOUS).sum() < 4
         assert counts.max() >= 2
 
 

@@ -39,7 +39,7 @@ def straightened(points):
 
 @pytest.fixture(scope="module")
 def iso(renderer):
-    """The layer of an isosurface of a dataset's first field."""
+    """The hit buffer of an isosurface of a dataset's first field."""
 
     def draw(dataset, view, value, beyond=None, device="vulkan"):
         volume = NativeVolume.of(dataset, dataset.fields[0].name)
@@ -87,35 +87,35 @@ def quadric(points):
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_an_ellipsoid_on_curved_elements(iso, shape, camera):
     view = View.through(VIEWS[camera], WIDE)
-    layer, _ = iso(cube(shape, quadric, 5), view, LEVEL)
+    hits, _ = iso(cube(shape, quadric, 5), view, LEVEL)
     truth, clear = nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL))
     assert np.isfinite(truth).mean() > 0.1
 
-    hit = layer.owner != NOBODY
+    hit = hits.owner != NOBODY
     assert np.array_equal(hit[clear], np.isfinite(truth)[clear])
-    assert (layer.status[clear & hit] != Status.FAILED).all()
-    assert (layer.status[clear & ~hit] == Status.MISS).all()
-    assert (layer.status[hit] == Status.CERTAIN).mean() > 0.95
+    assert (hits.status[clear & hit] != Status.FAILED).all()
+    assert (hits.status[clear & ~hit] == Status.MISS).all()
+    assert (hits.status[hit] == Status.CERTAIN).mean() > 0.95
     both = hit & np.isfinite(truth)
-    assert np.abs(layer.depth[both] - truth[both]).max() < 1e-10 * np.sqrt(3)
+    assert np.abs(hits.depth[both] - truth[both]).max() < 1e-10 * np.sqrt(3)
 
     origins, ways = view.every_ray()
-    normal = WEIGHTS * (origins + layer.depth[:, None] * ways - CENTRE)[:]
+    normal = WEIGHTS * (origins + hits.depth[:, None] * ways - CENTRE)[:]
     with np.errstate(invalid="ignore"):
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         normal *= -np.sign((normal * ways).sum(axis=1))[:, None]
-    assert np.abs(layer.normal - normal)[both].max() < 1e-9
-    assert np.abs(layer.field - LEVEL)[hit].max() < 1e-13
+    assert np.abs(hits.normal - normal)[both].max() < 1e-9
+    assert np.abs(hits.field - LEVEL)[hit].max() < 1e-13
 
 
-def check(layer, truth, clear):
+def check(hits, truth, clear):
     """Coverage and places against depths in closed form; all but a few pixels certain."""
-    hit = layer.owner != NOBODY
+    hit = hits.owner != NOBODY
     assert np.array_equal(hit[clear], np.isfinite(truth)[clear])
     both = hit & np.isfinite(truth) & clear
-    assert np.abs(layer.depth[both] - truth[both]).max(initial=0.0) < 1e-10 * np.sqrt(3)
-    assert (layer.status[~hit & clear] != Status.FAILED).all()
-    assert (layer.status[both] == Status.CERTAIN).sum() >= 0.9 * both.sum()
+    assert np.abs(hits.depth[both] - truth[both]).max(initial=0.0) < 1e-10 * np.sqrt(3)
+    assert (hits.status[~hit & clear] != Status.FAILED).all()
+    assert (hits.status[both] == Status.CERTAIN).sum() >= 0.9 * both.sum()
 
 
 @pytest.mark.parametrize("camera", VIEWS)
@@ -123,8 +123,8 @@ def check(layer, truth, clear):
 def test_an_ellipsoid_on_straight_elements(iso, shape, camera, monkeypatch):
     monkeypatch.setitem(globals(), "straightened", lambda points: points)
     view = View.through(VIEWS[camera], SIZE)
-    layer, _ = iso(cube(shape, quadric, 5, curved_mesh=False), view, LEVEL)
-    check(layer, *nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL)))
+    hits, _ = iso(cube(shape, quadric, 5, curved_mesh=False), view, LEVEL)
+    check(hits, *nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL)))
 
 
 def test_both_ways_through_straight_tetrahedra_agree(iso, renderer, monkeypatch):
@@ -132,14 +132,14 @@ def test_both_ways_through_straight_tetrahedra_agree(iso, renderer, monkeypatch)
         Shape.TETRAHEDRON, lambda p: np.sin(2 * p[:, 0]) * np.cos(3 * p[:, 1]) + p[:, 2], 4, curved_mesh=False
     )
     view = View.through(PARALLEL, SIZE)
-    layer, drawer = iso(dataset, view, 0.4)
+    hits, drawer = iso(dataset, view, 0.4)
     monkeypatch.setattr(type(drawer.traversal), "is_straight", lambda *_: False)
     other, _ = iso(dataset, view, 0.4)
-    sure = (layer.status == Status.CERTAIN) & (other.status == Status.CERTAIN)
+    sure = (hits.status == Status.CERTAIN) & (other.status == Status.CERTAIN)
     assert sure.mean() > 0.2
-    assert np.array_equal(layer.owner[sure], other.owner[sure])
-    assert np.abs(layer.depth[sure] - other.depth[sure]).max() < 1e-11
-    assert np.abs(layer.normal[sure] - other.normal[sure]).max() < 1e-8
+    assert np.array_equal(hits.owner[sure], other.owner[sure])
+    assert np.abs(hits.depth[sure] - other.depth[sure]).max() < 1e-11
+    assert np.abs(hits.normal[sure] - other.normal[sure]).max() < 1e-8
 
 
 def torus(points):
@@ -168,8 +168,8 @@ def quartic_roots(view, function):
 def test_a_torus_has_its_hole_and_its_silhouettes(iso, shape, monkeypatch):
     monkeypatch.setitem(globals(), "straightened", lambda points: points)
     view = View.through(PARALLEL, SIZE)
-    layer, _ = iso(cube(shape, torus, 5, curved_mesh=False), view, 0.0)
-    check(layer, *nearest_inside(view, quartic_roots(view, torus)))
+    hits, _ = iso(cube(shape, torus, 5, curved_mesh=False), view, 0.0)
+    check(hits, *nearest_inside(view, quartic_roots(view, torus)))
 
 
 def ring(center, axes):
@@ -190,17 +190,17 @@ def test_linked_rings_lie_before_and_behind_one_another(iso, monkeypatch):
     def both_rings(points):
         return rings[0](points) * rings[1](points)
 
-    layer, _ = iso(cube(Shape.TETRAHEDRON, both_rings, 9, cells=1, curved_mesh=False), view, 0.0)
+    hits, _ = iso(cube(Shape.TETRAHEDRON, both_rings, 9, cells=1, curved_mesh=False), view, 0.0)
     roots = [quartic_roots(view, each) for each in rings]
     truth, clear = nearest_inside(view, np.hstack(roots))
-    hit = layer.owner != NOBODY
+    hit = hits.owner != NOBODY
     assert np.array_equal(hit[clear], np.isfinite(truth)[clear])
-    assert np.abs(layer.depth[hit] - truth[hit]).max() < 1e-6
+    assert np.abs(hits.depth[hit] - truth[hit]).max() < 1e-6
 
     # of eighth degree and steep elsewhere: the field vanishes at the hits to rounding of its range
     origins, ways = view.every_ray()
     corners = grid(Shape.HEXAHEDRON, 1).vertices
-    missed = both_rings(origins[hit] + layer.depth[hit, None] * ways[hit])
+    missed = both_rings(origins[hit] + hits.depth[hit, None] * ways[hit])
     assert np.abs(missed).max() < 1e-12 * np.abs(both_rings(corners)).max()
 
     # where both are met, now one is nearer, now the other: they are linked
@@ -215,9 +215,9 @@ def test_a_blob_within_one_element_is_found(iso):
     dataset = cube(Shape.HEXAHEDRON, lambda p: ((p - centre) ** 2).sum(axis=1), 5, cells=1)
     view = View.through(PARALLEL, (200, 200))
     for radius in (0.04, 0.012, 0.004):
-        layer, _ = iso(dataset, view, radius**2)
+        hits, _ = iso(dataset, view, radius**2)
         truth, clear = nearest_inside(view, quadric_roots(view, centre, np.ones(3), radius**2))
-        check(layer, truth, clear)
+        check(hits, truth, clear)
         assert np.isfinite(truth).any() or radius < 0.01
 
 
@@ -230,11 +230,11 @@ def test_the_next_surface_lies_beyond_the_last(iso, shape, monkeypatch):
     dataset = cube(shape, quadric, 5, curved_mesh=shape is Shape.PRISM)
     roots, beyond = quadric_roots(view, CENTRE, WEIGHTS, LEVEL), 0.0
     for _ in range(3):
-        layer, _ = iso(dataset, view, LEVEL, np.broadcast_to(beyond, view.count).copy())
+        hits, _ = iso(dataset, view, LEVEL, np.broadcast_to(beyond, view.count).copy())
         truth, clear = nearest_inside(view, roots, np.nan_to_num(beyond, posinf=1e300) + 1e-9)
-        check(layer, truth, clear)
-        beyond = layer.depth
-    assert not (layer.owner != NOBODY).any()
+        check(hits, truth, clear)
+        beyond = hits.depth
+    assert not (hits.owner != NOBODY).any()
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID])
@@ -244,16 +244,16 @@ def test_rays_that_touch_a_sphere_are_never_called_certain_wrongly(iso, shape):
     view = View.through(camera, (51, 51))
     radius, centre = 15 / 51, np.array([0.5, 0.5, 0.5])
     mesh = cube(shape, lambda p: ((p - centre) ** 2).sum(axis=1), 4, curved_mesh=False)
-    layer, _ = iso(mesh, view, radius**2)
+    hits, _ = iso(mesh, view, radius**2)
     y, x = np.divmod(np.arange(view.count), 51)
     squared = (x - 25) ** 2 + (y - 25) ** 2
-    hit, sure = layer.owner != NOBODY, layer.status != Status.AMBIGUOUS
+    hit, sure = hits.owner != NOBODY, hits.status != Status.AMBIGUOUS
     assert hit[squared < 225].all()
     assert not hit[squared > 225].any()
     assert not (sure & (squared > 225) & hit).any()
-    assert (layer.status[(squared != 225) & ~hit] == Status.MISS).all()
+    assert (hits.status[(squared != 225) & ~hit] == Status.MISS).all()
     touched = hit & (squared == 225)
-    assert np.abs(layer.depth[touched] - 4.5).max(initial=0.0) < 1e-6
+    assert np.abs(hits.depth[touched] - 4.5).max(initial=0.0) < 1e-6
 
 
 def offset(dataset, rows, amount):
@@ -271,7 +271,7 @@ def test_cracks_between_elements_stay_open(iso, monkeypatch):
     right = np.flatnonzero(np.arange(8) % 2 == 1)
     dataset = offset(plain, right, 0.1)
     view = View.through(Camera((4.0, 0.5, 2.5), (0.5, 0.5, 0.45), height=0.6), (60, 60))
-    layer, _ = iso(dataset, view, 0.5)
+    hits, _ = iso(dataset, view, 0.5)
     origins, ways = view.every_ray()
     expected = np.full(view.count, np.inf)
     for side, level in ((0, 0.5), (1, 0.4)):
@@ -280,9 +280,9 @@ def test_cracks_between_elements_stay_open(iso, monkeypatch):
         inside = ((points[:, :2] > 0) & (points[:, :2] < 1)).all(axis=1) & ((points[:, 0] > 0.5) == side)
         expected = np.where(inside, np.minimum(depth, expected), expected)
     assert np.isinf(expected.reshape(60, 60)[:, 30][10:50]).any()
-    assert np.array_equal(np.isfinite(expected), layer.owner != NOBODY)
+    assert np.array_equal(np.isfinite(expected), hits.owner != NOBODY)
     both = np.isfinite(expected)
-    assert np.abs(expected[both] - layer.depth[both]).max() < 1e-10
+    assert np.abs(expected[both] - hits.depth[both]).max() < 1e-10
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
@@ -295,11 +295,11 @@ def test_elements_that_are_constant_or_not_numbers_are_left_out_and_counted(iso,
     values[1] = 0.25 * np.rint(approximated(plain, "one", lambda p: np.ones(len(p)), 3).blocks[0].coefficients[1])
     dataset = Dataset(plain.mesh, (replace(plain.fields[0], blocks=(replace(block, coefficients=values),)),))
     view = View.through(PARALLEL, SIZE)
-    layer, drawer = iso(dataset, view, 0.25)
+    hits, drawer = iso(dataset, view, 0.25)
     assert drawer.counts["undefined"] == 1
     assert drawer.counts["flat"] == 1
-    assert not np.isin(layer.owner, (0, 1)).any()
-    assert (layer.owner != NOBODY).sum() > 20
+    assert not np.isin(hits.owner, (0, 1)).any()
+    assert (hits.owner != NOBODY).sum() > 20
     assert count > 2
 
 
@@ -311,8 +311,8 @@ def test_random_quadrics_on_curved_elements(iso, seed):
     level = float(weights @ rng.uniform(0, 0.1, 3))
     eye = 0.5 + 2.2 * unit(rng.normal(size=3), "eye")
     view = View.through(Camera(tuple(eye), (0.5, 0.5, 0.5), fov=40.0 + 20 * (seed % 2)), SIZE)
-    layer, _ = iso(cube(shape, lambda p: (p - centre) ** 2 @ weights, 5), view, level)
-    check(layer, *nearest_inside(view, quadric_roots(view, centre, weights, level)))
+    hits, _ = iso(cube(shape, lambda p: (p - centre) ** 2 @ weights, 5), view, level)
+    check(hits, *nearest_inside(view, quadric_roots(view, centre, weights, level)))
 
 
 def test_2d_data_have_no_isosurface(iso):

@@ -47,7 +47,7 @@ STEEP = {
 
 @pytest.fixture(scope="module")
 def iso(renderer):
-    """The layer of an isosurface of a dataset's first field, or of an expression."""
+    """The hit buffer of an isosurface of a dataset's first field, or of an expression."""
 
     def draw(dataset, view, value, text="u"):
         return IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(dataset, [text]))).draw(view, None, value)
@@ -81,15 +81,15 @@ def meets_cube(view):
     return ends[0].max(axis=1) <= ends[1].min(axis=1)
 
 
-def check(layer, depth, inside):
+def check(hits, depth, inside):
     """Whatever is certain is right; pixels of the surface are hits or ambiguous, all others are misses or ambiguous."""
-    hit, sure = layer.owner != NOBODY, layer.status != Status.AMBIGUOUS
+    hit, sure = hits.owner != NOBODY, hits.status != Status.AMBIGUOUS
     clear = sure & (np.abs(inside) > 1e-9)
     assert np.array_equal(hit[clear], (inside > 0)[clear])
-    right = np.abs(layer.depth - depth) <= MOST * depth
+    right = np.abs(hits.depth - depth) <= MOST * depth
     assert right[sure & hit].all()
-    assert (np.abs(layer.depth - depth) <= layer.uncertainty)[sure & hit].all()
-    assert np.array_equal(np.isnan(layer.uncertainty), ~hit)
+    assert (np.abs(hits.depth - depth) <= hits.uncertainty)[sure & hit].all()
+    assert np.array_equal(np.isnan(hits.uncertainty), ~hit)
 
 
 @pytest.mark.parametrize("name", FLAT)
@@ -97,12 +97,12 @@ def check(layer, depth, inside):
 def test_flat_and_touching_surfaces_are_ambiguous(iso, shape, name):
     function, scale, level, axis, place = FLAT[name]
     view = View.through(CAMERA, SIZE)
-    layer = iso(exact(shape, function, scale, level), view, level)
+    hits = iso(exact(shape, function, scale, level), view, level)
     depth, inside = places(view, axis, place)
-    check(layer, depth, inside)
+    check(hits, depth, inside)
     assert (inside > 0).sum() > 80
-    assert (layer.status[inside > 0] == Status.AMBIGUOUS).all()
-    assert (layer.status[~meets_cube(view)] == Status.MISS).all()
+    assert (hits.status[inside > 0] == Status.AMBIGUOUS).all()
+    assert (hits.status[~meets_cube(view)] == Status.MISS).all()
 
 
 @pytest.mark.parametrize("name", STEEP)
@@ -110,12 +110,12 @@ def test_flat_and_touching_surfaces_are_ambiguous(iso, shape, name):
 def test_steep_surfaces_are_certain_and_their_uncertainty_bounds_the_error(iso, shape, name):
     function, scale, axis, place = STEEP[name]
     view = View.through(CAMERA, SIZE)
-    layer = iso(exact(shape, lambda p: function(p[:, axis]), scale), view, scale * function(place))
+    hits = iso(exact(shape, lambda p: function(p[:, axis]), scale), view, scale * function(place))
     depth, inside = places(view, axis, place)
-    check(layer, depth, inside)
+    check(hits, depth, inside)
     well = inside > 1e-9
-    assert (layer.status[well] == Status.CERTAIN).mean() > 0.98
-    assert np.nanmax(layer.uncertainty[well & (layer.status == Status.CERTAIN)]) < 1e-11
+    assert (hits.status[well] == Status.CERTAIN).mean() > 0.98
+    assert np.nanmax(hits.uncertainty[well & (hits.status == Status.CERTAIN)]) < 1e-11
 
 
 def test_a_flat_surface_costs_few_sub_elements(renderer):
@@ -132,11 +132,11 @@ def test_elements_that_are_all_rounding_cost_few_sub_elements(renderer, shape):
     data = exact(shape, lambda p: p[:, 2] - 0.46875, 2.0**-52, 1.0)
     view = View.through(CAMERA, SIZE)
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
-    layer = drawer.draw(view, None, 1.0)
+    hits = drawer.draw(view, None, 1.0)
     assert drawer.counts["sub_elements"] < 600
-    assert (layer.owner == NOBODY).all()
-    assert (layer.status[places(view, 2, 0.46875)[1] > 1e-9] == Status.AMBIGUOUS).all()
-    assert (layer.status[~meets_cube(view)] == Status.MISS).all()
+    assert (hits.owner == NOBODY).all()
+    assert (hits.status[places(view, 2, 0.46875)[1] > 1e-9] == Status.AMBIGUOUS).all()
+    assert (hits.status[~meets_cube(view)] == Status.MISS).all()
 
 
 def test_chebyshev_series_are_exact_where_symmetry_says_so():
@@ -157,14 +157,14 @@ def test_a_pair_of_surfaces_seen_from_within_costs_few_sub_elements(renderer, sh
     camera = Camera((0.5, 0.6, 0.45), (0.45, 1.3, 0.2), (1.0, 0.0, 0.0), fov=90.0)
     view = View.through(camera, (24, 20))
     drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
-    layer = drawer.draw(view, None, 0.0)
+    hits = drawer.draw(view, None, 0.0)
     assert drawer.counts["sub_elements"] < 400
     depth, inside = places(view, 2, 0.375 + 2.0**-8)
     seen = (inside > 1e-9) & (depth > 0)
     assert seen.sum() > 100
-    assert (layer.status[seen] == Status.CERTAIN).mean() > 0.95
-    right = np.abs(layer.depth - depth) <= layer.uncertainty
-    assert right[seen & (layer.status == Status.CERTAIN)].all()
+    assert (hits.status[seen] == Status.CERTAIN).mean() > 0.95
+    right = np.abs(hits.depth - depth) <= hits.uncertainty
+    assert right[seen & (hits.status == Status.CERTAIN)].all()
 
 
 def test_what_lies_behind_a_doubtful_surface_is_not_certain(draw):
@@ -195,30 +195,30 @@ def constant(shape, value, other=0.0):
 def test_constant_elements_have_no_surface_and_nearly_constant_ones_are_ambiguous(iso, shape):
     view = View.through(CAMERA, SIZE)
     for other, status in ((0.0, Status.MISS), (2.0**-55, Status.AMBIGUOUS)):
-        layer = iso(constant(shape, 0.25, other), view, 0.25)
-        assert (layer.owner == NOBODY).all()
-        assert (layer.status[places(view, 2, 0.5)[1] > 1e-9] == status).all()
+        hits = iso(constant(shape, 0.25, other), view, 0.25)
+        assert (hits.owner == NOBODY).all()
+        assert (hits.status[places(view, 2, 0.5)[1] > 1e-9] == status).all()
 
 
 def test_rounding_of_expressions_counts(iso):
     """(u + 2^40) - 2^40 at 1/3: values are rounded to 2^-12, so that no place is certain."""
     view = View.through(CAMERA, SIZE)
-    layer = iso(exact(Shape.HEXAHEDRON, lambda p: p[:, 2]), view, 0.33, "(u+1099511627776)-1099511627776")
+    hits = iso(exact(Shape.HEXAHEDRON, lambda p: p[:, 2]), view, 0.33, "(u+1099511627776)-1099511627776")
     depth, inside = places(view, 2, 0.33)
-    check(layer, depth, inside)
-    assert (layer.status[inside > 0] == Status.AMBIGUOUS).all()
-    assert (layer.owner[inside > 1e-2] != NOBODY).all()
+    check(hits, depth, inside)
+    assert (hits.status[inside > 0] == Status.AMBIGUOUS).all()
+    assert (hits.owner[inside > 1e-2] != NOBODY).all()
 
 
 def test_a_surface_within_a_face_shared_by_elements_is_there(iso):
     """u = z over two layers of elements, at the height of the face between them: there is no gap."""
     view = View.through(CAMERA, SIZE)
     for shape in (Shape.TETRAHEDRON, Shape.HEXAHEDRON):
-        layer = iso(exact(shape, lambda p: p[:, 2], cells=2), view, 0.5)
+        hits = iso(exact(shape, lambda p: p[:, 2], cells=2), view, 0.5)
         depth, inside = places(view, 2, 0.5)
-        check(layer, depth, inside)
-        assert (layer.owner[inside > 1e-9] != NOBODY).all()
-        assert (layer.status[inside > 1e-9] == Status.AMBIGUOUS).all()
+        check(hits, depth, inside)
+        assert (hits.owner[inside > 1e-9] != NOBODY).all()
+        assert (hits.status[inside > 1e-9] == Status.AMBIGUOUS).all()
 
 
 def test_remarks_tell_of_constant_elements(draw):

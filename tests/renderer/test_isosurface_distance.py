@@ -67,19 +67,19 @@ def test_nothing_certain_is_refuted_by_dense_samples(level, files, body):
     draw, surface = level(dataset, text), surface_of(dataset, text[9:-1].strip("'"))
     for seed, value in enumerate(values):
         view = view_of(seed)
-        layer = draw(view, None, value)
-        hit, sure = layer.owner != NOBODY, layer.status != Status.AMBIGUOUS
+        hits = draw(view, None, value)
+        hit, sure = hits.owner != NOBODY, hits.status != Status.AMBIGUOUS
         assert hit.mean() > 0.05
         assert sure.mean() > 0.99
         origins, ways = view.every_ray()
-        there = nearest(surface, (origins + layer.depth[:, None] * ways)[hit])
+        there = nearest(surface, (origins + hits.depth[:, None] * ways)[hit])
         assert np.abs(there.distance - value).max() < 1e-10
 
         # gradients lead from the nearest place to the hit, or away from it
-        away = (origins + layer.depth[:, None] * ways)[hit] - there.place
+        away = (origins + hits.depth[:, None] * ways)[hit] - there.place
         size = np.linalg.norm(away, axis=1, keepdims=True)
         far = size[:, 0] > 1e-3
-        turned = np.abs((away / np.maximum(size, 1e-3) * layer.normal[hit]).sum(axis=1))
+        turned = np.abs((away / np.maximum(size, 1e-3) * hits.normal[hit]).sum(axis=1))
         assert np.abs(turned - 1)[far].max(initial=0.0) < 1e-9
 
         # nowhere before them does the distance cross the value within the domain
@@ -91,7 +91,7 @@ def test_nothing_certain_is_refuted_by_dense_samples(level, files, body):
         crosses = above[:, 1:] * above[:, :-1] < 0
         first = np.where(crosses.any(axis=1), depths[1 + crosses.argmax(axis=1)], np.inf)
         assert crosses.any()
-        assert (layer.depth[sure] <= first[sure]).all()
+        assert (hits.depth[sure] <= first[sure]).all()
 
 
 def held(dataset, points):
@@ -105,16 +105,16 @@ def test_a_ball_around_a_corner_in_closed_form(level, tmp_path):
     trimesh.Trimesh(corners, [[0, 1, 2]]).export(tmp_path / "one.obj")
     dataset = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0])
     view = View.through(Camera((0.5, 0.5, 4.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.0), (60, 60))
-    layer = level(dataset, f"distance('{tmp_path / 'one.obj'}')")(view, None, 0.15)
+    hits = level(dataset, f"distance('{tmp_path / 'one.obj'}')")(view, None, 0.15)
     origins = view.every_ray()[0]
     flat = nearest(surface_of(None, str(tmp_path / "one.obj")), origins * [1, 1, 0] + [0, 0, 0.4]).distance
     with np.errstate(invalid="ignore"):
         truth = np.where(flat < 0.15, 4.0 - 0.4 - np.sqrt(0.15**2 - flat**2), np.inf)
-    assert np.array_equal(np.isfinite(truth), layer.owner != NOBODY)
+    assert np.array_equal(np.isfinite(truth), hits.owner != NOBODY)
     hit = np.isfinite(truth)
-    assert np.abs(layer.depth[hit] - truth[hit]).max() < 1e-10
-    assert (layer.status[hit] == Status.CERTAIN).mean() > 0.98
-    assert (layer.status[~hit] == Status.MISS).all()
+    assert np.abs(hits.depth[hit] - truth[hit]).max() < 1e-10
+    assert (hits.status[hit] == Status.CERTAIN).mean() > 0.98
+    assert (hits.status[~hit] == Status.MISS).all()
 
 
 def test_all_layers_are_found_and_clear_misses_are_misses(level, tmp_path):
@@ -126,8 +126,8 @@ def test_all_layers_are_found_and_clear_misses_are_misses(level, tmp_path):
     view = View.through(Camera((5.0, 0.5, 0.5), (0.5, 0.5, 0.5), height=0.1), (9, 9))
     beyond = np.zeros(view.count)
     for expected in (4.05, 4.45, 4.55, 4.95):
-        layer = draw(view, None, 0.2, beyond)
-        assert (layer.owner != NOBODY).all()
-        assert np.abs(layer.depth - expected).max() < 0.01
-        beyond = layer.depth
+        hits = draw(view, None, 0.2, beyond)
+        assert (hits.owner != NOBODY).all()
+        assert np.abs(hits.depth - expected).max() < 0.01
+        beyond = hits.depth
     assert not (draw(view, None, 0.2, beyond).owner != NOBODY).any()

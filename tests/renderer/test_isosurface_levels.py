@@ -41,14 +41,14 @@ CASES = [
 @pytest.mark.parametrize(("shape", "bend", "text", "value", "proved"), CASES)
 def test_nothing_certain_is_refuted_by_dense_samples(renderer, shape, bend, text, value, proved):
     dataset = gas(shape, bend, 3)
-    layer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(dataset, [text]))).draw(VIEW, None, value)
+    hits = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(dataset, [text]))).draw(VIEW, None, value)
     sampler = Sampler(dataset, [Expression.of(dataset, text)])
     origins, ways = VIEW.every_ray()
-    hit, sure = np.isfinite(layer.depth), layer.status != Status.AMBIGUOUS
+    hit, sure = np.isfinite(hits.depth), hits.status != Status.AMBIGUOUS
     assert hit.mean() > 0.04
     assert (sure[hit].mean() > 0.95) == proved
-    assert (layer.field[hit] == value).all()
-    found = sampler.sample((origins + layer.depth[:, None] * ways)[hit], all=True)
+    assert (hits.field[hit] == value).all()
+    found = sampler.sample((origins + hits.depth[:, None] * ways)[hit], all=True)
     near = np.abs(found.values[:, 0] - value) < 1e-9
     assert set(found.location.point[near]) == set(range(hit.sum()))
 
@@ -59,7 +59,7 @@ def test_nothing_certain_is_refuted_by_dense_samples(renderer, shape, bend, text
     crosses = (above[:, 1:] * above[:, :-1] < 0) & (element[:, 1:] == element[:, :-1])
     first = np.where(crosses.any(axis=1), depths[1 + crosses.argmax(axis=1)], np.inf)
     assert crosses.any()
-    assert (layer.depth[sure] <= first[sure]).all()
+    assert (hits.depth[sure] <= first[sure]).all()
 
 
 TEXTS = {

@@ -24,7 +24,7 @@ COUNT, DEPTHS = 240, (0.9, 3.4)
 
 @pytest.fixture(scope="module")
 def iso(renderer):
-    """The layer of an isosurface of a dataset's first field."""
+    """The hit buffer of an isosurface of a dataset's first field."""
 
     def draw(dataset, view, value, beyond=None):
         drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, NativeVolume.of(dataset, dataset.fields[0].name)))
@@ -56,13 +56,13 @@ def test_nothing_certain_is_refuted_by_dense_samples(iso, shape):
     """Hits lie on the level; nowhere before them, nor on rays called misses, does an element's field cross it."""
     dataset, level = random_field(shape, 7), 0.15
     view = View.through(CAMERA, SIZE)
-    layer = iso(dataset, view, level)
-    hit, sure = np.isfinite(layer.depth), layer.status != Status.AMBIGUOUS
+    hits = iso(dataset, view, level)
+    hit, sure = np.isfinite(hits.depth), hits.status != Status.AMBIGUOUS
     assert hit.mean() > 0.08
     assert sure.mean() > 0.98
     origins, ways = view.every_ray()
 
-    found = sample(dataset, ["u"], (origins + layer.depth[:, None] * ways)[hit], all=True)
+    found = sample(dataset, ["u"], (origins + hits.depth[:, None] * ways)[hit], all=True)
     near = np.abs(found.values[:, 0] - level) < 1e-9
     assert set(found.location.point[near]) == set(range(hit.sum()))
 
@@ -74,7 +74,7 @@ def test_nothing_certain_is_refuted_by_dense_samples(iso, shape):
     crosses = (values[:, 1:] * values[:, :-1] < 0) & (element[:, 1:] == element[:, :-1]) & (element[:, 1:] >= 0)
     assert crosses.any()
     first = np.where(crosses.any(axis=1), depths[1 + crosses.argmax(axis=1)], np.inf)
-    assert (layer.depth[sure] <= first[sure]).all()
+    assert (hits.depth[sure] <= first[sure]).all()
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PRISM])
@@ -98,11 +98,11 @@ def test_two_blobs_in_one_element_are_found_one_behind_the_other(iso, shape):
     assert np.isfinite(depths).all(axis=1).any()
     beyond = np.zeros(view.count)
     for expected in depths.T:
-        layer = iso(dataset, view, 0.0, beyond)
-        assert np.array_equal(np.isfinite(layer.depth), np.isfinite(expected))
+        hits = iso(dataset, view, 0.0, beyond)
+        assert np.array_equal(np.isfinite(hits.depth), np.isfinite(expected))
         both = np.isfinite(expected)
-        assert np.abs(layer.depth - expected)[both].max(initial=0.0) < 1e-9
-        beyond = layer.depth
+        assert np.abs(hits.depth - expected)[both].max(initial=0.0) < 1e-9
+        beyond = hits.depth
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
@@ -118,11 +118,11 @@ def test_inverted_elements_are_drawn_like_others(iso, shape, bend):
 
     plain = grid(shape, 2)
     meshes = [curved(plain, sheared, 3), curved(plain, lambda p: sheared(turned(p)), 3)]
-    layers = []
+    both = []
     for mesh in meshes:
         field = approximated(Dataset(mesh), "u", lambda p: ((p - [0.5, 0.4, 0.6]) ** 2).sum(axis=1), 5)
-        layers.append(iso(Dataset(mesh, (field,)), View.through(CAMERA, SIZE), 0.1))
-    one, other = layers
+        both.append(iso(Dataset(mesh, (field,)), View.through(CAMERA, SIZE), 0.1))
+    one, other = both
     assert np.isfinite(one.depth).mean() > 0.05
     assert np.array_equal(np.isfinite(one.depth), np.isfinite(other.depth))
     hit = np.isfinite(one.depth)
@@ -147,6 +147,6 @@ def test_a_constant_field_has_no_surface_at_its_value(iso):
     field = approximated(dataset, "u", lambda p: np.ones(len(p)), 3)
     blocks = tuple(replace(block, coefficients=0.3 * np.rint(block.coefficients)) for block in field.blocks)
     dataset = Dataset(dataset.mesh, (replace(field, blocks=blocks),))
-    layer = iso(dataset, View.through(CAMERA, SIZE), 0.3)
-    assert not np.isfinite(layer.depth).any()
-    assert (layer.status == Status.MISS).all()
+    hits = iso(dataset, View.through(CAMERA, SIZE), 0.3)
+    assert not np.isfinite(hits.depth).any()
+    assert (hits.status == Status.MISS).all()

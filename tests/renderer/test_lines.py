@@ -63,7 +63,7 @@ def cubic(points):
 
 @pytest.fixture(scope="session")
 def cut(renderer):
-    """Lines of a dataset's field, a view of a plane and the layer cut there."""
+    """Lines of a dataset's field, a view of a plane and the hit buffer of the cut there."""
 
     def cut(dataset, plane=FLAT, camera=CAMERAS["straight on"], size=SIZE, device="vulkan"):
         loaded = Loaded(renderer(device).device, NativeVolume.of(dataset, dataset.fields[0].name))
@@ -103,9 +103,9 @@ def curve(view, function):
     return view.points_of(*dense.T)
 
 
-def check(layer, coverage, distance, width, close=CLOSE):
+def check(hits, coverage, distance, width, close=CLOSE):
     """Coverage as the distances say wherever something is hit, and none elsewhere."""
-    hit = layer.owner != NOBODY
+    hit = hits.owner != NOBODY
     expected = covered(distance, width)
     assert (expected[hit] > 0.2).any()
     assert np.abs(coverage - expected)[hit].max() < close
@@ -127,11 +127,11 @@ def square_distance(center):
 @pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
 def test_circles(cut, shape, camera):
     center = (0.47, 0.52)
-    lines, view, layer = cut(with_field(grid(shape, 3), square_distance(center)), camera=CAMERAS[camera])
+    lines, view, hits = cut(with_field(grid(shape, 3), square_distance(center)), camera=CAMERAS[camera])
     radii = np.array([0.15, 0.3, 0.4])
-    drawn = lines.contours(view, layer, radii**2, 1.5)
+    drawn = lines.contours(view, hits, radii**2, 1.5)
     apart = np.stack([distances(view, circle(center, radius)) for radius in radii])
-    check(layer, drawn.coverage, apart.min(axis=0), 1.5)
+    check(hits, drawn.coverage, apart.min(axis=0), 1.5)
     near = drawn.number >= 0
     assert np.array_equal(drawn.number[near], apart.argmin(axis=0)[near])
 
@@ -151,10 +151,10 @@ def test_facets_of_reference_shapes(renderer, shape):
 def test_both_devices_draw_the_same(cut):
     field = with_field(grid(Shape.HEXAHEDRON, 3), square_distance((0.47, 0.52)))
     found = [cut(field, size=(60, 50), device=device) for device in ("vulkan", "cpu")]
-    drawn = [lines.contours(view, layer, np.array([0.02, 0.09]), 1.5) for lines, view, layer in found]
+    drawn = [lines.contours(view, hits, np.array([0.02, 0.09]), 1.5) for lines, view, hits in found]
     assert np.abs(drawn[0].coverage - drawn[1].coverage).max() < 1e-4
     assert np.array_equal(drawn[0].number, drawn[1].number)
-    assert np.abs(np.subtract(*(lines.mesh(view, layer, 1.5).coverage for lines, view, layer in found))).max() < 1e-9
+    assert np.abs(np.subtract(*(lines.mesh(view, hits, 1.5).coverage for lines, view, hits in found))).max() < 1e-9
 
 
 def test_contours_of_an_expression(renderer):
@@ -163,24 +163,24 @@ def test_contours_of_an_expression(renderer):
     volume = volume_of(with_field(grid(Shape.HEXAHEDRON, 3), lambda p: p[..., 0]), ["u", distance])
     loaded = Loaded(renderer("vulkan").device, volume)
     view = PlaneView.on(View.through(CAMERAS["straight on"], SIZE), FLAT)
-    layer = Cutter(loaded).draw(view)
-    layer = layer.showing(sampled(loaded, layer, distance))
-    drawn = Lines(loaded).contours(view, layer, np.array([0.2, 0.3]), 1.5, distance)
-    check(layer, drawn.coverage, np.min([distances(view, circle((0.47, 0.52), r)) for r in (0.2, 0.3)], axis=0), 1.5)
+    hits = Cutter(loaded).draw(view)
+    hits = hits.showing(sampled(loaded, hits, distance))
+    drawn = Lines(loaded).contours(view, hits, np.array([0.2, 0.3]), 1.5, distance)
+    check(hits, drawn.coverage, np.min([distances(view, circle((0.47, 0.52), r)) for r in (0.2, 0.3)], axis=0), 1.5)
 
 
 @pytest.mark.parametrize("width", [0.5, 1.0, 3.0, 7.5])
 def test_widths(cut, width):
-    lines, view, layer = cut(with_field(grid(Shape.PRISM, 2), square_distance((0.5, 0.5))))
-    drawn = lines.contours(view, layer, np.array([0.09]), width)
-    check(layer, drawn.coverage, distances(view, circle((0.5, 0.5), 0.3)), width)
+    lines, view, hits = cut(with_field(grid(Shape.PRISM, 2), square_distance((0.5, 0.5))))
+    drawn = lines.contours(view, hits, np.array([0.09]), width)
+    check(hits, drawn.coverage, distances(view, circle((0.5, 0.5), 0.3)), width)
 
 
 def test_line_is_where_it_is_on_average(cut):
     """The centroid of what a line covers in each row of pixels, for a line at all offsets from the pixels' centres."""
-    lines, view, layer = cut(with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[..., 0] + 0.013 * p[..., 1]))
-    drawn = lines.contours(view, layer, np.array([0.52]), 2.0).coverage.reshape(view.height, view.width)
-    inside = (drawn.sum(axis=1) > 1.0) & (layer.owner.reshape(drawn.shape) != NOBODY)[:, 64]
+    lines, view, hits = cut(with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[..., 0] + 0.013 * p[..., 1]))
+    drawn = lines.contours(view, hits, np.array([0.52]), 2.0).coverage.reshape(view.height, view.width)
+    inside = (drawn.sum(axis=1) > 1.0) & (hits.owner.reshape(drawn.shape) != NOBODY)[:, 64]
     centroid = (drawn @ np.arange(view.width))[inside] / drawn.sum(axis=1)[inside]
     rows = np.flatnonzero(inside)
     y = view.points()[rows, 64, 1]
@@ -199,23 +199,23 @@ def test_loops_smaller_than_a_pixel(cut, pixels, sign):
     value = sign * np.array([(pixels * size) ** 2])
     for x, y in rng.uniform(0.4, 0.6, (5, 2)):
         camera = Camera((x, y, 3.0), (x, y, 0.5), (0.0, 1.0, 0.0), height=1.2)
-        lines, view, layer = cut(field, camera=camera)
-        drawn = lines.contours(view, layer, value, 1.0)
-        check(layer, drawn.coverage, distances(view, circle(center, pixels * size)), 1.0, 0.05)
-        assert not lines.contours(view, layer, -value, 1.0).coverage.any()
+        lines, view, hits = cut(field, camera=camera)
+        drawn = lines.contours(view, hits, value, 1.0)
+        check(hits, drawn.coverage, distances(view, circle(center, pixels * size)), 1.0, 0.05)
+        assert not lines.contours(view, hits, -value, 1.0).coverage.any()
 
 
 @pytest.mark.parametrize("depth", [0.05, 0.2, 0.45])
 def test_lines_that_enter_and_leave_by_one_edge(cut, depth):
     """A parabola whose vertex only just reaches into a row of pixels."""
     field = with_field(grid(Shape.HEXAHEDRON, 3), lambda p: p[..., 1] - 12 * (p[..., 0] - 0.5) ** 2)
-    lines, view, layer = cut(field)
+    lines, view, hits = cut(field)
     row = view.to_pixel[1] @ [0.5, 0.3, 0.52, 1.0]
     value = 0.3 + (row - (np.floor(row) + 0.5 - depth)) * 1.2 / SIZE[1]
     x = np.linspace(0.2, 0.8, 50_000)
     points = np.column_stack([x, value + 12 * (x - 0.5) ** 2, np.full_like(x, 0.52)])
-    drawn = lines.contours(view, layer, np.array([value]), 1.0)
-    check(layer, drawn.coverage, distances(view, points[points[:, 1] < 1.0]), 1.0)
+    drawn = lines.contours(view, hits, np.array([value]), 1.0)
+    check(hits, drawn.coverage, distances(view, points[points[:, 1] < 1.0]), 1.0)
 
 
 @pytest.mark.parametrize("values", [(-0.97, 0.97), (-0.5, 0.1, 0.7)])
@@ -225,28 +225,28 @@ def test_waves_of_five_pixels(cut, values):
     def waves(points):
         return np.sin(40 * points[..., 0]) * np.sin(40 * points[..., 1] + 0.3)
 
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 4), waves, 14), size=(40, 40))
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 4), waves, 14), size=(40, 40))
     apart = np.min([distances(view, curve(view, lambda p, v=v: waves(p) - v)) for v in values], axis=0)
-    near = np.isfinite(layer.depth).reshape(view.height, view.width)
+    near = np.isfinite(hits.depth).reshape(view.height, view.width)
     inner = (near & ~grown(~near, 2)).ravel()
-    difference = lines.contours(view, layer, np.array(values), 1.0).coverage - covered(apart, 1.0)
+    difference = lines.contours(view, hits, np.array(values), 1.0).coverage - covered(apart, 1.0)
     assert np.abs(difference)[inner].max() < 0.025
 
 
 def test_jumps_stay_open(cut):
     """A field that steps from element to element: lines end at the steps, and no line is drawn along them."""
     step = lambda points: points[..., 1] + 0.25 * np.floor(2 * points[..., 0])  # noqa: E731
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 2), step))
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 2), step))
     part = np.linspace(0, 0.5, 100_000)
     high = np.full_like(part, 0.52)
     points = np.concatenate([np.column_stack([part, np.full_like(part, 0.6), high]),
                              np.column_stack([part + 0.5, np.full_like(part, 0.35), high])])  # fmt: skip
-    check(layer, lines.contours(view, layer, np.array([0.6]), 2.0).coverage, distances(view, points), 2.0)
+    check(hits, lines.contours(view, hits, np.array([0.6]), 2.0).coverage, distances(view, points), 2.0)
 
-    lines, view, layer = cut(
+    lines, view, hits = cut(
         with_field(grid(Shape.TETRAHEDRON, 2), lambda p: 1e-3 * p[..., 0] + np.floor(2 * p[..., 0]))
     )
-    assert not lines.contours(view, layer, np.array([0.25, 0.5, 0.9]), 2.0).coverage.any()
+    assert not lines.contours(view, hits, np.array([0.25, 0.5, 0.9]), 2.0).coverage.any()
 
 
 @pytest.mark.parametrize("camera", ["straight on", "perspective"])
@@ -258,16 +258,16 @@ def test_contours_in_bent_elements(cut, camera):
         "straight on": Camera((1.4, 0.6, 4.0), (1.4, 0.6, 0.6), (0.0, 1.0, 0.0), height=2.5),
         "perspective": Camera((2.0, -0.8, 3.0), (1.4, 0.6, 0.6), (0.0, 0.0, 1.0), fov=50.0),
     }
-    lines, view, layer = cut(dataset, plane, view_of[camera], (90, 76))
+    lines, view, hits = cut(dataset, plane, view_of[camera], (90, 76))
 
     # far from the border of the domain, where the curve goes on and the line does not
     values = np.array([1.6, 2.5, 4.0])
     apart = np.min(
         [distances(view, curve(view, lambda p, v=v: cubic(straightened_volume(p)) - v)) for v in values], axis=0
     )
-    near = np.isfinite(layer.depth).reshape(view.height, view.width)
+    near = np.isfinite(hits.depth).reshape(view.height, view.width)
     inner = near & ~grown(~near, 3)
-    coverage = lines.contours(view, layer, values, 1.5).coverage
+    coverage = lines.contours(view, hits, values, 1.5).coverage
     assert inner.sum() > 500
     assert np.abs(coverage - covered(apart, 1.5)).reshape(inner.shape)[inner].max() < CLOSE
 
@@ -282,12 +282,12 @@ def grown(mask, steps):
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_mesh_lines_of_straight_elements(cut, camera):
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 4), lambda p: p[..., 0], 2), camera=CAMERAS[camera])
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 4), lambda p: p[..., 0], 2), camera=CAMERAS[camera])
     part = np.linspace(0, 1, 20_000)
     rows = [np.column_stack([part, np.full_like(part, k / 4), np.full_like(part, 0.52)]) for k in range(5)]
     points = np.concatenate([*rows, *(row[:, [1, 0, 2]] for row in rows)])
     for width in (1.0, 3.5):
-        check(layer, lines.mesh(view, layer, width).coverage, distances(view, points), width, 1e-3)
+        check(hits, lines.mesh(view, hits, width).coverage, distances(view, points), width, 1e-3)
 
 
 def test_mesh_lines_of_slivers_that_are_thinner_than_lines(cut):
@@ -296,8 +296,8 @@ def test_mesh_lines_of_slivers_that_are_thinner_than_lines(cut):
     moved = mesh.vertices.copy()
     moved[:, 0] = np.interp(mesh.vertices[:, 0], np.arange(7) / 6, [0, 0.3, 0.302, 0.304, 0.306, 0.308, 1])
     dataset = with_field(type(mesh)(**{**vars(mesh), "vertices": moved}), lambda p: p[..., 0], 2)
-    lines, view, layer = cut(dataset, size=(260, 220))
-    coverage = lines.mesh(view, layer, 1.5).coverage.reshape(view.height, view.width)
+    lines, view, hits = cut(dataset, size=(260, 220))
+    coverage = lines.mesh(view, hits, 1.5).coverage.reshape(view.height, view.width)
     x = view.points()[110, :, 0]
     assert (coverage[110][(x > 0.2995) & (x < 0.3085)] == 1.0).all()
 
@@ -306,28 +306,28 @@ def test_mesh_lines_of_slivers_that_are_thinner_than_lines(cut):
 def test_mesh_lines_of_curved_elements(cut, size):
     mesh = shuffled(mixed_plane(seed=3), seed=1)
     plane, camera = Plane((0, 0, 0), (0, 0, 1)), Camera((1.5, 1.2, 5.0), (1.5, 1.2, 0.0), (0, 1, 0), height=3.2)
-    lines, view, layer = cut(with_field(curved(mesh, bent_plane, 3), lambda p: p[..., 0], 2), plane, camera, size)
+    lines, view, hits = cut(with_field(curved(mesh, bent_plane, 3), lambda p: p[..., 0], 2), plane, camera, size)
     part = np.linspace(0, 1, 10_000)[:, None]
     sides = [([x, 0, 0], [x, 1, 0]) for x in range(4)] + [([1, 0, 0], [2, 1, 0])]
     sides += [([x, y, 0], [x + 1, y, 0]) for x in range(3) for y in (0, 1)]
     points = np.concatenate([bent_plane((1 - part) * a + part * b) for a, b in np.array(sides, float)])
-    check(layer, lines.mesh(view, layer, 1.5).coverage, distances(view, points), 1.5)
+    check(hits, lines.mesh(view, hits, 1.5).coverage, distances(view, points), 1.5)
 
 
 def test_mesh_lines_of_bent_volumes(cut):
     mesh = curved(grid(Shape.HEXAHEDRON, 3), bent_volume, 3)
     dataset = with_field(mesh, lambda p: p[..., 0], 2)
     camera = Camera((0.5, 0.6, 4.0), (0.5, 0.6, 0.6), (0.0, 1.0, 0.0), height=1.4)
-    lines, view, layer = cut(dataset, Plane((0.5, 0.5, 0.5), (0.3, 0.2, 1.0)), camera, (90, 76))
+    lines, view, hits = cut(dataset, Plane((0.5, 0.5, 0.5), (0.3, 0.2, 1.0)), camera, (90, 76))
 
     def nearest(axis, level):
         return distances(view, curve(view, lambda p: straightened_volume(p)[:, axis] - level))
 
     crossed = [(0, 1 / 3), (0, 2 / 3), (1, 1 / 3), (1, 2 / 3), (2, 1 / 3), (2, 2 / 3)]
     apart = np.min([nearest(axis, level) for axis, level in crossed], axis=0)
-    near = np.isfinite(layer.depth).reshape(view.height, view.width)
+    near = np.isfinite(hits.depth).reshape(view.height, view.width)
     inner = near & ~grown(~near, 2)
-    difference = np.abs(lines.mesh(view, layer, 1.5).coverage - covered(apart, 1.5)).reshape(inner.shape)
+    difference = np.abs(lines.mesh(view, hits, 1.5).coverage - covered(apart, 1.5)).reshape(inner.shape)
     assert difference[inner].max() < CLOSE
 
 
@@ -340,8 +340,8 @@ def test_lines_don_t_depend_on_the_elements_turns_and_orders(cut, shape):
     )
     values = np.array([0.01, 0.05, 0.12])
     pairs = [
-        (lines.contours(view, layer, values, 1.5).coverage, lines.mesh(view, layer, 1.0).coverage)
-        for lines, view, layer in (first, second)
+        (lines.contours(view, hits, values, 1.5).coverage, lines.mesh(view, hits, 1.0).coverage)
+        for lines, view, hits in (first, second)
     ]
     same = (first[2].owner == NOBODY) == (second[2].owner == NOBODY)
     assert same.mean() > 0.999
@@ -354,7 +354,7 @@ def test_contours_on_faces_run_over_the_edges_of_a_cube(renderer):
     volume = NativeVolume.of(dataset, "u")
     loaded = Loaded(renderer("vulkan").device, volume)
     view = View.through(Camera((4.0, 3.0, 2.5), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), fov=30.0), SIZE)
-    layer = FaceDrawer(loaded, faces_of(dataset, volume)).draw(view)
+    hits = FaceDrawer(loaded, faces_of(dataset, volume)).draw(view)
 
     # the three sides that are seen: segments where one coordinate is 1
     points, values = [], np.array([2.0, 3.1, 4.4])
@@ -364,14 +364,12 @@ def test_contours_on_faces_run_over_the_edges_of_a_cube(renderer):
             rest = (value - weights[0] * part) / weights[1]
             side = np.column_stack([part, rest])[(rest >= 0) & (rest <= 1)]
             points.append(np.insert(side, fixed, 1.0, axis=1))
-    check(
-        layer, Lines(loaded).contours(view, layer, values, 1.5).coverage, distances(view, np.concatenate(points)), 1.5
-    )
+    check(hits, Lines(loaded).contours(view, hits, values, 1.5).coverage, distances(view, np.concatenate(points)), 1.5)
 
     # the lines of the mesh on them
     sides = [np.insert(np.column_stack([part, np.full_like(part, k / 2)])[:, ::turn], fixed, 1.0, axis=1)
              for fixed in range(3) for k in range(3) for turn in (1, -1)]  # fmt: skip
-    check(layer, Lines(loaded).mesh(view, layer, 1.5).coverage, distances(view, np.concatenate(sides)), 1.5)
+    check(hits, Lines(loaded).mesh(view, hits, 1.5).coverage, distances(view, np.concatenate(sides)), 1.5)
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
@@ -389,9 +387,9 @@ def test_contours_on_curved_faces_are_those_of_the_face_itself(renderer, shape, 
         dataset = with_field(mesh, field, 4)
         volume = NativeVolume.of(dataset, "u")
         loaded = Loaded(renderer("vulkan").device, volume)
-        layer = FaceDrawer(loaded, faces_of(dataset, volume)).draw(view)
-        above = layer.normal[:, 2] > 0.5
-        drawn.append((above, Lines(loaded).contours(view, layer, np.array([0.2, 0.45, 0.8]), 1.5).coverage))
+        hits = FaceDrawer(loaded, faces_of(dataset, volume)).draw(view)
+        above = hits.normal[:, 2] > 0.5
+        drawn.append((above, Lines(loaded).contours(view, hits, np.array([0.2, 0.45, 0.8]), 1.5).coverage))
     inner = _inside(drawn[0][0].reshape(view.height, view.width), 2).ravel()
     assert inner.sum() > 1500
     assert (drawn[0][1][inner] > 0.5).sum() > 100
@@ -406,17 +404,17 @@ def _inside(mask, steps):
 
 
 def test_nothing_is_drawn_of_what_is_not_a_number(cut):
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p[..., 0]))
-    layer.field = np.full_like(layer.field, np.nan)
-    far = lines.contours(view, layer, np.array([7.0]), 1.0)
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p[..., 0]))
+    hits.field = np.full_like(hits.field, np.nan)
+    far = lines.contours(view, hits, np.array([7.0]), 1.0)
     assert not far.coverage.any()
     assert (far.number == -1).all()
 
 
 def test_limits_are_told(cut):
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 1), lambda p: p[..., 0]))
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 1), lambda p: p[..., 0]))
     with pytest.raises(SceneError, match="at most 1024 contour values are drawn at once, found 1025"):
-        lines.contours(view, layer, np.linspace(0, 1, 1025), 1.0)
+        lines.contours(view, hits, np.linspace(0, 1, 1025), 1.0)
     with pytest.raises(SceneError, match="at most 100 pixels wide, found 101"):
-        lines.mesh(view, layer, 101.0)
+        lines.mesh(view, hits, 101.0)
     assert np.allclose(levels(0.0, 1.0, 3), [0.25, 0.5, 0.75])

@@ -22,13 +22,13 @@ CLOSE = 0.02
 
 @pytest.fixture(scope="session")
 def cut(renderer):
-    """Lines of a quantity of a dataset, a straight view of a plane, and the layer cut there."""
+    """Lines of a quantity of a dataset, a straight view of a plane, and the hit buffer of the cut there."""
 
     def cut(dataset, quantity="u"):
         loaded = Loaded(renderer("vulkan").device, volume_of(dataset, ["u", quantity]))
         view = PlaneView.on(View.through(CAMERA, SIZE), Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0)))
-        layer = Cutter(loaded).draw(view)
-        return Lines(loaded), view, layer if quantity == "u" else layer.showing(sampled(loaded, layer, quantity))
+        hits = Cutter(loaded).draw(view)
+        return Lines(loaded), view, hits if quantity == "u" else hits.showing(sampled(loaded, hits, quantity))
 
     return cut
 
@@ -48,19 +48,19 @@ def test_lines_closer_together_than_samples_have_no_gaps(cut, level, slope, sign
     def field(points):
         return sign * (points[..., 1] - slope * points[..., 0] - 0.1003) ** 2
 
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 3), field))
-    inner = layer.owner != NOBODY
-    coverage = lines.contours(view, layer, np.array([sign * level]), 1.0).coverage
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 3), field))
+    inner = hits.owner != NOBODY
+    coverage = lines.contours(view, hits, np.array([sign * level]), 1.0).coverage
     expected = covered(distance_of_line(view, 0.1003, slope), 1.0)
     assert np.abs(coverage - expected)[inner].max() < 0.03
-    assert not lines.contours(view, layer, np.array([-sign * 1e-11]), 1.0).coverage.any()
+    assert not lines.contours(view, hits, np.array([-sign * 1e-11]), 1.0).coverage.any()
 
 
 def test_lines_that_are_touched_on_a_border_are_drawn(cut):
     """Each of the two elements sees half of a valley, which is as deep as rounding of its coefficients lets it be."""
-    lines, view, layer = cut(with_field(grid(Shape.HEXAHEDRON, 2), lambda p: (p[..., 1] - 0.5) ** 2, 3))
-    coverage = lines.contours(view, layer, np.array([1e-12]), 1.0).coverage
-    expected = np.where(layer.owner == NOBODY, 0.0, covered(distance_of_line(view, 0.5), 1.0))
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 2), lambda p: (p[..., 1] - 0.5) ** 2, 3))
+    coverage = lines.contours(view, hits, np.array([1e-12]), 1.0).coverage
+    expected = np.where(hits.owner == NOBODY, 0.0, covered(distance_of_line(view, 0.5), 1.0))
     assert np.abs(coverage - expected).max() < CLOSE
 
 
@@ -78,8 +78,8 @@ BROKEN = [
 def test_nothing_is_drawn_at_poles_and_jumps(cut, quantity, value, roots):
     """And everything where a value is taken, however steeply."""
     data = with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p[..., 1] - 0.47 + 0.03 * p[..., 0], 2)
-    lines, view, layer = cut(data, quantity)
-    coverage = lines.contours(view, layer, np.array([value]), 1.0, quantity).coverage
+    lines, view, hits = cut(data, quantity)
+    coverage = lines.contours(view, hits, np.array([value]), 1.0, quantity).coverage
     if roots is None:
         assert not coverage.any()
         return

@@ -351,7 +351,7 @@ def test_fog_lies_before_and_behind_surfaces(draw, linear):
 
 
 def test_hits_are_not_found_again_behind_themselves(draw, linear):
-    """A transparent isosurface that every ray meets once has one layer: one colour all over."""
+    """A transparent isosurface that every ray meets once has one fragment: one colour all over."""
     style = Style(color=(1.0, 0.0, 0.0), opacity=0.5, lit=False)
     camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.8)
     frame = draw(

@@ -38,7 +38,7 @@ def strips(shape, thick, count, turn):
 
 @pytest.fixture
 def cut(renderer):
-    """A dataset's lines, a view straight on, and the layer of its cut."""
+    """A dataset's lines, a view straight on, and the hit buffer of its cut."""
 
     def cut(dataset, height):
         loaded = Loaded(renderer("vulkan").device, NativeVolume.of(dataset, "u"))
@@ -56,8 +56,8 @@ def test_contours_don_t_depend_on_how_thin_elements_are(cut, shape, turn):
     drawn = []
     for count in (1, 9):
         dataset = with_field(strips(shape, 1.8 / count, count, turn), lambda p: p[..., 1] + 0.3 * p[..., 0], 2)
-        lines, view, layer = cut(dataset, PLANES[shape])
-        drawn.append(lines.contours(view, layer, np.linspace(0.3, 0.9, 7), 1.0).coverage)
+        lines, view, hits = cut(dataset, PLANES[shape])
+        drawn.append(lines.contours(view, hits, np.linspace(0.3, 0.9, 7), 1.0).coverage)
     assert (drawn[0] > 0.5).sum() > 300
     assert np.abs(drawn[0] - drawn[1]).max() < 0.02
 
@@ -72,12 +72,12 @@ def test_a_contour_within_a_strip_of_a_fifth_of_a_pixel(cut, shape, turn, power)
         across = turned(points, turn)[..., 0] / thick
         return np.where(np.abs(across) < 0.55, (across + 0.3) ** power, 5.0)
 
-    lines, view, layer = cut(with_field(strips(shape, 0.2, 1, turn), field, 5), PLANES[shape])
-    coverage = lines.contours(view, layer, np.array([0.3**power]), 1.0).coverage
+    lines, view, hits = cut(with_field(strips(shape, 0.2, 1, turn), field, 5), PLANES[shape])
+    coverage = lines.contours(view, hits, np.array([0.3**power]), 1.0).coverage
     i, j = np.meshgrid(np.arange(view.width), np.arange(view.height))
     across, along = turned(view.points_of(i.ravel(), j.ravel()), turn).T / PIXEL
     expected = covered(np.hypot(across, np.maximum(np.abs(along) - 0.4 / PIXEL, 0.0)), 1.0)
-    hit = layer.owner != NOBODY
+    hit = hits.owner != NOBODY
     assert expected[hit].sum() > 70
     assert np.abs(coverage - expected)[hit].max() < 0.02
-    assert not lines.contours(view, layer, np.array([3.0]), 1.0).coverage.any()
+    assert not lines.contours(view, hits, np.array([3.0]), 1.0).coverage.any()

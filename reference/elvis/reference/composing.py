@@ -19,7 +19,7 @@ from elvis.scene.view import View
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class SurfaceHits:
     """The hits of one object, nearest first: one set for each surface that a ray may meet, fewer where it is opaque.
 
     quantity  the name of the values that colour it
@@ -51,26 +51,26 @@ class Fragments:
 
 
 def record(
-    layers: Sequence[Layer],
+    surfaces: Sequence[SurfaceHits],
     scene: Scene,
     view: View,
     ends: tuple[float, float],
     volumes: Sequence[Fragments] = (),
 ) -> Record:
-    """The picture of layers and volumes over the background.
+    """The picture of surfaces and volumes over the background.
 
-    The channels are those of the nearest of the most opaque layers.
+    The channels are those of the nearest of the most opaque surfaces.
     """
     shape = (view.height, view.width)
     nearest, opacity = Hits.none(view.count, ("shown",)), np.zeros(view.count)
-    for layer in layers:
-        more = layer.style.opacity > opacity
-        better = layer.hits.seen & (more | ((layer.style.opacity == opacity) & nearest.nearer(layer.hits)))
-        named = Hits(**{**vars(layer.hits), "values": {"shown": layer.hits.values[layer.quantity]}})
+    for surface in surfaces:
+        more = surface.style.opacity > opacity
+        better = surface.hits.seen & (more | ((surface.style.opacity == opacity) & nearest.nearer(surface.hits)))
+        named = Hits(**{**vars(surface.hits), "values": {"shown": surface.hits.values[surface.quantity]}})
         nearest.put(better, named, better)
-        opacity[better] = layer.style.opacity
-    surfaces = [_fragments_of(layer, *painted(layer, scene, view, ends)) for layer in layers]
-    colors = blended([*surfaces, *volumes], scene, view)
+        opacity[better] = surface.style.opacity
+    fragments = [_fragments_of(surface, *painted(surface, scene, view, ends)) for surface in surfaces]
+    colors = blended([*fragments, *volumes], scene, view)
     return Record(
         colors.reshape(*shape, 3),
         nearest.depth.reshape(shape),
@@ -84,22 +84,22 @@ def record(
     )
 
 
-def painted(layer: Layer, scene: Scene, view: View, ends: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Colours (n, 3) and opacities (n,) of a layer's hits; values where nothing is hit have no meaning."""
-    hits, style = layer.hits, layer.style
+def painted(surface: SurfaceHits, scene: Scene, view: View, ends: tuple[float, float]) -> tuple[Floats, Floats]:
+    """Colours (n, 3) and opacities (n,) of a surface's hits; values where nothing is hit have no meaning."""
+    hits, style = surface.hits, surface.style
     low, high = style.range or ends
-    bar = style.bar or (scene.bar if layer.quantity == scene.field else None)
+    bar = style.bar or (scene.bar if surface.quantity == scene.field else None)
     palette = Palette.named(style.palette or scene.palette, low, high).spread(bar)
     flat = style.color is not None
     colors = (
-        np.tile(style.color or (0.0,) * 3, (view.count, 1)) if flat else palette.colors(hits.values[layer.quantity])
+        np.tile(style.color or (0.0,) * 3, (view.count, 1)) if flat else palette.colors(hits.values[surface.quantity])
     )
-    if layer.lit:
+    if surface.lit:
         colors = colors * _light(hits, scene, view)[:, None]
 
     # lines lie on the surface, mesh lines under contours
     opacity = np.full(view.count, style.opacity)
-    for coverage, color in layer.lines:
+    for coverage, color in surface.lines:
         colors = colors + coverage[:, None] * (np.asarray(color) - colors)
         opacity = opacity + coverage * (1 - opacity)
     return colors, opacity
@@ -117,10 +117,10 @@ def _light(hits: Hits, scene: Scene, view: View) -> Floats:
     return np.asarray(np.minimum(factor, 1.0))
 
 
-def _fragments_of(layer: Layer, colors: Floats, opacity: Floats) -> Fragments:
-    """A layer's hits as fragments."""
-    here = np.flatnonzero(layer.hits.seen)
-    return Fragments(here, layer.hits.depth[here], opacity[here, None] * colors[here], opacity[here])
+def _fragments_of(surface: SurfaceHits, colors: Floats, opacity: Floats) -> Fragments:
+    """A surface's hits as fragments."""
+    here = np.flatnonzero(surface.hits.seen)
+    return Fragments(here, surface.hits.depth[here], opacity[here, None] * colors[here], opacity[here])
 
 
 def blended(fragments: Sequence[Fragments], scene: Scene, view: View) -> Floats:

@@ -1,7 +1,7 @@
 """Elements as rays meet them, with three reference coordinates and faces, whatever their shape has.
 
 Plane elements of quasi-3D data are drawn out along zeta in [-1, 1], one period.  Elements of surfaces in space are
-sheets: a third coordinate leads away from them, and is zero on their only face, which is all of them.
+surfaces: a third coordinate leads away from them, and is zero on their only face, which is all of them.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _frame(corners: Floats) -> Floats:
 
 @cache
 def bounds(shape: Shape, extruded: bool) -> Floats:
-    """(k, 4) normals and offsets of the planes that bound a solid, of a sheet those that bound it sideways."""
+    """(k, 4) normals and offsets of the planes that bound a solid, of a surface those that bound it sideways."""
     normals, offsets = facets(shape)
     planes = np.column_stack([np.pad(normals, ((0, 0), (0, 3 - shape.dimension))), offsets])
     return np.concatenate([planes, _LIDS]) if extruded else planes
@@ -118,7 +118,7 @@ def spread(patch: Patch, rows: Ints, points: Floats) -> Floats:
 def placed(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
     """World coordinates (n, 3) and their derivatives (n, 3, 3) at reference points (n, 3) of elements (n,).
 
-    The third coordinate of a sheet leads away at right angles; derivatives are right where it is zero.
+    The third coordinate of a surface leads away at right angles; derivatives are right where it is zero.
     """
     check_time()
     if isinstance(patch, HostPatch):

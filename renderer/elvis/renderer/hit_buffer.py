@@ -36,7 +36,7 @@ CHANNELS: Mapping[str, tuple[type[np.generic], int, float]] = {
 class HitBuffer:
     """One hit at most for each of n pixels, row by row from the top; of a stack, the k-th nearest one.
 
-    owner      (n,)    running element number (see Loaded), NOBODY where nothing is hit
+    owner      (n,)    index of the element (see Loaded), NOBODY where nothing is hit
     field      (n,)    the object's quantity there, NaN where nothing is hit
     reference  (n, 3)  reference coordinates in the element, NaN where nothing is hit
     depth      (n,)    distance from the eye's plane along the view (see View.rays), infinite where nothing is hit
@@ -45,10 +45,10 @@ class HitBuffer:
     side       (n,)    numbers that tell elements apart, and the faces of each; None: the owners do
     flat       (3,)    the normal where all of it lies in one plane, else None
     held       buffers of a device that hold some of these arrays, by name
-    sections   of a plane cut: where elements may be seen, by running number, as cut_cull lists them
+    sections   of a plane cut: where elements may be seen, by index, as cut_cull lists them
     offset     of a plane cut: normal · x
     uncertainty  (n,) the true depths are within this of the given ones, in world units, infinite where nothing is
-                 proved and NaN where nothing is hit; None: those of a surface that is given in closed form
+                 proved and NaN where nothing is hit; None: those of a surface that is given analytically
     doubt      (n,)    depths from which on something may have been overlooked, infinite where nothing was; None: none
     """
 

@@ -23,8 +23,8 @@ _ROUNDINGS = 8
 class Loaded:
     """A volume's parts and their buffers.
 
-    first  (parts + 1,) running number of each part's first element: elements count through all parts
-    ids    (elements + 1,) global ids by running number; NOBODY, which is beyond the end, takes the last one, -1
+    first  (parts + 1,) index of each part's first element: elements count through all parts
+    ids    (elements + 1,) element ids by index; NOBODY, which is beyond the end, takes the last one, -1
     extent  greatest finite coordinate of the elements' boxes, in magnitude
     bytes  of all buffers so far: those of quantities come when they are first asked for
     """
@@ -90,7 +90,7 @@ class Loaded:
         return np.asarray(ends + 1e-12 * np.abs(ends).max(axis=1, keepdims=True) * [-1.0, 1.0])
 
     def every(self, quantity: str | None = None) -> tuple[NDArray[np.float32], Buffer]:
-        """(n, 2) the ends of all elements by running number, in single precision: here and on the device; made once."""
+        """(n, 2) the ends of all elements by index, in single precision: here and on the device; made once."""
         if quantity not in self._ends:
             ends = _outward(np.concatenate([self.ends(number, quantity) for number in range(len(self.parts))]))
             self._ends[quantity] = ends, self.device.buffer(ends)

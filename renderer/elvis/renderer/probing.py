@@ -23,8 +23,8 @@ from elvis.scene.frame import Status
 class Places:
     """Where n points are; of several elements that hold a point, the one with the greatest margin, then the first.
 
-    owner      (n,)    running element number (see Loaded), NOBODY where no element holds the point
-    element    (n,)    global id, -1 where no element holds the point
+    owner      (n,)    index of the element (see Loaded), NOBODY where no element holds the point
+    element    (n,)    element id, -1 where no element holds the point
     reference  (n, 3)  reference coordinates, NaN outside
     field      (n,)    NaN outside
     status     (n,)    see Status; FAILED where an element may hold the point but its map did not invert
@@ -136,7 +136,7 @@ def _run(kernel: Kernel, count: int, buffers: dict[str, Buffer], lists: dict[str
 
 
 def _places(found: NDArray[Any], ids: Ints, failed: Ints) -> Places:
-    """Running element numbers become global ids; ``failed`` lists points that some element may hold."""
+    """Indices of elements become element ids; ``failed`` lists points that some element may hold."""
     outside, element = found["element"] == NOBODY, ids.take(found["element"], mode="clip")
     status = np.where(outside, Status.MISS, np.where(found["margin"] <= BORDER, Status.AMBIGUOUS, Status.CERTAIN))
     status[failed[outside[failed]]] = Status.FAILED

@@ -331,7 +331,7 @@ class Renderer:
         return np.asarray(hit.reshape(view.height, view.width))
 
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool) -> Frame:
-        """Running element numbers become global ids; pixels become rows."""
+        """Indices of elements become element ids; pixels become rows."""
         cutter, loaded = self.stages.cutter, self.stages.loaded
         pixels, shape = cutter.draw(view, references=references), (view.height, view.width)
         element = loaded.ids.take(pixels.owner, mode="clip")

@@ -85,7 +85,7 @@ def _beside(hits: HitBuffer, best: HitBuffer) -> Bools:
 
 
 def _uncertain(hits: HitBuffer, view: View, pixel: Ints) -> Floats:
-    """(k,) the uncertainties of hits in pixels (k,), those of surfaces in closed form by their normals.
+    """(k,) the uncertainties of hits in pixels (k,), those of analytic surfaces by their normals.
 
     Where they are infinite there is a doubt, too, which begins before the hit.
     """

@@ -157,7 +157,7 @@ class Stages:
         return [np.stack(self.loaded.bounds(n, own)) for n in range(len(self.loaded.parts))]
 
     def _undefined(self, own: str | None) -> Ints:
-        """Global ids of the elements on which a quantity is not a number."""
+        """Ids of the elements on which a quantity is not a number."""
         ends = self._ends(own)
         return np.concatenate(
             [part.element_ids[np.isnan(low)] for part, (low, _) in zip(self.loaded.parts, ends, strict=True)]

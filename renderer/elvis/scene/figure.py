@@ -42,9 +42,9 @@ def save_figure(frames: Sequence[Frame], path: Path, suffix: str, *, plain: bool
     scene = frames[0].scene
     with settings(scene):
         _check_mathematics(frames)
-        sheet = Sheet(frames, plain=plain)
-        how = {"bbox_inches": sheet.bounds(), "pad_inches": 0, "metadata": DATES[suffix]}
-        sheet.figure.savefig(path, format=suffix[1:], dpi=scene.dpi, **how)
+        page = Page(frames, plain=plain)
+        how = {"bbox_inches": page.bounds(), "pad_inches": 0, "metadata": DATES[suffix]}
+        page.figure.savefig(path, format=suffix[1:], dpi=scene.dpi, **how)
 
 
 def settings(scene: Scene) -> AbstractContextManager[Any]:
@@ -81,7 +81,7 @@ def _check_mathematics(frames: Sequence[Frame]) -> None:
             raise SceneError(f"title: expected mathematics between dollars, found {title!r}: {reason}") from error
 
 
-class Sheet:
+class Page:
     """The page with its panels.
 
     unit    pixels by which things are set apart

@@ -56,7 +56,7 @@ class Drawing:
     """What several surfaces show together; arrays as in Frame.
 
     color        (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
-    uncertainty  NaN also where what is seen is met in closed form
+    uncertainty  NaN also where the surface is analytic
     line_status  (h, w) Status of the pixels' contours, MISS where there are none; None where none is known
     strokes      lines over the pixels, which have none then
     through      (h, w) part of the background that comes through; None: as where nothing is seen

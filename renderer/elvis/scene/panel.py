@@ -15,7 +15,7 @@ from elvis.scene.picture import AXES, labels, mark_texts, sentences, ticks, told
 from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar, sides
 
 if TYPE_CHECKING:
-    from elvis.scene.figure import Sheet
+    from elvis.scene.figure import Page
     from elvis.scene.objects import ColorBar
 
 #: bands of a bar up to which all their ends are marked
@@ -27,11 +27,11 @@ LINES, BOX, TEXTS = 2, 3, 4
 class Panel:
     """Axes whose data coordinates are columns and rows of the picture; all else hangs on them."""
 
-    def __init__(self, sheet: Sheet, frame: Frame, number: int, *, has_bars: bool) -> None:
-        self.sheet, self.frame, self.unit = sheet, frame, sheet.unit
+    def __init__(self, page: Page, frame: Frame, number: int, *, has_bars: bool) -> None:
+        self.page, self.frame, self.unit = page, frame, page.unit
         self.height, self.width = frame.element.shape
         self.corner = np.zeros(2)
-        self.axes: Any = sheet.figure.add_axes((0, 0, 1, 1), label=str(number))
+        self.axes: Any = page.figure.add_axes((0, 0, 1, 1), label=str(number))
         self.move(0.0, 0.0)
         self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5), xticks=[], yticks=[])
         self.axes.patch.set_visible(False)
@@ -39,29 +39,29 @@ class Panel:
         pixels = frame.rgba if frame.scene.is_clear else frame.rgb
         self.axes.imshow(pixels, interpolation="none", aspect="auto", resample=False, zorder=0)
         self._draw_strokes()
-        if not sheet.plain:
+        if not page.plain:
             self._draw_around(has_bars)
 
     def move(self, x: float, y: float) -> None:
         """Put the lower left corner of the picture to a place of the page, in whole pixels."""
         self.corner = np.round([x, y])
-        place = (*(self.corner / self.sheet.size), *(np.array([self.width, self.height]) / self.sheet.size))
+        place = (*(self.corner / self.page.size), *(np.array([self.width, self.height]) / self.page.size))
         self.axes.set_position(place)
 
     def edges(self) -> Floats:
         """(2, 2) lower left and upper right corner of all that there is, in pixels from the corner of the picture."""
-        box = self.axes.get_tightbbox(self.sheet.measure())
+        box = self.axes.get_tightbbox(self.page.measure())
         return np.array([[box.x0, box.y0], [box.x1, box.y1]]) - self.corner
 
     def _text(self, x: float, y: float, text: str, **how: Any) -> Any:
         """A text so many pixels to the right and above the corner of the picture."""
-        usual = {"color": self.sheet.text_color, "fontsize": self.sheet.points, "va": "center", "zorder": TEXTS}
+        usual = {"color": self.page.text_color, "fontsize": self.page.points, "va": "center", "zorder": TEXTS}
         place = (x / self.width, y / self.height)
         return self.axes.text(*place, text, transform=self.axes.transAxes, clip_on=False, **{**usual, **how})
 
     def _line(self, line: Floats, **how: Any) -> None:
         """A thin polyline (k, 2) in columns and rows, also beyond the picture."""
-        usual = {"color": self.sheet.text_color, "lw": self.sheet.thin, "zorder": BOX, "clip_on": False}
+        usual = {"color": self.page.text_color, "lw": self.page.thin, "zorder": BOX, "clip_on": False}
         self.axes.plot(*line.T, **{**usual, **how})
 
     def _draw_strokes(self) -> None:
@@ -74,7 +74,7 @@ class Panel:
             values = (value for value, _ in legend.marks)
             texts |= dict(zip(values, mark_texts(legend, typed) if legend.marks else (), strict=True))
         for stroke in strokes:
-            width = self.sheet.to_points(stroke.width)
+            width = self.page.to_points(stroke.width)
             curves = [line for line in stroke.lines if len(line) > 1]
             dots = np.array([line[0] for line in stroke.lines if len(line) == 1]).reshape(-1, 2)
             self.axes.scatter(*dots.T, s=width**2, color=stroke.color, lw=0, alpha=stroke.opacity, zorder=LINES)
@@ -82,7 +82,7 @@ class Panel:
             made = ContourSet(self.axes, [stroke.value or 0.0], [curves], linestyles="solid", zorder=LINES, **look)
             made.set_capstyle("round")
             if stroke.labels and stroke.value is not None and curves:
-                size, text = 0.8 * self.sheet.points, {stroke.value: texts[stroke.value]}
+                size, text = 0.8 * self.page.points, {stroke.value: texts[stroke.value]}
                 for label in made.clabel(fontsize=size, fmt=text, inline=True, inline_spacing=2):
                     label.set_zorder(TEXTS)
         self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5))
@@ -105,11 +105,11 @@ class Panel:
         self._draw_notes()
         title = scene.title if scene.title is not None else ""
         if title:
-            self._text(0, self.edges()[1, 1] + 0.6 * self.unit, title, fontsize=1.2 * self.sheet.points, va="bottom")
+            self._text(0, self.edges()[1, 1] + 0.6 * self.unit, title, fontsize=1.2 * self.page.points, va="bottom")
 
     def common_bar(self, legend: Legend, span: Floats) -> None:
         """A bar along all panels, whose corners (2, 2) are told, beside what stands around them."""
-        every = np.concatenate([panel.edges() + panel.corner for panel in self.sheet.panels])
+        every = np.concatenate([panel.edges() + panel.corner for panel in self.page.panels])
         box = np.array([every.min(axis=0), every.max(axis=0)])
         Bar(self, legend, box - self.corner, span - self.corner).draw()
 
@@ -131,7 +131,7 @@ class Panel:
             self._line(np.array([place, place + 0.35 * self.unit * ruler.away]))
             x, y = place + 0.6 * self.unit * ruler.away
             box = self._text(x + 0.5, self.height - 0.5 - y, text, **align)
-            size = box.get_window_extent(self.sheet.measure())
+            size = box.get_window_extent(self.page.measure())
             extent = max(extent, abs(ruler.away) @ [size.width, size.height])
         x, y = ruler.line.mean(axis=0) + (1.1 * self.unit + extent) * ruler.away
         self._text(x + 0.5, self.height - 0.5 - y, ruler.name, style="italic", **align)
@@ -146,7 +146,7 @@ class Panel:
                 continue
             color, ends = tuple(part / 255 for part in AXES[axis]), (middle, middle + along)
             shown = [tuple(end / [self.width, self.height]) for end in ends]
-            how = {"arrowstyle": "-|>", "color": color, "lw": 1.5 * self.sheet.thin, "shrinkA": 0, "shrinkB": 0}
+            how = {"arrowstyle": "-|>", "color": color, "lw": 1.5 * self.page.thin, "shrinkA": 0, "shrinkB": 0}
             places = {"xycoords": "axes fraction", "textcoords": "axes fraction"}
             self.axes.annotate("", shown[1], shown[0], arrowprops=how, zorder=BOX, **places)
             x, y = middle + 1.35 * along
@@ -161,17 +161,17 @@ class Panel:
         y, right = self.edges()[0, 1] - 0.9 * self.unit, self.width
         ends = np.array([[right - length, y], [right, y]])
         line = np.array([[x - 0.5, self.height - 0.5 - y] for x, y in ends])
-        self._line(line, lw=3 * self.sheet.thin, solid_capstyle="butt")
+        self._line(line, lw=3 * self.page.thin, solid_capstyle="butt")
         self._text(right - 0.5 * length, y - 0.5 * self.unit, text, ha="center", va="top")
 
     def _draw_notes(self) -> None:
         """Sentences that tell what nothing else tells, below the picture."""
-        most = max(20, int(self.width / (self.sheet.points * self.sheet.scene.dpi / 72 * 0.55)))
+        most = max(20, int(self.width / (self.page.points * self.page.scene.dpi / 72 * 0.55)))
         labelled = any(stroke.labels for stroke in (self.frame.drawing.strokes if self.frame.drawing else ()))
         lines = [line for text in sentences(self.frame, contours=not labelled) for line in wrap(text, most)]
         if lines:
             y = self.edges()[0, 1] - 0.6 * self.unit
-            self._text(0, y, "\n".join(lines), va="top", fontsize=0.9 * self.sheet.points)
+            self._text(0, y, "\n".join(lines), va="top", fontsize=0.9 * self.page.points)
 
 
 class Bar:
@@ -188,14 +188,14 @@ class Bar:
         """The bar with ticks, title and the contours across it."""
         if self.own.position == "none":
             return
-        panel, sheet = self.panel, self.panel.sheet
+        panel, page = self.panel, self.panel.page
         upright = self.own.position in ("right", "left")
         norm, cmap = spread(self.palette, self.own)
         from matplotlib.cm import ScalarMappable
 
         axes = panel.axes.inset_axes(self._place() / np.tile([panel.width, panel.height], 2))
         marked = self._ticks(max(3, int(self._length() // ((4 if upright else 6) * panel.unit))))
-        bar: Any = sheet.figure.colorbar(
+        bar: Any = page.figure.colorbar(
             ScalarMappable(norm, cmap),
             cax=axes,
             orientation="vertical" if upright else "horizontal",
@@ -206,14 +206,14 @@ class Bar:
             bar.set_ticks(marked[0], labels=marked[1])
         bar.minorticks_off()
         bar.solids.set(edgecolor="face", rasterized=False)
-        bar.outline.set(color=sheet.text_color, linewidth=sheet.thin)
+        bar.outline.set(color=page.text_color, linewidth=page.thin)
         axes.tick_params(
-            colors=sheet.text_color, labelsize=sheet.points, width=sheet.thin, length=sheet.to_points(0.35 * panel.unit)
+            colors=page.text_color, labelsize=page.points, width=page.thin, length=page.to_points(0.35 * panel.unit)
         )
         rule = axes.axhline if upright else axes.axvline
         for value, color in self.legend.marks:
             if self.palette.low <= value <= self.palette.high:
-                rule(value, color=color, lw=sheet.thin)
+                rule(value, color=color, lw=page.thin)
         self._title(axes, upright)
 
     def _length(self) -> float:
@@ -250,10 +250,10 @@ class Bar:
     def _title(self, axes: Any, upright: bool) -> None:
         title = self.own.title if self.own.title is not None else self.legend.title
         title = f"{title} [{self.own.unit}]" if self.own.unit else title
-        sheet = self.panel.sheet
-        how = {"color": sheet.text_color, "fontsize": sheet.points}
+        page = self.panel.page
+        how = {"color": page.text_color, "fontsize": page.points}
         if upright:
-            axes.set_title(title, loc="left", pad=sheet.to_points(0.5 * self.panel.unit), **how)
+            axes.set_title(title, loc="left", pad=page.to_points(0.5 * self.panel.unit), **how)
         else:
             axes.set_xlabel(title, **how)
 

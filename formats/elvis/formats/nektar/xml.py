@@ -337,7 +337,7 @@ class Writer:
         self._stream.write(f"</{tag}>\n".encode())
 
     def lines(self, lines: Iterable[str]) -> None:
-        """Ready-made lines at this level."""
+        """Lines, complete, at this level."""
         indent = self._indent
         self._stream.write("".join(f"{indent}{line}\n" for line in lines).encode())
 

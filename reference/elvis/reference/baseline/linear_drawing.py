@@ -18,7 +18,7 @@ from elvis.reference.baseline.probing import Probe
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.clipping import clipped
-from elvis.reference.composing import Fragments, Layer, colored, is_lit, record
+from elvis.reference.composing import Fragments, SurfaceHits, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities
@@ -125,14 +125,14 @@ class Baseline:
 
     def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
         """The picture of a scene whose camera and size are those of ``view``; ``ends`` of the colour range."""
-        start, layers = perf_counter(), []
+        start, surfaces = perf_counter(), []
         for shown in scene.every_object:
             if not isinstance(shown, VolumeRendering):
                 tracer = self._tracer(shown, scene.field)
                 self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
-                layers += layers_of(tracer, shown, scene, view, ends)
-        depths = [own.hits.depth for own in layers]
-        picture = record(layers, scene, view, ends, self._volume_fragments(scene, view, depths, ends))
+                surfaces += surfaces_of(tracer, shown, scene, view, ends)
+        depths = [own.hits.depth for own in surfaces]
+        picture = record(surfaces, scene, view, ends, self._volume_fragments(scene, view, depths, ends))
         self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
         return picture
 
@@ -169,21 +169,21 @@ def _levels(surface: Surface, points: Floats) -> Floats:
     return np.where(np.abs(found) < 1e-14 * np.abs(points).max(initial=0.0), 0.0, found)
 
 
-def layers_of(
+def surfaces_of(
     tracer: Tracer | Probe, shown: SceneObject, scene: Scene, view: View, ends: tuple[float, float]
-) -> list[Layer]:
+) -> list[SurfaceHits]:
     """The surfaces of an object that rays meet: the first one, and what is behind where it is transparent."""
     style: Style = shown.style  # type: ignore[union-attr]
-    beyond, layers = None, []
+    beyond, surfaces = None, []
     for _ in range(1 if style.opacity == 1.0 else _DEEPEST):
         hits = _kept(tracer, view, beyond, scene)
         if not hits.seen.any():
             break
         quantity = style.quantity or scene.field
         drawn = lines(hits, style, quantity, view, ends)
-        layers.append(Layer(hits, style, quantity, is_lit(style, not isinstance(shown, CutSurface)), drawn))
+        surfaces.append(SurfaceHits(hits, style, quantity, is_lit(style, not isinstance(shown, CutSurface)), drawn))
         beyond = hits.depth
-    return layers
+    return surfaces
 
 
 def _kept(tracer: Tracer | Probe, view: View, beyond: Floats | None, scene: Scene) -> Hits:

@@ -11,7 +11,7 @@ from elvis.reference.hits import Hits, turned
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
-#: hits nearer to the last layer than this part of the mesh's size are the same surface, met again
+#: hits nearer to the last surface than this part of the mesh's size are the same surface, met again
 _APART = 1e-5
 
 
@@ -38,7 +38,7 @@ class Tracer:
         if not len(self.mesh) or not len(asked):
             return hits
 
-        # rays start where the last layer was, or before the mesh where they come from far away
+        # rays start where the last surface was, or before the mesh where they come from far away
         lead = (self._middle - origins) @ view.camera.basis()[2] - self.mesh.size
         start = np.maximum(np.maximum(near + (_APART * self.mesh.size if beyond is not None else 0), lead), 0)
         shifted = origins + start[:, None] * directions

@@ -19,7 +19,7 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.plugins.exporting import exporter
-from elvis.reference.baseline.linear_drawing import layers_of
+from elvis.reference.baseline.linear_drawing import surfaces_of
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.composing import record
@@ -60,10 +60,10 @@ class VtkBaseline:
 
     def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
         """The picture of a scene; ElvisError for objects that aren't drawn this way."""
-        start, layers = perf_counter(), []
+        start, surfaces = perf_counter(), []
         for shown in scene.every_object:
-            layers += layers_of(Tracer(self.triangles(shown, scene.field)), shown, scene, view, ends)
-        picture = record(layers, scene, view, ends)
+            surfaces += surfaces_of(Tracer(self.triangles(shown, scene.field)), shown, scene, view, ends)
+        picture = record(surfaces, scene, view, ends)
         self.seconds["draw"] = perf_counter() - start
         return picture
 

@@ -127,7 +127,7 @@ class Crossings:
             result[here] = quantities.values(name, patch, self.row[here], own)
         return result
 
-    def layers(self, view: View, quantities: Quantities, names: Sequence[str], most: int) -> Iterator[Hits]:
+    def in_order(self, view: View, quantities: Quantities, names: Sequence[str], most: int) -> Iterator[Hits]:
         """What rays meet first, second, and so on, ``most`` times at most."""
         seen = self.part(self.status != Status.FAILED)
         rank = np.arange(len(seen)) - np.searchsorted(seen.pixel, seen.pixel)

@@ -17,7 +17,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch
 from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped, unsure
-from elvis.reference.composing import Fragments, Layer, colored, is_lit, record
+from elvis.reference.composing import Fragments, SurfaceHits, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.locating import Locator
 from elvis.reference.pixel_lines import contour_values, lines, next_to_unseen
@@ -182,14 +182,14 @@ class Scenery:
         stacks = [(shown, self._hits(found, _style(shown), scene, view)) for shown, found in drawn]
         ranges = self._ranges(stacks, scene)
         lines, line_status = self._contours(stacks, scene, view, ranges)
-        layers = [
-            layer
+        seen = [
+            surface
             for (shown, hits), own in zip(stacks, lines, strict=True)
-            for layer in self._layers(shown, hits, scene, view, ranges, own)
+            for surface in self._surfaces(shown, hits, scene, view, ranges, own)
         ]
-        fragments = self._volume_fragments(scene, view, [layer.hits.depth for layer in layers], ranges)
+        fragments = self._volume_fragments(scene, view, [surface.hits.depth for surface in seen], ranges)
         ends = ranges.get(scene.field) or _ends(scene)
-        made = record(layers, scene, view, ends, fragments)
+        made = record(seen, scene, view, ends, fragments)
         status = made.status.astype(np.uint8)
         status[doubt.reshape(status.shape) & (made.element < 0)] = Status.AMBIGUOUS
         for part in fragments:
@@ -227,7 +227,7 @@ class Scenery:
         own = style.quantity or scene.field
         names = {own, (style.contours.quantity if style.contours else None) or own}
         most = 1 if style.opacity == 1.0 else min(_DEEPEST, int(np.ceil(np.log(_FAINT) / np.log(1 - style.opacity))))
-        return list(found.layers(view, self.quantities, sorted(names), most))
+        return list(found.in_order(view, self.quantities, sorted(names), most))
 
     def _ranges(self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene) -> Ranges:
         """Ends of the colour range of each quantity: two values of the scene for its field, else what is seen."""
@@ -266,7 +266,7 @@ class Scenery:
         drawn = any(_style(shown).contours for shown, _ in stacks)
         return found, status.reshape(view.height, view.width) if drawn else None
 
-    def _layers(
+    def _surfaces(
         self,
         shown: SceneObject,
         stack: list[Hits],
@@ -274,14 +274,17 @@ class Scenery:
         view: View,
         ranges: Ranges,
         contours: Floats | None,
-    ) -> list[Layer]:
+    ) -> list[SurfaceHits]:
         """The hits of an object with all that colours them."""
         style = _style(shown)
         quantity = style.quantity or scene.field
         lit = is_lit(style, not isinstance(shown, CutSurface))
         style = replace(style, range=style.range or ranges.get(quantity))
         ends = ranges.get(quantity, (0.0, 1.0))
-        return [Layer(hits, style, quantity, lit, lines(hits, style, quantity, view, ends, contours)) for hits in stack]
+        return [
+            SurfaceHits(hits, style, quantity, lit, lines(hits, style, quantity, view, ends, contours))
+            for hits in stack
+        ]
 
 
 def _ends(scene: Scene) -> tuple[float, float]:

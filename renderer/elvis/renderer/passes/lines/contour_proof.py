@@ -71,7 +71,7 @@ class _Derivatives:
 
 @dataclass(frozen=True, eq=False)
 class _Items:
-    """Squares of pixels (n,), each with an element (running number) and reference coordinates near its centre.
+    """Squares of pixels (n,), each with an element (index) and reference coordinates near its centre.
 
     start  (n, 3), NaN where none are known
     """
@@ -207,7 +207,7 @@ class ContourProof:
         return self._centers[number]
 
     def sampled(self, number: int, elements: Ints, places: Floats) -> Samples:
-        """What elements (n,) of a part, by running number, have at reference points (n, 3)."""
+        """What elements (n,) of a part, by index, have at reference points (n, 3)."""
         center = self.center(number)
         return sample_elements(
             self._loaded, number, elements - self._loaded.first[number], places - center, self._quantity

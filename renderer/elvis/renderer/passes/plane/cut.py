@@ -69,7 +69,7 @@ class Cutter:
         with self.clock.stage("read"):
             owner = self.device.read(held["owner"], np.uint32)
             pixels = Pixels(owner, (owner != NOBODY).view(np.uint8))  # Status.MISS is 0, Status.CERTAIN 1
-        with self.clock.stage("settle"):
+        with self.clock.stage("resolve"):
             resolve(pixels, [some[some["status"] != UNKNOWN] for some in candidates])
             left = [some[some["status"] == UNKNOWN] for some in candidates]
             resolve(pixels, [proved(self.parts, view, some) for some in left if len(some)])
@@ -77,7 +77,7 @@ class Cutter:
             self.gaps.close(view, pixels, sections)
         if self.far:
             _doubt_cracks(pixels, view)
-        with self.clock.stage("grant"):
+        with self.clock.stage("commit"):
             self._commit(pixels.committed, image)
         uncertain = slanted(view, self.extent)
         if uncertain is not None:

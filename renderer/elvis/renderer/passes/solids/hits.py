@@ -29,7 +29,7 @@ class Hits:
     pixel   (n,)    row by row from the top
     depth   (n,)    as in HitBuffer, greater than 0
     normal  (n, 3)  unit normals, towards either side
-    uncertainty  (n,) the true depths are within this; None: the surface is given in closed form
+    uncertainty  (n,) the true depths are within this; None: the surface is given analytically
     doubt   (m,)    for each pixel of the view the depth from which on something may have been overlooked, infinite
                     where nothing was; None: nowhere
     """
