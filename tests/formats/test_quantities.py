@@ -243,14 +243,13 @@ def test_a_field_comes_before_all_else_that_has_its_name():
 @pytest.mark.parametrize("name", [*FUNCTIONS, *OPERATORS])
 def test_derivatives_of_functions_are_their_differences(name):
     """By complex steps where the function takes them, else by central differences, away from kinks."""
-    function = {**FUNCTIONS, **OPERATORS}[name]
-    a, b = np.random.default_rng(2).uniform(0.2, 0.8, (2, 40))
-    operands = (a, b)[: function.arity]
-    text = f"u{name}v" if name in "+-*/^" else f"{name}({', '.join('uv'[: function.arity])})"
+    function, letters = {**FUNCTIONS, **OPERATORS}[name], "ghklmn"
+    operands = np.random.default_rng(2).uniform(0.2, 0.8, (6, 40))[: function.arity]
+    text = f"g{name}h" if name in "+-*/^" else f"{name}({', '.join(letters[: function.arity])})"
     if name == "step":
         return
-    root = Expression.parse(text, NAMES).root
-    given = dict(zip("uv", operands, strict=False))
+    root = Expression.parse(text, Names(tuple(letters))).root
+    given = dict(zip(letters, operands, strict=False))
     for number, leaf in enumerate(sorted(leaves(root), key=lambda leaf: leaf.name)):
         step = 1e-6
         shifted = [[x + sign * step * (k == number) for k, x in enumerate(operands)] for sign in (1, -1)]
@@ -388,7 +387,7 @@ def test_ranges_without_bounds_are_infinite_and_those_without_values_are_none():
 @pytest.mark.parametrize("name", [*FUNCTIONS, *OPERATORS])
 def test_intervals_hold_what_functions_do_in_them(name):
     function, rng = {**FUNCTIONS, **OPERATORS}[name], np.random.default_rng(6)
-    ends = np.sort(rng.normal(size=(2, 500, 2)) * rng.choice([0.3, 1, 4], (1, 500, 1)), axis=2)
+    ends = np.sort(rng.normal(size=(6, 500, 2)) * rng.choice([0.3, 1, 4], (1, 500, 1)), axis=2)
     intervals = [(a[:, 0], a[:, 1]) for a in ends][: function.arity]
     powers = (-2.0, -1.0, 0.5, 2.0, 3.0, 2.7) if name in ("^", "pow") else (None,)
     for power in powers:

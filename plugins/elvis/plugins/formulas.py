@@ -9,9 +9,12 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.margins import facets
 from elvis.core.quantities.attributes import is_constant, target_of
 from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.sides import SIDES
 from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
+from elvis.core.shapes import Shape
 
 _FUNCTIONS: Mapping[str, str] = {
     "step": "before",
@@ -34,6 +37,8 @@ _FUNCTIONS: Mapping[str, str] = {
     "sign": "sign_of",
     "min": "least",
     "max": "greatest",
+    "imaginary_root": "imaginary_root",
+    "middle_eigenvalue": "middle_eigenvalue",
 }
 
 #: parts of an expression that a kernel evaluates
@@ -42,7 +47,7 @@ _MOST = 1000
 _SOURCE = """import formula; import elementary;
 struct Given : IFormula
 {{
-    static double at<V : IVolume>(uint element, double3 r)
+    static double at<V : IVolume>(uint element, double3 r, double3 about)
     {{
         {value}
     }}
@@ -60,12 +65,14 @@ class Formula:
 
     fields  names of the fields that one element after the other holds in V: number m of M is that of V(e M + m)
     ideal   (3, 3) from the reference to the ideal element, for the quality
+    facets  (k, 4) of the reference shape, as coefficients of x, y, z and 1; none where the shape isn't known
     """
 
     expression: Expression
     fields: Sequence[str]
     ideal: Floats
     dimension: int
+    facets: Floats
 
     @property
     def constants(self) -> tuple[str, ...]:
@@ -121,6 +128,10 @@ class Formula:
             count = len(self.targets)
             yield f"Near nears[{count}];"
             yield f"[loop] for (uint k = 0u; k < {count}u; ++k) nears[k] = nearest(k, frame.position);"
+        if any(leaf.op == "attribute" and leaf.name in SIDES for leaf in used):
+            rows = ", ".join(f"double4({', '.join(f'{x!r}lf' for x in row)})" for row in self.facets.tolist())
+            yield f"static const double4 facets[{len(self.facets)}] = {{ {rows} }};"
+            yield f"double3 inward = side_gradient<{len(self.facets)}>(frame, facets, about);"
         valued = [leaf.name for leaf in used if leaf.op == "field" and not leaf.axes]
         derived = [leaf.name for leaf in used if leaf.op == "field" and len(leaf.axes) == 1]
         varied = [leaf.name for leaf in varying if leaf.op == "field"]
@@ -192,7 +203,22 @@ class Formula:
         if name == "quality":
             columns = (f"double3({', '.join(f'{x!r}lf' for x in column)})" for column in self.ideal.T.tolist())
             return f"quality(frame, {', '.join(columns)}, {self.dimension})"
+        if name in SIDES:
+            length = "sqrt(dot(inward, inward))"
+            return f"1.0lf / {length}" if name == "face_height" else f"-inward.{name[1]} / {length}"
         return "frame.determinant()" if name == "jacobian" else "scaled_jacobian(frame)"
+
+
+def facets_of(shape: Shape | None, unit: bool = False) -> Floats:
+    """(k, 4) the facets of a shape as `Formula` takes them; ``unit`` where its coordinates are from 0 to 1."""
+    if shape is None:
+        return np.zeros((0, 4))
+    normals, offsets = facets(shape)
+    if unit:
+        normals, offsets = 2 * normals, offsets - normals.sum(axis=1)
+    found = np.zeros((len(normals), 4))
+    found[:, : shape.dimension], found[:, 3] = normals, offsets
+    return found
 
 
 def _numbers(*roots: Node) -> dict[Node, int]:

@@ -20,6 +20,7 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import from_ideal, target_of
 from elvis.core.quantities.functions import function
+from elvis.core.quantities.sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.tree import Node, folded
 from elvis.core.shapes import Shape
 from elvis.plugins.volume import Part, Volume
@@ -137,6 +138,8 @@ def evaluate_expression(
         if target is not None:
             return nearest(_surface(target), positions()).distance
         if node.op == "attribute":
+            if node.name in SIDES:
+                return of_side(node.name, side_gradients(hosts[first].shape, points, duals(jacobians())))
             return _attribute(node.name, hosts[first], rows, jacobians)
         if len(node.axes) > 1:
             raise ElvisError(f"there is no second derivative of {node.name}, which a plugin describes in NumPy")

@@ -14,8 +14,9 @@ from elvis.core.distances import surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.attributes import from_ideal, target_of
+from elvis.core.quantities.sides import SIDES
 from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula
+from elvis.plugins.formulas import Formula, facets_of
 from elvis.plugins.host_evaluation import (
     POINTWISE,
     HostEvaluation,
@@ -143,7 +144,7 @@ def _quantity(fields: Fields, expression: Expression) -> Quantity:
     if expression.is_field:
         buffers = {} if part is fields.part else part.buffers
         return Quantity(part.type, part.source, buffers, part.degree, part.bounds, rounding=part.rounding)
-    known = (*POINTWISE, *(("shape", "quality") if shape else ()))
+    known = (*POINTWISE, *(("shape", "quality", *SIDES) if shape else ()))
     for name in expression.attributes:
         if name not in known and target_of(name) is None:
             raise ElvisError(f"there is no {name} of elements that a runtime plugin draws")
@@ -153,7 +154,7 @@ def _quantity(fields: Fields, expression: Expression) -> Quantity:
     ideal = np.eye(3)
     if shape:
         ideal[: shape.dimension, : shape.dimension] = from_ideal(shape)
-    formula = Formula(expression, names, ideal, fields.dimension)
+    formula = Formula(expression, names, ideal, fields.dimension, facets_of(shape, part.unit))
     constants = [fields.part.element_ids if name == "element" else number_of(shape) for name in formula.constants]
     table = np.stack([np.broadcast_to(one, len(part)) for one in constants] or [np.zeros(1)], axis=1)
     surfaces = buffers_of([surface_of(None, target) for target in formula.targets]) if formula.targets else {}

@@ -8,6 +8,8 @@ jacobian         determinant of the map's derivative in xi; length or area where
 scaled_jacobian  the same in parts of the product of the lengths of the derivative's columns: -1 to 1
 quality          mean ratio of the map from the ideal element, with equal edges: 1 where the map keeps its form, 0 where
                  it is degenerate or inverted (Knupp 2001, Algebraic mesh quality metrics: shape)
+nx, ny, nz       outward unit normal on the element's sides, and
+face_height      how high the element is above them; NaN elsewhere (see `sides`)
 jump(f)          greatest jump of the field f across the element's faces (see `jumps`)
 distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
 """
@@ -15,7 +17,7 @@ distance(b)      distance to a boundary or to a file's triangles (see `elvis.cor
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -23,9 +25,10 @@ from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Block, Dataset
 from elvis.core.distances import Surface, nearest, surface_of
 from elvis.core.geometry import GeometryBlock, geometry
-from elvis.core.mapping import pointwise
+from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.quantities.jumps import jumps
+from elvis.core.quantities.sides import SIDES, of_side, side_gradients
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import validity
 
@@ -121,6 +124,11 @@ class Attributes:
         return every, highest
 
 
+def _on_side(name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
+    duals = tangents.duals(pointwise.jacobians(patch, rows, points))
+    return of_side(name, side_gradients(patch.shape, points, duals))
+
+
 def _scaled(patch: Patch, rows: Ints, points: Floats) -> Floats:
     jacobians = pointwise.jacobians(patch, rows, points)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -144,4 +152,5 @@ _POINTWISE: Mapping[str, Callable[[Patch, Ints, Floats], Floats]] = {
     "jacobian": pointwise.determinants,
     "scaled_jacobian": _scaled,
     "quality": _quality,
+    **{name: partial(_on_side, name) for name in SIDES},
 }

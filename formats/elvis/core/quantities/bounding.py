@@ -19,8 +19,10 @@ from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.sides import SIDES, places_on_sides
 from elvis.core.quantities.tree import Node, negative
 from elvis.core.ranges import Range, field_range, finite_rows
+from elvis.core.shapes import Shape
 
 _ROUNDS = 6
 #: part of what is known of the range, within which an end is decided
@@ -57,9 +59,15 @@ class _Search:
         self.least, self.greatest = np.inf, -np.inf
         self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._batches(patch)]
         for patch, rows in self.whole:
-            middle = patch.shape.vertices.mean(axis=0, keepdims=True)
-            for place in np.concatenate([middle, middle + 0.999 * (patch.shape.vertices - middle)]):
+            for place in self._places(patch.shape):
                 self._attain(patch, rows, np.tile(place, (len(rows), 1)))
+
+    def _places(self, shape: Shape) -> Floats:
+        """(k, d) reference points where values are tried first."""
+        if set(SIDES) & set(self.expression.attributes):
+            return places_on_sides(shape)
+        middle = shape.vertices.mean(axis=0, keepdims=True)
+        return np.concatenate([middle, middle + 0.999 * (shape.vertices - middle)])
 
     def _batches(self, patch: Patch) -> Iterator[Ints]:
         """Rows of elements with all fields, numbers in all, a batch at a time."""

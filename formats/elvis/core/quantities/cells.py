@@ -24,6 +24,12 @@ from elvis.core.shapes import Shape
 
 #: nets (c, D1, …, Dd) by what they are of: a coordinate or a field, then the direction of its derivative
 Nets = dict[tuple[object, ...], Floats]
+#: what is known of attributes on all elements
+_KNOWN: dict[str, Interval] = {
+    "quality": (0.0, 1.0),
+    "face_height": (0.0, np.inf),
+    **dict.fromkeys(("scaled_jacobian", "nx", "ny", "nz"), (-1.0, 1.0)),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +109,7 @@ class Cells:
         target = target_of(name)
         if target is not None:
             return self._distance(self.attributes.surface(target))
-        return {"quality": (0.0, 1.0), "scaled_jacobian": (-1.0, 1.0)}.get(name, i.ENTIRE)
+        return _KNOWN.get(name, i.ENTIRE)
 
     def _distance(self, surface: Surface) -> Interval:
         """What is known of distances: they grow no faster than the way that one goes from a box's middle."""

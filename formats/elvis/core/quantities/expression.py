@@ -56,15 +56,16 @@ class Expression:
         """The degree of the polynomial that it is, from those of its leaves; None where it is none, as far as known."""
 
         def inner(node: Node, degrees: list[int | None]) -> int | None:
-            first, second = degrees[0], degrees[-1]
-            if first is None or second is None:
+            known = [degree for degree in degrees if degree is not None]
+            if len(known) < len(degrees):
                 return None
+            first, second = known[0], known[-1]
             if node.op in "+-*":
                 return first + second if node.op == "*" else max(first, second)
             power = node.operands[-1]
             if node.op == "^" and power.op == "number" and power.value.is_integer() and 0 <= power.value <= 64:
                 return first * int(power.value)
-            return first if node.op == "/" and power.op == "number" else 0 if first == second == 0 else None
+            return first if node.op == "/" and power.op == "number" else 0 if max(known) == 0 else None
 
         return folded(self.root, lambda node: 0 if node.op == "number" else leaf(node), inner)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from elvis.core.arrays import Floats
 from elvis.core.quantities import intervals as i
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import ONE, ZERO, Node, call, negative, number
@@ -20,7 +21,7 @@ Partial = Callable[..., Node]
 
 @dataclass(frozen=True)
 class Function:
-    """A function of one or two operands.
+    """A function of some operands.
 
     numpy     of arrays
     interval  that holds all values which the function has on intervals
@@ -52,6 +53,56 @@ def logarithm(a: Any) -> Any:
     return np.where(np.greater(a, 0), np.log(np.where(np.greater(a, 0), a, 1.0)), np.nan)
 
 
+def imaginary_root(a: Any, b: Any) -> Any:
+    """The imaginary part of the complex roots of t^3 + a t + b, not negative; 0 where all roots are real.
+
+    By Cardano's formula the real root is r = u - a / (3 u) with u^3 = |b| / 2 + sqrt(b^2 / 4 + a^3 / 27), but for its
+    sign.  The square of what is sought, a + 3/4 r^2, has an error of some units in the last place of |a| + |b|^(2/3):
+    so near zero half the digits of the root are right, as with any method, since there double roots fall apart.
+    """
+    half, third = np.abs(b) / 2, np.divide(a, 3)
+    discriminant = half * half + third * third * third
+    is_complex = discriminant > 0
+    u = np.cbrt(half + np.sqrt(np.where(is_complex, discriminant, 1.0)))
+    r = u - third / u
+    root = np.sqrt(np.maximum(a + 0.75 * r * r, 0.0))
+    return np.where(is_complex, root, np.where(np.isnan(discriminant), np.nan, 0.0))
+
+
+def middle_eigenvalue(xx: Any, yy: Any, zz: Any, xy: Any, xz: Any, yz: Any) -> Any:
+    """The second of the three eigenvalues of a symmetric matrix, to some units in the last place of its norm.
+
+    With B the matrix less its mean eigenvalue m, C = B^2 less its own: m - 2 sqrt(|B|^2 / 6) sin(angle / 3), where
+    tan(angle) = 3 det B / |B x C| (Smith 1961, Eigenvalues of a symmetric 3 x 3 matrix).  The discriminant is taken as
+    the sum of squares 3 |B|^2 |C|^2 - 3 (B . C)^2 = 3 |B x C|^2: without cancellation, so that nothing is lost near
+    equal eigenvalues (Harari and Albocher 2022, Computation of eigenvalues of a real, symmetric 3 x 3 matrix with
+    particular reference to the pernicious case of two nearly equal eigenvalues).
+    """
+    mean = (xx + yy + zz) / 3
+    entries = np.stack(np.broadcast_arrays(xx - mean, yy - mean, zz - mean, xy, xz, yz)).astype(np.float64)
+    scale = np.abs(entries).max(axis=0)
+    a, b, c, d, e, f = entries / np.where(scale == 0, 1.0, scale)
+    squares = a * a + b * b + c * c + 2 * (d * d + e * e + f * f)
+    third = squares / 3
+    diagonal = np.stack([a * a + d * d + e * e - third, b * b + d * d + f * f - third, c * c + e * e + f * f - third])
+    mixed = np.stack([e * f - c * d, d * f - b * e, d * e - a * f])
+    own, off = np.stack([a, b, c]), np.stack([d, e, f])
+
+    # pairs of entries on the diagonal, beyond it, and of one on it with one beyond it, which count twice beyond it
+    area = _area(own, diagonal) + 4 * _area(off, mixed)
+    for k in range(3):
+        area = area + 2 * ((own * mixed[k] - off[k] * diagonal) ** 2).sum(axis=0)
+    determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
+    angle = np.arctan2(3 * determinant, np.sqrt(area))
+    return mean - 2 * scale * np.sqrt(squares / 6) * np.sin(angle / 3)
+
+
+def _area(a: Floats, b: Floats) -> Any:
+    """The square of the length of the cross product of (3, ...) vectors."""
+    turned = [a[i] * b[j] - a[j] * b[i] for i, j in ((0, 1), (1, 2), (2, 0))]
+    return sum(part * part for part in turned)
+
+
 def _step(a: Node, b: Node) -> Node:
     return call("step", a, b)
 
@@ -76,6 +127,52 @@ def _bell(a: Node) -> Node:
 
 def _length(a: Node, b: Node) -> Node:
     return call("+", _square(a), _square(b))
+
+
+def _root_by_a(a: Node, b: Node) -> Node:
+    """(2 s^2 - a) / (2 s (4 s^2 - 3 a)) of the imaginary part s, from the equation that the real root fulfils."""
+    s = call("imaginary_root", a, b)
+    return call("/", call("-", _times(2.0, _square(s)), a), call("*", _times(2.0, s), _steepness(a, s)))
+
+
+def _root_by_b(a: Node, b: Node) -> Node:
+    """-3 r / (4 s (4 s^2 - 3 a)) with the real root r, of the sign that b hasn't: r^2 = 4/3 (s^2 - a)."""
+    s = call("imaginary_root", a, b)
+    real = call("sqrt", call("max", _times(0.75, call("-", _square(s), a)), ZERO))  # 3/4 |r|
+    return call("/", call("*", call("sign", b), real), call("*", s, _steepness(a, s)))
+
+
+def _steepness(a: Node, s: Node) -> Node:
+    """3 r^2 + a, the derivative of the cubic at its real root."""
+    return call("-", _times(4.0, _square(s)), _times(3.0, a))
+
+
+def _times(factor: float, a: Node) -> Node:
+    return call("*", number(factor), a)
+
+
+def _in_matrix(place: int) -> Partial:
+    """The derivative of the middle eigenvalue in one entry: v v^T with its vector v, twice that beyond the diagonal.
+
+    v v^T is the adjugate of the matrix less the eigenvalue, divided by its trace, which is zero where eigenvalues meet.
+    """
+
+    def rule(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Node) -> Node:
+        own = call("middle_eigenvalue", xx, yy, zz, xy, xz, yz)
+        a, b, c = (call("-", entry, own) for entry in (xx, yy, zz))
+        adjugate = [
+            *(_minor(b, c, yz, yz), _minor(a, c, xz, xz), _minor(a, b, xy, xy)),
+            *(_minor(xz, yz, xy, c), _minor(xy, yz, xz, b), _minor(xy, xz, yz, a)),
+        ]
+        trace = call("+", call("+", adjugate[0], adjugate[1]), adjugate[2])
+        return call("/", _times(1.0 if place < 3 else 2.0, adjugate[place]), trace)
+
+    return rule
+
+
+def _minor(a: Node, b: Node, c: Node, d: Node) -> Node:
+    """a b - c d."""
+    return call("-", call("*", a, b), call("*", c, d))
 
 
 OPERATORS: Mapping[str, Function] = {
@@ -109,6 +206,10 @@ FUNCTIONS: Mapping[str, Function] = {
     ),
     "min": Function(np.minimum, i.least, (lambda a, b: _step(a, b), lambda a, b: call("-", ONE, _step(a, b)))),
     "max": Function(np.maximum, i.greatest, (lambda a, b: call("-", ONE, _step(a, b)), lambda a, b: _step(a, b))),
+    "imaginary_root": Function(imaginary_root, i.imaginary_root(imaginary_root), (_root_by_a, _root_by_b)),
+    "middle_eigenvalue": Function(
+        middle_eigenvalue, i.middle_eigenvalue(middle_eigenvalue), tuple(map(_in_matrix, range(6)))
+    ),
     "pow": Function(raised, i.power, OPERATORS["^"].partials),
 }
 

@@ -15,6 +15,8 @@ from elvis.core.arrays import Floats
 
 Interval = tuple[Any, Any]
 ENTIRE: Interval = (-np.inf, np.inf)
+#: of functions that are evaluated in many steps, in parts of the size of what they are made of
+_ROUNDING = 64 * np.finfo(np.float64).eps
 
 
 def number(value: float) -> Interval:
@@ -171,6 +173,48 @@ def angle(y: Interval, x: Interval) -> Interval:
     cut = (x[0] <= 0) & (y[0] <= 0) & (y[1] >= 0)
     low, high = (_among(choose, corners) for choose in (np.minimum, np.maximum))
     return _sound(np.where(cut, -np.pi, low), np.where(cut, np.pi, high), x, y)
+
+
+def imaginary_root(value: Callable[..., Any]) -> Callable[[Interval, Interval], Interval]:
+    """Of the cubics t^3 + a t + b, whose imaginary part grows with a and with |b|; ``value`` gives it for numbers.
+
+    Its square is off by rounding, which is more than rounding of the root where that is near zero.
+    """
+
+    def bounded(a: Interval, b: Interval) -> Interval:
+        ends = []
+        for first, second, sign in zip(a, absolute(b), (-1, 1), strict=True):
+            rounding = sign * _ROUNDING * (np.abs(first) + np.cbrt(second) ** 2)
+            ends.append(np.sqrt(np.maximum(value(first, second) ** 2 + rounding, 0.0)))
+        nothing = np.isnan(a[0]) | np.isnan(b[0])
+        low, high = (np.where(np.isnan(end), beyond, end) for end, beyond in zip(ends, (0.0, np.inf), strict=True))
+        return np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
+
+    return bounded
+
+
+def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Interval]:
+    """Of symmetric matrices: that of the middle one, give or take the norm of how far entries are from it.
+
+    Eigenvalues move no farther than the norm of what is added to a matrix (Weyl 1912), at most its greatest sum of a
+    row.  ``value`` gives the eigenvalue of numbers.
+    """
+
+    def bounded(*entries: Interval) -> Interval:
+        middles = [(low + high) / 2 for low, high in entries]
+        xx, yy, zz, xy, xz, yz = ((high - low) / 2 for low, high in entries)
+        away = _among(np.maximum, [xx + xy + xz, xy + yy + yz, xz + yz + zz])
+        size = sum(np.abs(middle) for middle in middles)
+        middle, away = value(*middles), away + _ROUNDING * size
+        low, high = middle - away, middle + away
+        nothing = _among(np.logical_or, [np.isnan(low) for low, _ in entries])
+        unknown = np.isnan(low) | np.isnan(high)
+        return (
+            np.where(nothing, np.nan, np.where(unknown, -np.inf, low)),
+            np.where(nothing, np.nan, np.where(unknown, np.inf, high)),
+        )
+
+    return bounded
 
 
 def _clipped(a: Interval, low: float, high: float) -> Interval:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import field as field_of
 from functools import cached_property
 
 from elvis.core.dataset import Dataset
@@ -14,14 +15,17 @@ from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
-from elvis.core.quantities import predefined
+from elvis.core.quantities.flows import PUBLIC, Flow
+from elvis.core.quantities.predefined import PARAMETERS
+from elvis.core.quantities.sides import SIDES
 from elvis.core.quantities.tree import AXES, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
 #: what is known of elements by themselves (see `attributes`), in every dataset
-ATTRIBUTES = ("element", "order", "shape", "quality", "jacobian", "scaled_jacobian", "jacobian_sign")
-#: of diatomic gases
-RATIO_OF_HEATS = 1.4
+ATTRIBUTES = (
+    *("element", "order", "shape", "quality", "jacobian", "scaled_jacobian", "jacobian_sign"),
+    *SIDES,
+)
 
 
 @dataclass(frozen=True)
@@ -31,14 +35,14 @@ class Names:
     fields      names, in the order of the file
     dimension   number of coordinates that fields depend on
     time        of the data; the name ``t`` stands for it where it is known
-    gamma       ratio of specific heats, for the predefined quantities of gases
+    parameters  of the flow, for predefined quantities (`predefined.PARAMETERS`)
     boundaries  names that distances may be measured to
     """
 
     fields: tuple[str, ...]
     dimension: int = 3
     time: float | None = None
-    gamma: float = RATIO_OF_HEATS
+    parameters: Mapping[str, float] = field_of(default_factory=dict)
     boundaries: tuple[str, ...] = ()
 
     @staticmethod
@@ -48,15 +52,16 @@ class Names:
         dimension = dataset.mesh.space + (len(waves[0].lengths) if waves else 0)
         sides = (ALL, *boundaries(dataset.mesh)) if dataset.mesh.dimension > 1 else ()
         fields = tuple(one.name for one in dataset.solution)
-        return Names(fields, dimension, dataset.time, _gamma(dataset.metadata), sides)
+        return Names(fields, dimension, dataset.time, _parameters(dataset.metadata), sides)
 
     @cached_property
-    def ready(self) -> Mapping[str, Callable[[], Node]]:
-        """The predefined quantities whose ingredients are there."""
-        return predefined.quantities(self.fields, self.dimension, self.gamma)
+    def flow(self) -> Flow:
+        """What predefined quantities are made of."""
+        known = {name: number(value) for name, value in self.parameters.items()}
+        return Flow(self.fields, self.dimension, known)
 
     def meaning(self, name: str) -> Node | None:
-        """What a name stands for, None where it says nothing."""
+        """What a name stands for, None where it says nothing; ElvisError where it lacks what it is made of."""
         if name in self.fields:
             return field(name)
         if name in AXES:
@@ -65,9 +70,13 @@ class Names:
             return number(self.time)
         if name in CONSTANTS:
             return number(CONSTANTS[name])
-        if name in self.ready:
-            return self.ready[name]()
+        if name in PUBLIC:
+            return self.flow.node(name, {})
         return attribute(name) if name in ATTRIBUTES else None
+
+    def quantity(self, name: str, given: Mapping[str, Node]) -> Node:
+        """A predefined quantity with some of its parameters; ElvisError where it isn't known, or takes others."""
+        return self.flow.node(name, given)
 
     def distance(self, target: str) -> Node:
         """The distance to a boundary or to a file's triangles; ElvisError where there are none."""
@@ -85,9 +94,7 @@ class Names:
         """A sentence about a name that says nothing."""
         if name == "t":
             return "the data don't tell the time t"
-        if name in predefined.INGREDIENTS:
-            return f"{name} needs {predefined.INGREDIENTS[name]}; {self.listed}"
-        known = [*self.fields, *self.ready, *ATTRIBUTES]
+        known = [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES]
         near = [one for one in known if one.lower() == name.lower()]
         near = near or difflib.get_close_matches(name, known, 1)
         meant = f" (perhaps {near[0]})" if near else ""
@@ -101,18 +108,29 @@ class Names:
             *AXES,
             *(("t",) if self.time is not None else ()),
             *CONSTANTS,
-            *self.ready,
+            *self.flow.available,
+            *(f"{name}(…)" for name in self.flow.waiting),
             *ATTRIBUTES,
         )
         return f"{known}; there are also {', '.join(others)}"
 
 
-def _gamma(metadata: Mapping[str, str]) -> float:
-    """The ratio of specific heats that a solver has noted, if it makes sense."""
-    for key, text in metadata.items():
-        if key.lower() == "gamma":
-            try:
-                return float(text) if 1 < float(text) < 10 else RATIO_OF_HEATS
-            except ValueError:
-                return RATIO_OF_HEATS
-    return RATIO_OF_HEATS
+def _parameters(metadata: Mapping[str, str]) -> dict[str, float]:
+    """The parameters that a solver has noted, as far as they make sense."""
+    noted = {key.lower(): text for key, text in metadata.items()}
+    found: dict[str, float] = {}
+    for name, parameter in PARAMETERS.items():
+        for key in parameter.keys:
+            value = _positive(noted.get(key))
+            if value is not None and (name != "gamma" or 1 < value < 10):
+                found.setdefault(name, value)
+    return found
+
+
+def _positive(text: str | None) -> float | None:
+    """A number of metadata, None where it is none that is finite and positive."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if 0 < value < math.inf else None

@@ -1,5 +1,7 @@
 """Quantities read from text, in the grammar of `elvis.core.grammar`.
 
+A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).
+
 In addition to those of `functions` there are d(f, x), the partial derivative, grad(f), the length of the gradient,
 laplacian(f), jump(u), the greatest jump of a field across an element's faces, and distance(b), the distance to a
 boundary, by name, number or as "all", or to the triangles of a file, whose name stands in quotes.
@@ -7,14 +9,14 @@ boundary, by name, number or as "all", or to the triangles of a file, whose name
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Mapping
+from functools import reduce
+from typing import Protocol, TypeVar
 
 from elvis.core.errors import ElvisError
 from elvis.core.grammar import Grammar
-from elvis.core.quantities import predefined
+from elvis.core.quantities.flows import PUBLIC
 from elvis.core.quantities.functions import FUNCTIONS
-from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import AXES, Node, attribute, call, negative, number, world_derivative
 
 #: functions that look into what they are given, and their numbers of operands
@@ -23,10 +25,28 @@ SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, "jump": 1, "distance": 1}
 T = TypeVar("T")
 
 
+class Scope(Protocol):
+    """What names stand for where an expression is read; see `elvis.core.quantities.names.Names`."""
+
+    @property
+    def fields(self) -> tuple[str, ...]: ...  # noqa: D102
+
+    @property
+    def dimension(self) -> int: ...  # noqa: D102
+
+    def meaning(self, name: str) -> Node | None: ...  # noqa: D102
+
+    def quantity(self, name: str, given: Mapping[str, Node]) -> Node: ...  # noqa: D102
+
+    def unknown(self, name: str) -> str: ...  # noqa: D102
+
+    def distance(self, target: str) -> Node: ...  # noqa: D102
+
+
 class Parser(Grammar[Node]):
     """Expressions of a dataset's names, as graphs."""
 
-    def __init__(self, text: str, names: Names) -> None:
+    def __init__(self, text: str, names: Scope) -> None:
         super().__init__(text)
         self._names = names
 
@@ -42,6 +62,9 @@ class Parser(Grammar[Node]):
     def _named(self, name: str, is_quoted: bool) -> Node:
         if not is_quoted and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
             return self._called(name)
+        if not is_quoted and name in PUBLIC and name not in self._names.fields and self._take("("):
+            first, given = self._next - 2, self._given()
+            return self._guarded(lambda: self._names.quantity(name, given), first)
         node = self._guarded(lambda: self._names.meaning(name))
         if node is None:
             raise self._mistaken(self._sentence(name))
@@ -69,8 +92,27 @@ class Parser(Grammar[Node]):
             if of.op != "field" or of.axes:
                 raise self._mistaken("expected a field in jump(…)", first)
             return attribute(f"jump({of.name})")
-        rule = predefined.gradient if name == "grad" else predefined.laplacian
+        rule = _gradient if name == "grad" else _laplacian
         return self._guarded(lambda: rule(of, self._names.dimension), first)
+
+    def _given(self) -> dict[str, Node]:
+        """``name=value`` with commas between, up to the closing parenthesis."""
+        found: dict[str, Node] = {}
+        while True:
+            kind, name, _ = self._token()
+            if kind != "name":
+                raise self._unexpected("the name of a parameter")
+            if name in found:
+                raise self._unexpected("each parameter once")
+            self._next += 1
+            if not self._take("="):
+                raise self._unexpected(f"= after {name}")
+            found[name] = self._sum()
+            if not self._take(","):
+                break
+        if not self._take(")"):
+            raise self._unexpected(", or ) after a parameter")
+        return found
 
     def _derivative(self) -> Node:
         """d(f, x) from its first operand on."""
@@ -102,3 +144,18 @@ class Parser(Grammar[Node]):
             return work()
         except ElvisError as error:
             raise self._mistaken(str(error), first) from error
+
+
+def _gradient(of: Node, dimension: int) -> Node:
+    """The length of the gradient."""
+    parts = [world_derivative(of, axis) for axis in range(dimension)]
+    return call("sqrt", _total([call("*", part, part) for part in parts]))
+
+
+def _laplacian(of: Node, dimension: int) -> Node:
+    """The divergence of the gradient."""
+    return _total([world_derivative(world_derivative(of, axis), axis) for axis in range(dimension)])
+
+
+def _total(terms: list[Node]) -> Node:
+    return reduce(lambda total, term: call("+", total, term), terms)

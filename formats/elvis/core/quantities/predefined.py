@@ -1,156 +1,216 @@
-"""Predefined quantities of flows, from fields with customary names.
+"""The predefined quantities of flows: one table, from which hints, ``elvis info --quantities`` and the docs are made.
 
-speed          |u|
-velocity_x, velocity_y, velocity_z    the components of u
-vorticity      rot u: its length, in two dimensions its one component; vorticity_x, vorticity_y, vorticity_z
-divergence     div u
-q_criterion    (|Omega|^2 - |S|^2) / 2 = -(1/2) sum_ij d_i u_j d_j u_i (Hunt, Wray and Moin 1988)
-helicity       u . rot u
-pressure       (gamma - 1) (E - |rho u|^2 / (2 rho)), where only the total energy is there
-mach           |u| / sqrt(gamma p / rho)
-schlieren      |grad rho|
+A formula is an expression as users write them.  In it u, v, w are the velocity, rho the density, p the pressure, T the
+temperature, whatever they are called or computed from in the data (`flows`); ux is d(u,x), and so on; what further
+names mean stands in STEPS, and of numbers that belong to the flow as a whole in PARAMETERS.  In a plane w is nought,
+and so are derivatives along z.  Where there are several formulas, the first that the data suffice for is taken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial, reduce
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from elvis.core.quantities.tree import Node, call, field, number, world_derivative
 
-Made = Callable[[], Node]
+@dataclass(frozen=True)
+class Parameter:
+    """A number that formulas need beyond the fields.
 
-_VELOCITIES = (
-    ("u", "v", "w"),
-    ("velocity_x", "velocity_y", "velocity_z"),
-    ("Velocity_x", "Velocity_y", "Velocity_z"),
-    ("VelocityX", "VelocityY", "VelocityZ"),
-    ("v_x", "v_y", "v_z"),
-    ("V_x", "V_y", "V_z"),
-    ("U_x", "U_y", "U_z"),
-    ("vx", "vy", "vz"),
-)
-_MOMENTA = (
-    ("rhou", "rhov", "rhow"),
-    ("rho_u", "rho_v", "rho_w"),
-    ("momentum_x", "momentum_y", "momentum_z"),
-    ("MomentumX", "MomentumY", "MomentumZ"),
-)
-_DENSITIES = ("rho", "density", "Density")
-_PRESSURES = ("p", "pressure", "Pressure")
-_ENERGIES = ("E", "rhoE", "energy", "Energy", "TotalEnergy", "EnergyStagnationDensity")
+    keys     of metadata that tell it, in small letters
+    default  its value where nothing tells it; None: it must be given
+    """
 
-#: what each quantity is made of, in words
-INGREDIENTS = {
-    **dict.fromkeys(
-        (
-            "speed",
-            "velocity_x",
-            "velocity_y",
-            "velocity_z",
-            "vorticity",
-            "vorticity_x",
-            "vorticity_y",
-            "vorticity_z",
-            "divergence",
-            "q_criterion",
-            "helicity",
-        ),
-        "a velocity (u, v, w or velocity_x, ... or rho with rhou, ...)",
-    ),
-    "pressure": "a field p, or rho, rhou, ... and E",
-    "mach": "a velocity, rho, and p or E",
-    "schlieren": "rho",
+    meaning: str
+    keys: tuple[str, ...]
+    default: float | None = None
+
+
+@dataclass(frozen=True)
+class Predefined:
+    """A quantity.
+
+    formulas    in the language of expressions
+    dimensions  of the flows that have it
+    """
+
+    name: str
+    meaning: str
+    formulas: tuple[str, ...]
+    source: str = ""
+    dimensions: tuple[int, ...] = (1, 2, 3)
+
+
+PARAMETERS: Mapping[str, Parameter] = {
+    "gamma": Parameter("ratio of specific heats", ("gamma",), 1.4),
+    "R": Parameter("specific gas constant", ("gasconstant", "gas_constant")),
+    "mu": Parameter("dynamic viscosity", ("mu", "dynamicviscosity", "dynamic_viscosity")),
+    "nu": Parameter("kinematic viscosity", ("nu", "kinvis", "kinematicviscosity", "kinematic_viscosity")),
+    "density": Parameter("density of an incompressible flow", (), 1.0),
+    "p_ref": Parameter("reference pressure", ("p_ref", "pinf", "p_inf")),
+    "rho_ref": Parameter("reference density", ("rho_ref", "rhoinf", "rho_inf")),
+    "u_ref": Parameter("reference speed", ("u_ref",)),
 }
 
+#: what several formulas are made of
+STEPS: Mapping[str, tuple[str, ...]] = {
+    "u": ("rhou/rho",),
+    "v": ("rhov/rho",),
+    "w": ("rhow/rho",),
+    "p": ("(gamma - 1)*(E - 0.5*(rhou*rhou + rhov*rhov + rhow*rhow)/rho)",),
+    "T": ("p/(rho*R)",),
+    **{f"{name}{axis}": (f"d({name},{axis})",) for name in "uvw" for axis in "xyz"},
+    "speed2": ("u*u + v*v + w*w",),
+    "gradient2": ("ux*ux + uy*vx + uz*wx + vx*uy + vy*vy + vz*wy + wx*uz + wy*vz + wz*wz",),
+    "third": ("divergence/3",),
+    "ex": ("ux - third",),
+    "ey": ("vy - third",),
+    "ez": ("wz - third",),
+    "mach2": ("speed2*rho/(gamma*p)",),
+    "heating": ("1 + 0.5*(gamma - 1)*mach2",),
+    "mass": ("rho", "density"),
+    "viscosity": ("mu", "nu*mass"),
+    "dynamic_pressure": ("0.5*reference_mass*u_ref^2",),
+    "reference_mass": ("rho_ref", "density"),
+    "traction_x": ("-2*viscosity*(strain_xx*nx + strain_xy*ny + strain_xz*nz)",),
+    "traction_y": ("-2*viscosity*(strain_xy*nx + strain_yy*ny + strain_yz*nz)",),
+    "traction_z": ("-2*viscosity*(strain_xz*nx + strain_yz*ny + strain_zz*nz)",),
+    "traction": ("traction_x*nx + traction_y*ny + traction_z*nz",),
+}
 
-def quantities(fields: Sequence[str], dimension: int, gamma: float) -> dict[str, Made]:
-    """By name, all that the fields suffice for."""
-    density, pressure = _one(fields, _DENSITIES), _one(fields, _PRESSURES)
-    momentum, energy = _components(fields, _MOMENTA, dimension), _one(fields, _ENERGIES)
-    velocity = _components(fields, _VELOCITIES, dimension)
-    if velocity is None and momentum and density:
-        velocity = [call("/", part, density) for part in momentum]
-    if pressure is None and energy and momentum and density:
-        pressure = _pressure(density, momentum, energy, gamma)
-
-    found: dict[str, Made] = _of_velocity(velocity) if velocity else {}
-    for axis, part in zip("xyz", velocity or (), strict=False):
-        found[f"velocity_{axis}"] = partial(_itself, part)
-    if pressure:
-        found["pressure"] = partial(_itself, pressure)
-    if velocity and pressure and density:
-        found["mach"] = partial(_mach, velocity, density, pressure, gamma)
-    if density:
-        found["schlieren"] = partial(gradient, density, dimension)
-    return {name: made for name, made in found.items() if name not in fields}
-
-
-def gradient(of: Node, dimension: int) -> Node:
-    """The length of the gradient."""
-    return _length([world_derivative(of, axis) for axis in range(dimension)])
-
-
-def laplacian(of: Node, dimension: int) -> Node:
-    """The divergence of the gradient."""
-    return _total([world_derivative(world_derivative(of, axis), axis) for axis in range(dimension)])
-
-
-def _of_velocity(velocity: Sequence[Node]) -> dict[str, Made]:
-    found: dict[str, Made] = {
-        "speed": partial(_length, velocity),
-        "divergence": lambda: _total([world_derivative(part, axis) for axis, part in enumerate(velocity)]),
-        "q_criterion": partial(_q_criterion, velocity),
-    }
-    if len(velocity) == 2:
-        found["vorticity"] = found["vorticity_z"] = partial(_turning, velocity, 2)
-    if len(velocity) == 3:
-        found |= {f"vorticity_{name}": partial(_turning, velocity, axis) for axis, name in enumerate("xyz")}
-        found["vorticity"] = lambda: _length([_turning(velocity, axis) for axis in range(3)])
-        found["helicity"] = lambda: _total([call("*", velocity[axis], _turning(velocity, axis)) for axis in range(3)])
-    return found
+#: (S^2 + Omega^2)_ij = (sum_k a_ik a_kj + a_jk a_ki) / 2 with a = grad u, S and Omega its symmetric and its other part
+_LAMBDA2 = (
+    "middle_eigenvalue(ux*ux + uy*vx + uz*wx, uy*vx + vy*vy + vz*wy, uz*wx + vz*wy + wz*wz, "
+    "0.5*(ux*uy + uy*vy + uz*wy + vx*ux + vy*vx + vz*wx), "
+    "0.5*(ux*uz + uy*vz + uz*wz + wx*ux + wy*vx + wz*wx), "
+    "0.5*(vx*uz + vy*vz + vz*wz + wx*uy + wy*vy + wz*wy))"
+)
+#: of the gradient without its mean diagonal entry: the cubic is t^3 + q_deviatoric t - det
+_SWIRL = "imaginary_root(q_deviatoric, ex*(vz*wy - ey*ez) + uy*(vx*ez - vz*wx) + uz*(ey*wx - vx*wy))"
+_PLANE, _SOLID = (2, 3), (3,)
+_HUNT = "Hunt, Wray and Moin 1988, Eddies, streams, and convergence zones in turbulent flows"
+_CHONG = "Chong, Perry and Cantwell 1990, A general classification of three-dimensional flow fields"
+_JEONG = "Jeong and Hussain 1995, On the identification of a vortex"
+_ZHOU = "Zhou, Adrian, Balachandar and Kendall 1999, Mechanisms for generating coherent packets of hairpin vortices"
+_LEVY = "Levy, Degani and Seginer 1990, Graphical visualization of vortical flows by means of helicity"
+_LIEPMANN = "Liepmann and Roshko 1957, Elements of gasdynamics"
+_SCHLICHTING = "Schlichting 1979, Boundary-layer theory"
+_ON_WALLS = "stress of a Newtonian fluid on a wall, along it"
 
 
-def _turning(velocity: Sequence[Node], axis: int) -> Node:
-    """One component of the rotation."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    return call("-", world_derivative(velocity[j], i), world_derivative(velocity[i], j))
+def _components(name: str, meaning: str, formula: str, source: str = "") -> list[Predefined]:
+    """Those of a vector; @ stands for the axis in its formula, that of z is there in three dimensions alone."""
+    return [
+        Predefined(f"{name}_{axis}", meaning, (formula.replace("@", axis),), source, (1, 2, 3)[index:])
+        for index, axis in enumerate("xyz")
+    ]
 
 
-def _q_criterion(velocity: Sequence[Node]) -> Node:
-    axes = range(len(velocity))
-    gradients = [[world_derivative(part, axis) for axis in axes] for part in velocity]
-    return call("*", number(-0.5), _total([call("*", gradients[i][j], gradients[j][i]) for i in axes for j in axes]))
-
-
-def _pressure(density: Node, momentum: Sequence[Node], energy: Node, gamma: float) -> Node:
-    squares = _total([call("*", part, part) for part in momentum])
-    kinetic = call("/", call("*", number(0.5), squares), density)
-    return call("*", number(gamma - 1), call("-", energy, kinetic))
-
-
-def _mach(velocity: Sequence[Node], density: Node, pressure: Node, gamma: float) -> Node:
-    sound = call("sqrt", call("/", call("*", number(gamma), pressure), density))
-    return call("/", _length(velocity), sound)
-
-
-def _itself(node: Node) -> Node:
-    return node
-
-
-def _total(terms: Sequence[Node]) -> Node:
-    return reduce(partial(call, "+"), terms)
-
-
-def _length(parts: Sequence[Node]) -> Node:
-    return call("sqrt", _total([call("*", part, part) for part in parts]))
-
-
-def _one(fields: Sequence[str], names: Sequence[str]) -> Node | None:
-    return next((field(name) for name in names if name in fields), None)
-
-
-def _components(fields: Sequence[str], names: Sequence[Sequence[str]], dimension: int) -> list[Node] | None:
-    """The fields of the first family of names that is there whole."""
-    whole = (family[:dimension] for family in names if set(family[:dimension]) <= set(fields))
-    return next(([field(name) for name in family] for family in whole), None)
+QUANTITIES: tuple[Predefined, ...] = (
+    Predefined("speed", "length of the velocity", ("sqrt(u*u + v*v + w*w)",)),
+    Predefined("velocity_x", "its components", ("u",)),
+    Predefined("velocity_y", "its components", ("v",), "", _PLANE),
+    Predefined("velocity_z", "its components", ("w",), "", _SOLID),
+    Predefined("divergence", "divergence of the velocity", ("ux + vy + wz",)),
+    Predefined("vorticity", "rotation of the velocity: in a plane its one component", ("vorticity_z",), "", (2,)),
+    Predefined(
+        "vorticity",
+        "length of the rotation of the velocity",
+        ("sqrt(vorticity_x*vorticity_x + vorticity_y*vorticity_y + vorticity_z*vorticity_z)",),
+        "",
+        _SOLID,
+    ),
+    Predefined("vorticity_x", "its components", ("wy - vz",), "", _SOLID),
+    Predefined("vorticity_y", "its components", ("uz - wx",), "", _SOLID),
+    Predefined("vorticity_z", "its components", ("vx - uy",), "", _PLANE),
+    Predefined("helicity", "u . rot u", ("u*vorticity_x + v*vorticity_y + w*vorticity_z",), "", _SOLID),
+    Predefined(
+        "normalised_helicity",
+        "cosine of the angle between velocity and vorticity: -1 to 1, NaN where either is zero",
+        ("helicity/(speed*vorticity)",),
+        _LEVY,
+        _SOLID,
+    ),
+    Predefined(
+        "strain_rate",
+        "magnitude sqrt(2 S : S) of the strain rate S = (grad u + grad u^T)/2",
+        (
+            "sqrt(2*(strain_xx*strain_xx + strain_yy*strain_yy + strain_zz*strain_zz)"
+            " + 4*(strain_xy*strain_xy + strain_xz*strain_xz + strain_yz*strain_yz))",
+        ),
+    ),
+    Predefined("strain_xx", "its components", ("ux",)),
+    Predefined("strain_yy", "its components", ("vy",), "", _PLANE),
+    Predefined("strain_zz", "its components", ("wz",), "", _SOLID),
+    Predefined("strain_xy", "its components", ("0.5*(uy + vx)",), "", _PLANE),
+    Predefined("strain_xz", "its components", ("0.5*(uz + wx)",), "", _SOLID),
+    Predefined("strain_yz", "its components", ("0.5*(vz + wy)",), "", _SOLID),
+    Predefined("q_criterion", "(|Omega|^2 - |S|^2)/2 = -tr((grad u)^2)/2", ("-0.5*gradient2",), _HUNT),
+    Predefined(
+        "q_invariant",
+        "second invariant of grad u, which is q_criterion where the flow has no divergence",
+        ("0.5*(divergence*divergence - gradient2)",),
+        _CHONG,
+    ),
+    Predefined(
+        "q_deviatoric",
+        "second invariant of grad u without its divergence, grad u - (div u)/3: Q of compressible flows",
+        ("0.5*(divergence*third - gradient2)",),
+        "Kolar 2009, Compressibility effect in vortex identification",
+    ),
+    Predefined(
+        "r_invariant",
+        "third invariant of grad u: minus its determinant",
+        ("ux*(vz*wy - vy*wz) + uy*(vx*wz - vz*wx) + uz*(vy*wx - vx*wy)",),
+        _CHONG,
+        _SOLID,
+    ),
+    Predefined("lambda2", "middle eigenvalue of S^2 + Omega^2: negative in vortices", (_LAMBDA2,), _JEONG, _PLANE),
+    Predefined(
+        "swirl",
+        "swirling strength: the imaginary part of the complex eigenvalues of grad u, 0 where all are real",
+        (_SWIRL,),
+        _ZHOU,
+        _PLANE,
+    ),
+    Predefined("pressure", "from the total energy, where only that is there", ("p",), _LIEPMANN),
+    Predefined("temperature", "from the equation of state", ("T",), _LIEPMANN),
+    Predefined("mach", "speed in parts of the speed of sound", ("speed/sqrt(gamma*p/rho)",), _LIEPMANN),
+    Predefined(
+        "total_pressure",
+        "pressure of the gas, or of the incompressible flow, brought to rest without loss",
+        ("p*heating^(gamma/(gamma - 1))", "p + 0.5*density*speed2"),
+        _LIEPMANN,
+    ),
+    Predefined("total_temperature", "temperature of the gas brought to rest", ("T*heating",), _LIEPMANN),
+    Predefined("entropy", "in parts of c_v, up to a constant: log(p/rho^gamma)", ("log(p/rho^gamma)",), _LIEPMANN),
+    Predefined("schlieren", "length of the gradient of the density", ("grad(rho)",)),
+    Predefined(
+        "pressure_coefficient",
+        "pressure beyond that of the free stream, in parts of its dynamic pressure",
+        ("(p - p_ref)/dynamic_pressure",),
+        _SCHLICHTING,
+    ),
+    Predefined(
+        "wall_shear",
+        f"length of the {_ON_WALLS}; on faces of elements, NaN elsewhere",
+        ("sqrt(wall_shear_x*wall_shear_x + wall_shear_y*wall_shear_y + wall_shear_z*wall_shear_z)",),
+        _SCHLICHTING,
+        _PLANE,
+    ),
+    *_components("wall_shear", f"components of the {_ON_WALLS}", "traction_@ - traction*n@", _SCHLICHTING),
+    Predefined(
+        "skin_friction",
+        "wall shear in parts of the dynamic pressure",
+        ("wall_shear/dynamic_pressure",),
+        _SCHLICHTING,
+        _PLANE,
+    ),
+    *_components("skin_friction", "its components", "wall_shear_@/dynamic_pressure", _SCHLICHTING),
+    Predefined(
+        "y_plus",
+        "height of the element on a face, in wall units; divide by the order for that of its first nodes",
+        ("face_height*sqrt(mass*wall_shear)/viscosity",),
+        _SCHLICHTING,
+        _PLANE,
+    ),
+)

@@ -23,7 +23,7 @@ from elvis.core.quantities.levels import same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula
+from elvis.plugins.formulas import Formula, facets_of
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
 from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations
 from elvis.plugins.native.solving import Solver
@@ -119,7 +119,7 @@ class Elements:
                 return Quantity(type, source, buffers)
             degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
             return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
-        formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions))
+        formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions), facets_of(shape))
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         highest = HIGHEST_STRAIGHT if bounded and self._is_affine and shape is Shape.TETRAHEDRON else HIGHEST

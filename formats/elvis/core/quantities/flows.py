@@ -1,0 +1,259 @@
+"""What predefined quantities are made of in the data at hand: fields with customary names, metadata, given numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from elvis.core.errors import ElvisError
+from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, Predefined
+from elvis.core.quantities.sides import SIDES
+from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, field, number
+
+#: names of quantities, and of what they are made of
+PUBLIC = tuple(dict.fromkeys(quantity.name for quantity in QUANTITIES))
+_VELOCITIES = (
+    ("u", "v", "w"),
+    ("velocity_x", "velocity_y", "velocity_z"),
+    ("Velocity_x", "Velocity_y", "Velocity_z"),
+    ("VelocityX", "VelocityY", "VelocityZ"),
+    ("v_x", "v_y", "v_z"),
+    ("V_x", "V_y", "V_z"),
+    ("U_x", "U_y", "U_z"),
+    ("vx", "vy", "vz"),
+)
+_MOMENTA = (
+    ("rhou", "rhov", "rhow"),
+    ("rho_u", "rho_v", "rho_w"),
+    ("momentum_x", "momentum_y", "momentum_z"),
+    ("MomentumX", "MomentumY", "MomentumZ"),
+)
+_SINGLE = {
+    "rho": ("rho", "density", "Density"),
+    "p": ("p", "pressure", "Pressure"),
+    "E": ("E", "rhoE", "energy", "Energy", "TotalEnergy", "EnergyStagnationDensity"),
+    "T": ("T", "temperature", "Temperature"),
+}
+_VELOCITY = ("a velocity", "a velocity: u, v, w, or velocity_x, …, or rho with rhou, …")
+#: what formulas need of the fields: what it is called, and what the data lack where it isn't there
+_INGREDIENTS = {
+    **dict.fromkeys("uvw", _VELOCITY),
+    "rho": ("rho", "a density: rho"),
+    "p": ("p or E", "a pressure: p, or E with rho, rhou, …"),
+    "T": ("a temperature", "a temperature: T, or p with rho"),
+}
+#: names that are not called
+_WORD = re.compile(r"\b[^\W\d]\w*\b(?!\()")
+
+
+@dataclass(frozen=True, eq=False)
+class Missing:
+    """What a formula lacks: sentences on fields, and parameters, any of each group."""
+
+    fields: tuple[str, ...] = ()
+    parameters: tuple[tuple[str, ...], ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.fields or self.parameters)
+
+    def __add__(self, other: Missing) -> Missing:
+        fields = dict.fromkeys((*self.fields, *other.fields))
+        return Missing(tuple(fields), tuple(dict.fromkeys((*self.parameters, *other.parameters))))
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """The ingredients that a dataset has.
+
+    fields      its names
+    dimension   number of coordinates that they depend on
+    parameters  known numbers by name, as expressions
+    """
+
+    fields: tuple[str, ...]
+    dimension: int
+    parameters: Mapping[str, Node]
+
+    @cached_property
+    def available(self) -> tuple[str, ...]:
+        """The names of quantities for which the fields suffice, and the parameters that are known."""
+        return tuple(name for name in self._suited if not self._missing(name))
+
+    @cached_property
+    def waiting(self) -> tuple[str, ...]:
+        """The names of those for which the fields suffice, that need further parameters."""
+        return tuple(name for name in self._suited if (lack := self._missing(name)) and not lack.fields)
+
+    @property
+    def _suited(self) -> Iterator[str]:
+        """The names of quantities of flows of this dimension, but for those that fields have."""
+        return (name for name in PUBLIC if name not in self.fields and self._entry(name) is not None)
+
+    def node(self, name: str, given: Mapping[str, Node]) -> Node:
+        """A quantity as an expression of fields; ElvisError that says what it lacks.
+
+        given  parameters that outdo those of the data
+        """
+        for key in given:
+            self._check(name, key)
+        known = {key: node for key, node in self.parameters.items() if key != "mu" or "nu" not in given}
+        flow = replace(self, parameters={**known, **given})
+        if self._entry(name) is None:
+            raise ElvisError(f"{name} needs {self._wanted(name)}, and the data have {self.dimension}")
+        lack = flow._missing(name)
+        if lack:
+            raise ElvisError(flow._sentence(name, lack))
+        return flow.meaning(name)
+
+    def meaning(self, name: str) -> Node:
+        """What a name stands for in a formula, that lacks nothing."""
+        from elvis.core.quantities.parsing import Parser
+
+        if self._is_beyond(name):
+            return ZERO
+        if name in self._found:
+            return self._found[name]
+        if name in self.parameters:
+            return self.parameters[name]
+        default = PARAMETERS[name].default if name in PARAMETERS else None
+        if default is not None:
+            return number(default)
+        if name in SIDES:
+            return attribute(name)
+        text = next(text for text in self._formulas(name) if not self._lacking(text))
+        return Parser(text, self).whole()
+
+    def quantity(self, name: str, given: Mapping[str, Node]) -> Node:
+        """As `node`."""
+        return self.node(name, given)
+
+    def unknown(self, name: str) -> str:
+        """No name in a formula is unknown."""
+        raise AssertionError(f"{name} in a formula")
+
+    def distance(self, target: str) -> Node:
+        """No formula has one."""
+        raise AssertionError(f"a distance to {target} in a formula")
+
+    def used(self, name: str) -> tuple[str, ...]:
+        """The parameters that a quantity may need, in any of its formulas."""
+        found: dict[str, None] = {}
+        waiting, seen = [name], set[str]()
+        while waiting:
+            own = waiting.pop()
+            if own in seen or own in self._found:
+                continue
+            seen.add(own)
+            if own in PARAMETERS:
+                found[own] = None
+            elif own not in SIDES:
+                waiting += [word for text in self._formulas(own) for word in _words(text)]
+        known = {"density"} if "rho" in self._found else set()
+        return tuple(key for key in PARAMETERS if key in found and key not in known)
+
+    def _check(self, name: str, key: str) -> None:
+        """ElvisError for what is no parameter of a quantity."""
+        used = self.used(name)
+        if key not in used:
+            taken = ", ".join(used) or "no parameters"
+            raise ElvisError(f"{name} takes {taken} of these data, found {key!r}")
+
+    @cached_property
+    def _found(self) -> Mapping[str, Node]:
+        """Fields by what they are called in formulas."""
+        found: dict[str, Node] = {}
+        for symbols, families in (("u v w", _VELOCITIES), ("rhou rhov rhow", _MOMENTA)):
+            for family in families:
+                own = family[: self.dimension]
+                if set(own) <= set(self.fields):
+                    found |= dict(zip(symbols.split(), map(field, own), strict=False))
+                    found |= dict.fromkeys("uvw"[self.dimension :], ZERO)
+                    found |= dict.fromkeys(("rhou", "rhov", "rhow")[self.dimension :], ZERO)
+                    break
+        for symbol, names in _SINGLE.items():
+            known = [name for name in names if name in self.fields]
+            if known:
+                found[symbol] = field(known[0])
+        return found
+
+    def _is_beyond(self, name: str) -> bool:
+        """Whether a name is the derivative of a velocity along an axis that fields don't depend on."""
+        return len(name) == 2 and name[0] in "uvw" and name[1] in AXES[self.dimension :]
+
+    def _entry(self, name: str) -> Predefined | None:
+        """The quantity of a name in flows of this dimension."""
+        return next((own for own in QUANTITIES if own.name == name and self.dimension in own.dimensions), None)
+
+    def _wanted(self, name: str) -> str:
+        dimensions = sorted(n for own in QUANTITIES if own.name == name for n in own.dimensions)
+        return " or ".join(map(str, dimensions)) + " coordinates"
+
+    def _formulas(self, name: str) -> tuple[str, ...]:
+        """Those of a step or a quantity, in flows of fewer dimensions too, where others are made of it."""
+        entry = self._entry(name) or next((own for own in QUANTITIES if own.name == name), None)
+        return STEPS.get(name, entry.formulas if entry else ())
+
+    def _missing(self, name: str) -> Missing:
+        """What a name in a formula lacks; of several formulas those count that lack nothing but parameters."""
+        if name in self._found or name in SIDES or self._is_beyond(name):
+            return Missing()
+        if name in PARAMETERS:
+            return self._unset(name)
+        every = [self._lacking(text) for text in self._formulas(name)]
+        if not every:
+            return Missing((name,))
+        if any(not lack for lack in every):
+            return Missing()
+        if name in _INGREDIENTS and all(lack.fields for lack in every):
+            return Missing((name,))
+        several = [lack for lack in every if not lack.fields] or every[:1]
+        if len(several) > 1 and all(len(lack.parameters) == 1 for lack in several):
+            return Missing((), (tuple(key for lack in several for key in lack.parameters[0]),))
+        return several[0]
+
+    def _unset(self, name: str) -> Missing:
+        """What a parameter lacks; the density of an incompressible flow is none where the data have one."""
+        if name == "density" and "rho" in self._found:
+            return Missing(("rho",))
+        known = name in self.parameters or PARAMETERS[name].default is not None
+        return Missing() if known else Missing((), ((name,),))
+
+    def _lacking(self, text: str) -> Missing:
+        """What a formula lacks."""
+        return sum((self._missing(word) for word in _words(text)), Missing())
+
+    def _sentence(self, name: str, lack: Missing) -> str:
+        """What a quantity needs, and how to give it."""
+        if lack.fields:
+            needed = dict.fromkeys(_INGREDIENTS[symbol][0] for symbol in self._ingredients(name))
+            absent = dict.fromkeys(_INGREDIENTS[symbol][1] for symbol in lack.fields)
+            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
+            return f"{name} needs {_listed(list(needed))}; the data lack {' and '.join(absent)}; {fields}"
+        meanings = [" or ".join(f"{key} ({PARAMETERS[key].meaning})" for key in group) for group in lack.parameters]
+        example = ", ".join(f"{group[0]}=…" for group in lack.parameters)
+        return f"{name} needs {_listed(meanings)}: write {name}({example})"
+
+    def _ingredients(self, name: str) -> list[str]:
+        """What the first formula of a quantity needs of the fields."""
+        found, waiting = dict[str, None](), [name]
+        while waiting:
+            own = waiting.pop(0)
+            if own in _INGREDIENTS and own != name:
+                found[own] = None
+            elif formulas := self._formulas(own):
+                waiting += _words(formulas[0])
+        return [symbol for symbol in _INGREDIENTS if symbol in found]
+
+
+def _words(text: str) -> list[str]:
+    """The names in a formula, but for functions and coordinates, each once."""
+    return list(dict.fromkeys(word for word in _WORD.findall(text) if word not in AXES))
+
+
+def _listed(parts: list[str]) -> str:
+    """With commas and a last "and"."""
+    if len(parts) < 3:
+        return " and ".join(parts)
+    return f"{', '.join(parts[:-1])}, and {parts[-1]}"

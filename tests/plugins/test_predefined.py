@@ -1,0 +1,134 @@
+"""Predefined quantities of polynomial flows on bent elements of every shape: sympy, NumPy and a device agree."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy
+
+from elvis.core.quantities import Expression
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, mixed_plane, mixed_volume, scattered
+from elvis.formats import Dataset
+from elvis.plugins.serving import volume_of
+
+X = sympy.symbols("x y z")
+#: a vortex whose middle eigenvalues are apart, of second degree in the world
+FLOWS = {
+    3: ("x*y - z**2 + 2*y", "-3*x + y*z/2 + x**2", "z*x - y/2 + z/3"),
+    2: ("x*y - 3*y + x**2/2", "2*x + y**2 - x*y/4"),
+}
+#: digits of fits of the fields are lost to derivatives
+TOLERANCE = 2e-9
+
+
+def bent(points):
+    """Bent to the second degree, in the plane where the points are."""
+    x, y, z = points.T
+    return points + np.stack([0.05 * y**2, 0.1 * x * y, 0.08 * z * (x + z)], axis=1)
+
+
+@cache
+def flow(dimension):
+    """The fields on elements of every shape: of degree 4 in their reference coordinates."""
+    mesh = mixed_volume(seed=3) if dimension == 3 else mixed_plane(seed=3)
+    dataset = Dataset(curved(mesh, bent, n=3))
+    fields = []
+    for name, text in zip("uvw", FLOWS[dimension], strict=False):
+        rule = sympy.lambdify(X, sympy.sympify(text), "numpy")
+        fields.append(approximated(dataset, name, lambda p, rule=rule: rule(*p.T) + 0 * p[:, 0], 5))
+    return replace(dataset, fields=tuple(fields))
+
+
+def gradient(dimension):
+    """(3, 3) derivatives of the velocity (rows), along x, y and z, as sympy gives them."""
+    velocity = [sympy.sympify(text) for text in FLOWS[dimension]]
+    velocity += [sympy.Integer(0)] * (3 - dimension)
+    return sympy.Matrix(velocity), sympy.Matrix(3, 3, lambda i, j: sympy.diff(velocity[i], X[j]))
+
+
+def truths(dimension, world):
+    """Quantities (n,) at world points (n, 3): derivatives by sympy, eigenvalues by LAPACK of general matrices."""
+    u, a = gradient(dimension)
+    number = lambda part: sympy.lambdify(X, part, "numpy")(*world.T) + 0 * world[:, 0]  # noqa: E731
+    table = np.stack([np.stack([number(a[i, j]) for j in range(3)], axis=1) for i in range(3)], axis=1)
+    strain, spin = (a + a.T) / 2, (a - a.T) / 2
+    turning = sympy.Matrix([a[2, 1] - a[1, 2], a[0, 2] - a[2, 0], a[1, 0] - a[0, 1]])
+    s, omega = ((table + sign * table.transpose(0, 2, 1)) / 2 for sign in (1, -1))
+    found = {
+        "divergence": number(a.trace()),
+        "vorticity_z": number(turning[2]),
+        "strain_xx": number(strain[0, 0]),
+        "strain_xy": number(strain[0, 1]),
+        "strain_yy": number(strain[1, 1]),
+        "strain_rate": np.sqrt(number(2 * sum(x * x for x in strain))),
+        "q_criterion": number((sum(x * x for x in spin) - sum(x * x for x in strain)) / 2),
+        "q_invariant": number((a.trace() ** 2 - (a * a).trace()) / 2),
+        "q_deviatoric": number(-((a - a.trace() / 3 * sympy.eye(3)) ** 2).trace() / 2),
+        "lambda2": np.linalg.eigvalsh(s @ s + omega @ omega)[:, 1],
+        "swirl": np.abs(np.linalg.eigvals(table).imag).max(axis=1),
+    }
+    if dimension == 2:
+        return found | {"vorticity": found["vorticity_z"]}
+    helicity, length, speed = (number(part) for part in (u.dot(turning), turning.dot(turning), u.dot(u)))
+    return found | {
+        "vorticity": np.sqrt(length),
+        "vorticity_x": number(turning[0]),
+        "vorticity_y": number(turning[1]),
+        "strain_xz": number(strain[0, 2]),
+        "strain_yz": number(strain[1, 2]),
+        "strain_zz": number(strain[2, 2]),
+        "helicity": helicity,
+        "normalised_helicity": helicity / np.sqrt(length * speed),
+        "r_invariant": -number(a.det()),
+    }
+
+
+def places(patch, count=40):
+    """Rows, reference points away from the tips of pyramids, and world points."""
+    from elvis.core.mapping.pointwise import positions
+
+    middle = patch.shape.vertices.mean(axis=0)
+    reference = middle + 0.9 * (scattered(patch.shape, count, seed=1) - middle)
+    if patch.shape is Shape.PYRAMID:
+        reference = reference[reference[:, 2] < 0.7]
+    rows = np.resize(np.arange(len(patch)), len(reference))
+    return rows, reference, positions(patch, rows, reference)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_quantities_are_what_sympy_gives_on_bent_elements(dimension):
+    dataset, shapes, swirling = flow(dimension), set(), []
+    names = list(truths(dimension, np.ones((1, 3))))
+    expressions = {name: Expression.of(dataset, name) for name in names}
+    evaluator = Evaluator(dataset, list(expressions.values()))
+    for patch in evaluator.patches:
+        rows, reference, world = places(patch)
+        shapes.add(patch.shape)
+        for name, truth in truths(dimension, world).items():
+            found = evaluator.values(expressions[name], patch, rows, reference)
+            assert np.abs(found - truth).max() < TOLERANCE * max(1, np.abs(truth).max()), (name, patch.shape)
+            swirling += [truth > 0.1] if name == "swirl" else []
+    assert shapes == set(Shape.of_dimension(dimension))
+    assert np.concatenate(swirling).mean() > 0.2
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_device_gives_what_numpy_gives(renderer, dimension):
+    dataset, drawing = flow(dimension), renderer("vulkan")
+    texts = ["lambda2", "swirl + strain_rate", "q_deviatoric*vorticity"]
+    volume = volume_of(dataset, texts)
+    drawing.show(volume)
+    expressions = [Expression.of(dataset, text) for text in texts]
+    evaluator = Evaluator(dataset, expressions)
+    for number, part in enumerate(volume.parts):
+        rows, reference, _ = places(part.solve.patches[0])
+        rows, points = np.resize(np.arange(len(part)), len(rows)), np.zeros((len(rows), 3))
+        points[:, :dimension] = reference
+        centre = drawing.sample_elements(number, rows[:1], points[:1]).center
+        for expression in expressions:
+            found = drawing.sample_elements(number, rows, points - centre, expression.text).value
+            truth = evaluator.at(expression, part.element_ids[rows], points)
+            assert np.abs(found - truth).max() < 1e-11 * np.abs(truth).max(), (part.module, expression.text)
