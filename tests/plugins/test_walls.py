@@ -7,8 +7,8 @@ import pytest
 
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
+from elvis.core.quantities.element_sides import NEAR, places_on_sides
 from elvis.core.quantities.evaluator import Evaluator
-from elvis.core.quantities.sides import NEAR, places_on_sides
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
 from elvis.formats import Dataset

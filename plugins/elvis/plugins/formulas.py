@@ -11,8 +11,8 @@ from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.margins import facets
 from elvis.core.quantities.attributes import is_constant, target_of
+from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.sides import SIDES
 from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
 from elvis.core.shapes import Shape
 

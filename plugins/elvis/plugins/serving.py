@@ -14,7 +14,7 @@ from elvis.core.distances import surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.attributes import from_ideal, target_of
-from elvis.core.quantities.sides import SIDES
+from elvis.core.quantities.element_sides import SIDES
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of
 from elvis.plugins.host_evaluation import (

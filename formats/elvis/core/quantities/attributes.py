@@ -9,7 +9,7 @@ scaled_jacobian  the same in parts of the product of the lengths of the derivati
 quality          mean ratio of the map from the ideal element, with equal edges: 1 where the map keeps its form, 0 where
                  it is degenerate or inverted (Knupp 2001, Algebraic mesh quality metrics: shape)
 nx, ny, nz       outward unit normal on the element's sides, and
-face_height      how high the element is above them; NaN elsewhere (see `sides`)
+face_height      how high the element is above them; NaN elsewhere (see `element_sides`)
 jump(f)          greatest jump of the field f across the element's faces (see `jumps`)
 distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
 """
@@ -27,8 +27,8 @@ from elvis.core.distances import Surface, nearest, surface_of
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
+from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.jumps import jumps
-from elvis.core.quantities.sides import SIDES, of_side, side_gradients
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import validity
 

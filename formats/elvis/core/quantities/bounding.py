@@ -16,10 +16,10 @@ from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.quantities.cells import Cells
+from elvis.core.quantities.element_sides import SIDES, places_on_sides
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.sides import SIDES, places_on_sides
 from elvis.core.quantities.tree import Node, negative
 from elvis.core.ranges import Range, field_range, finite_rows
 from elvis.core.shapes import Shape

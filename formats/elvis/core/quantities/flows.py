@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from elvis.core.errors import ElvisError
+from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, Predefined
-from elvis.core.quantities.sides import SIDES
 from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, field, number
 
 #: names of quantities, and of what they are made of

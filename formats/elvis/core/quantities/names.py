@@ -15,9 +15,9 @@ from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
+from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.predefined import PARAMETERS
-from elvis.core.quantities.sides import SIDES
 from elvis.core.quantities.tree import AXES, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
