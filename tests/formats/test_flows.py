@@ -1,6 +1,8 @@
 """The table of predefined quantities: closed forms of gases, parameters and where they come from, what hints say."""
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,6 +156,15 @@ def test_what_lacks_something_says_what_and_how_to_give_it(text, fields, dimensi
 def test_metadata_that_make_no_sense_are_passed_over():
     dataset = Dataset(grid(Shape.HEXAHEDRON, 1), metadata={"gamma": "0.9", "Kinvis": "1e-3", "mu": "-1", "pInf": "all"})
     assert Names.of(dataset).parameters == {"nu": 1e-3}
+
+
+def test_the_page_is_that_of_the_table():
+    """Else: make pages."""
+    repository = Path(__file__).resolve().parents[2]
+    made = runpy.run_path(str(repository / "tools" / "quantities_page.py"))
+    text = (repository / "docs" / "quantities.md").read_text(encoding="utf-8")
+    assert text == made["page"]()
+    assert all(f"| `{name}` |" in text for name in (*PUBLIC, *PARAMETERS))
 
 
 def test_the_table_is_whole():

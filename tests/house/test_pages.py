@@ -17,7 +17,7 @@ def blocks(root, page, language):
     return [text for tongue, text in BLOCK.findall((root / page).read_text(encoding="utf-8")) if tongue == language]
 
 
-@pytest.mark.parametrize("page", [*PAGES, "docs/nektar-format.md"])
+@pytest.mark.parametrize("page", [*PAGES, "docs/nektar-format.md", "docs/quantities.md"])
 def test_links_lead_somewhere(root, page):
     text = (root / page).read_text(encoding="utf-8")
     missing = [link for link in LINK.findall(text) if not (root / page).parent.joinpath(link).exists()]

@@ -19,7 +19,7 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.quantities import Expression
+from elvis.core.quantities import Expression, Names
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import Opened
 from elvis.plugins.serving import names_of, volume_of
@@ -46,9 +46,14 @@ class Evaluation:
     report: Callable[[str], object]
     dataset: None = None  # none is native (see elvis.renderer.commands.sources)
 
+    @property
+    def names(self) -> Names:
+        """What names in expressions stand for."""
+        return names_of(self.opened)
+
     def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
         """The quantities, or all fields; ElvisError for what names none, and for data without fields."""
-        names = names_of(self.opened)
+        names = self.names
         if not names.fields:
             raise ElvisError(f"the plugin {self.opened.name} has opened a mesh but no field: give the field file too")
         return [Expression.parse(text, names) for text in (self.opened.fields if texts is None else texts)]

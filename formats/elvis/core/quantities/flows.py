@@ -36,13 +36,19 @@ _SINGLE = {
     "E": ("E", "rhoE", "energy", "Energy", "TotalEnergy", "EnergyStagnationDensity"),
     "T": ("T", "temperature", "Temperature"),
 }
+#: names of fields by what they are called in formulas
+CUSTOMARY: Mapping[str, tuple[str, ...]] = {
+    **{symbol: tuple(family[axis] for family in _VELOCITIES) for axis, symbol in enumerate("uvw")},
+    **{f"rho{symbol}": tuple(family[axis] for family in _MOMENTA) for axis, symbol in enumerate("uvw")},
+    **_SINGLE,
+}
 _VELOCITY = ("a velocity", "a velocity: u, v, w, or velocity_x, …, or rho with rhou, …")
 #: what formulas need of the fields: what it is called, and what the data lack where it isn't there
 _INGREDIENTS = {
     **dict.fromkeys("uvw", _VELOCITY),
     "rho": ("rho", "a density: rho"),
     "p": ("p or E", "a pressure: p, or E with rho, rhou, …"),
-    "T": ("a temperature", "a temperature: T, or p with rho"),
+    "T": ("T, or p with rho", "a temperature: T, or p with rho"),
 }
 #: names that are not called
 _WORD = re.compile(r"\b[^\W\d]\w*\b(?!\()")
@@ -91,6 +97,17 @@ class Flow:
         """The names of quantities of flows of this dimension, but for those that fields have."""
         return (name for name in PUBLIC if name not in self.fields and self._entry(name) is not None)
 
+    def listed(self) -> list[dict[str, str | None]]:
+        """The quantities of flows of this dimension: name, formula, meaning, source, and in words what is lacking."""
+        found: list[dict[str, str | None]] = []
+        for name in self._suited:
+            entry, lack = self._entry(name), self._missing(name)
+            assert entry is not None
+            text = next((text for text in entry.formulas if not self._lacking(text).fields), entry.formulas[0])
+            facts = {"name": name, "formula": text, "meaning": entry.meaning, "source": entry.source or None}
+            found.append({**facts, "lacks": self._sentence(name, lack) if lack else None})
+        return found
+
     def node(self, name: str, given: Mapping[str, Node]) -> Node:
         """A quantity as an expression of fields; ElvisError that says what it lacks.
 
@@ -104,7 +121,8 @@ class Flow:
             raise ElvisError(f"{name} needs {self._wanted(name)}, and the data have {self.dimension}")
         lack = flow._missing(name)
         if lack:
-            raise ElvisError(flow._sentence(name, lack))
+            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
+            raise ElvisError(flow._sentence(name, lack) + (f"; {fields}" if lack.fields else ""))
         return flow.meaning(name)
 
     def meaning(self, name: str) -> Node:
@@ -229,8 +247,7 @@ class Flow:
         if lack.fields:
             needed = dict.fromkeys(_INGREDIENTS[symbol][0] for symbol in self._ingredients(name))
             absent = dict.fromkeys(_INGREDIENTS[symbol][1] for symbol in lack.fields)
-            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
-            return f"{name} needs {_listed(list(needed))}; the data lack {' and '.join(absent)}; {fields}"
+            return f"{name} needs {_listed(list(needed))}; the data lack {', and '.join(absent)}"
         meanings = [" or ".join(f"{key} ({PARAMETERS[key].meaning})" for key in group) for group in lack.parameters]
         example = ", ".join(f"{group[0]}=…" for group in lack.parameters)
         return f"{name} needs {_listed(meanings)}: write {name}({example})"

@@ -107,9 +107,9 @@ def _components(name: str, meaning: str, formula: str, source: str = "") -> list
 
 QUANTITIES: tuple[Predefined, ...] = (
     Predefined("speed", "length of the velocity", ("sqrt(u*u + v*v + w*w)",)),
-    Predefined("velocity_x", "its components", ("u",)),
-    Predefined("velocity_y", "its components", ("v",), "", _PLANE),
-    Predefined("velocity_z", "its components", ("w",), "", _SOLID),
+    Predefined("velocity_x", "component of the velocity", ("u",)),
+    Predefined("velocity_y", "component of the velocity", ("v",), "", _PLANE),
+    Predefined("velocity_z", "component of the velocity", ("w",), "", _SOLID),
     Predefined("divergence", "divergence of the velocity", ("ux + vy + wz",)),
     Predefined("vorticity", "rotation of the velocity: in a plane its one component", ("vorticity_z",), "", (2,)),
     Predefined(
@@ -119,9 +119,9 @@ QUANTITIES: tuple[Predefined, ...] = (
         "",
         _SOLID,
     ),
-    Predefined("vorticity_x", "its components", ("wy - vz",), "", _SOLID),
-    Predefined("vorticity_y", "its components", ("uz - wx",), "", _SOLID),
-    Predefined("vorticity_z", "its components", ("vx - uy",), "", _PLANE),
+    Predefined("vorticity_x", "component of the rotation of the velocity", ("wy - vz",), "", _SOLID),
+    Predefined("vorticity_y", "component of the rotation of the velocity", ("uz - wx",), "", _SOLID),
+    Predefined("vorticity_z", "component of the rotation of the velocity", ("vx - uy",), "", _PLANE),
     Predefined("helicity", "u . rot u", ("u*vorticity_x + v*vorticity_y + w*vorticity_z",), "", _SOLID),
     Predefined(
         "normalised_helicity",
@@ -138,12 +138,12 @@ QUANTITIES: tuple[Predefined, ...] = (
             " + 4*(strain_xy*strain_xy + strain_xz*strain_xz + strain_yz*strain_yz))",
         ),
     ),
-    Predefined("strain_xx", "its components", ("ux",)),
-    Predefined("strain_yy", "its components", ("vy",), "", _PLANE),
-    Predefined("strain_zz", "its components", ("wz",), "", _SOLID),
-    Predefined("strain_xy", "its components", ("0.5*(uy + vx)",), "", _PLANE),
-    Predefined("strain_xz", "its components", ("0.5*(uz + wx)",), "", _SOLID),
-    Predefined("strain_yz", "its components", ("0.5*(vz + wy)",), "", _SOLID),
+    Predefined("strain_xx", "component of the strain rate S", ("ux",)),
+    Predefined("strain_yy", "component of the strain rate S", ("vy",), "", _PLANE),
+    Predefined("strain_zz", "component of the strain rate S", ("wz",), "", _SOLID),
+    Predefined("strain_xy", "component of the strain rate S", ("0.5*(uy + vx)",), "", _PLANE),
+    Predefined("strain_xz", "component of the strain rate S", ("0.5*(uz + wx)",), "", _SOLID),
+    Predefined("strain_yz", "component of the strain rate S", ("0.5*(vz + wy)",), "", _SOLID),
     Predefined("q_criterion", "(|Omega|^2 - |S|^2)/2 = -tr((grad u)^2)/2", ("-0.5*gradient2",), _HUNT),
     Predefined(
         "q_invariant",
@@ -172,8 +172,13 @@ QUANTITIES: tuple[Predefined, ...] = (
         _ZHOU,
         _PLANE,
     ),
-    Predefined("pressure", "from the total energy, where only that is there", ("p",), _LIEPMANN),
-    Predefined("temperature", "from the equation of state", ("T",), _LIEPMANN),
+    Predefined("pressure", "pressure, from the total energy where only that is there", ("p",), _LIEPMANN),
+    Predefined(
+        "temperature",
+        "temperature, from the equation of state where only pressure and density are there",
+        ("T",),
+        _LIEPMANN,
+    ),
     Predefined("mach", "speed in parts of the speed of sound", ("speed/sqrt(gamma*p/rho)",), _LIEPMANN),
     Predefined(
         "total_pressure",
@@ -197,7 +202,7 @@ QUANTITIES: tuple[Predefined, ...] = (
         _SCHLICHTING,
         _PLANE,
     ),
-    *_components("wall_shear", f"components of the {_ON_WALLS}", "traction_@ - traction*n@", _SCHLICHTING),
+    *_components("wall_shear", f"component of the {_ON_WALLS}", "traction_@ - traction*n@", _SCHLICHTING),
     Predefined(
         "skin_friction",
         "wall shear in parts of the dynamic pressure",
@@ -205,7 +210,12 @@ QUANTITIES: tuple[Predefined, ...] = (
         _SCHLICHTING,
         _PLANE,
     ),
-    *_components("skin_friction", "its components", "wall_shear_@/dynamic_pressure", _SCHLICHTING),
+    *_components(
+        "skin_friction",
+        "component of the wall shear in parts of the dynamic pressure",
+        "wall_shear_@/dynamic_pressure",
+        _SCHLICHTING,
+    ),
     Predefined(
         "y_plus",
         "height of the element on a face, in wall units; divide by the order for that of its first nodes",

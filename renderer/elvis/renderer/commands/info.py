@@ -30,6 +30,7 @@ Examples:
   elvis info --jacobian wing.xml
   elvis info wing.xml wing.fld --field vorticity
   elvis info wing.xml wing.fld --field "distance(wall)"
+  elvis info wing.xml wing.fld --quantities
 """
 
 
@@ -43,6 +44,9 @@ Examples:
     help="Check the rules for other programs of the format; fail where a required one is broken.",
 )
 @click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive all over; fail if it isn't.")
+@click.option(
+    "--quantities", "predefined", is_flag=True, help="List the predefined quantities, and what the data lack for them."
+)
 @data_options
 def info(
     data: Data,
@@ -51,6 +55,7 @@ def info(
     everything: bool,
     strict: bool,
     jacobian: bool,
+    predefined: bool,
 ) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
@@ -62,8 +67,8 @@ def info(
     from elvis.core.terminal import stage
 
     many = None if everything else _MANY
-    if strict and jacobian:
-        raise click.UsageError("expected --strict or --jacobian, found both")
+    if strict + jacobian + predefined > 1:
+        raise click.UsageError("expected --strict, --jacobian or --quantities, found several")
     if strict:
         _check(data.paths, as_json)
         return
@@ -73,9 +78,23 @@ def info(
             raise click.UsageError("--jacobian proves what is native, but a runtime plugin opens these data")
         _prove(source.dataset, as_json, many)
         return
+    if predefined:
+        _list(source.names.flow.listed(), as_json)
+        return
     with stage("measuring"):
         facts = source.facts(quantities)
     _tell(facts, as_json, lambda: _print_opened(facts) if source.dataset is None else _print(facts, many))
+
+
+def _list(quantities: Sequence[Facts], as_json: bool) -> None:
+    """Print what predefined quantities are, and what the data lack for them."""
+    from elvis.core.terminal import print_json, print_table
+
+    if as_json:
+        print_json({"quantities": quantities})
+        return
+    rows = [(each["name"], each["meaning"], each["lacks"] or "-") for each in quantities]
+    print_table(("quantity", "meaning", "lacks"), rows)
 
 
 def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:

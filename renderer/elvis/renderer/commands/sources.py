@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
     from elvis.core.norms import Norm
-    from elvis.core.quantities import Expression
+    from elvis.core.quantities import Expression, Names
     from elvis.renderer.evaluation import Evaluation
 
 Source: TypeAlias = Union["NativeSource", "Evaluation"]
@@ -78,6 +78,13 @@ class NativeSource:
     """A native dataset, which answers like `Evaluation`, without a device."""
 
     dataset: Dataset
+
+    @property
+    def names(self) -> Names:
+        """What names in expressions stand for."""
+        from elvis.core.quantities import Names
+
+        return Names.of(self.dataset)
 
     def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
         """The quantities, or all fields; ElvisError for what names none."""
