@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, Predefined
 from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, field, number
@@ -176,7 +177,7 @@ class Flow:
         used = self.used(name)
         if key not in used:
             taken = ", ".join(used) or "no parameters"
-            raise ElvisError(f"{name} takes {taken} of these data, found {key!r}")
+            raise ElvisError(f"{name} takes {taken} of these data, found {key!r}{perhaps(key, used)}")
 
     @cached_property
     def _found(self) -> Mapping[str, Node]:

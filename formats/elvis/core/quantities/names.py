@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -94,10 +93,7 @@ class Names:
         """A sentence about a name that says nothing."""
         if name == "t":
             return "the data don't tell the time t"
-        known = [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES]
-        near = [one for one in known if one.lower() == name.lower()]
-        near = near or difflib.get_close_matches(name, known, 1)
-        meant = f" (perhaps {near[0]})" if near else ""
+        meant = perhaps(name, [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES])
         return f"there is no {name!r}{meant}; {self.listed}"
 
     @property
