@@ -59,7 +59,7 @@ class Worker:
         self.tell({"case": number, "state": "damaging", "subject": subject.name, "file": target.name, "action": action})
         damage = mutations.damage(target, random)
         self.tell({"case": number, "state": "reading", "damage": damage})
-        outcome = self._measured(action, paths)
+        outcome = self._measure(action, paths)
         total = INTERPRETER + outcome["memory"]
         outcome["ratio"] = round(total / (INTERPRETER + memory), 3)
         if outcome["kind"] in ("read", "refused"):
@@ -74,8 +74,8 @@ class Worker:
         key = f"{which} {action}"
         if key not in self.baselines:
             paths = self._copies(self.subjects[which])
-            self._measured(action, paths)
-            found = self._measured(action, paths)
+            self._measure(action, paths)
+            found = self._measure(action, paths)
             self.baselines[key] = found["memory"], found["seconds"]
             self.tell({"state": "baseline", "key": key, "name": self.subjects[which].name, "action": action, **found})
         return self.baselines[key]
@@ -85,7 +85,7 @@ class Worker:
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         return [Path(shutil.copyfile(path, self.folder / path.name)) for path in subject.files]
 
-    def _measured(self, action, paths):
+    def _measure(self, action, paths):
         """What came of an action, with processor time and memory."""
         before = _resident()
         _forget_peak()

@@ -169,7 +169,7 @@ class _Classic:
         from scipy.io import netcdf_file
 
         self._path = path
-        with self._guarded():
+        with self._guard():
             self._file = netcdf_file(_Bounded(path), "r", mmap=True)
             found = {name: getattr(own, "elem_type", b"") for name, own in self._file.variables.items()}
         self.types = {
@@ -178,11 +178,11 @@ class _Classic:
 
     def array(self, name: str, index: tuple[int, ...]) -> Any:
         """A part of a variable, copied out of the file."""
-        with self._guarded():
+        with self._guard():
             return np.array(self._file.variables[name][index or ...])
 
     @contextmanager
-    def _guarded(self) -> Iterator[None]:
+    def _guard(self) -> Iterator[None]:
         try:
             yield
         except (ValueError, TypeError, LookupError, OSError, ArithmeticError, AttributeError, AssertionError) as error:

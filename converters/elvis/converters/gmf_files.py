@@ -251,7 +251,7 @@ class _Text:
     def __init__(self, file: GmfFile, raw: bytes) -> None:
         self.file, self.at = file, 0
         self.words = re.sub(rb"#[^\n]*", b"", raw).split()
-        version, dimension = self._named(b"MeshVersionFormatted"), self._named(b"Dimension")
+        version, dimension = self._integer_after(b"MeshVersionFormatted"), self._integer_after(b"Dimension")
         file.declare(version, dimension)
         starts = [i for i, word in enumerate(self.words) if word[:1].isalpha() and word.lower() not in (b"nan", b"inf")]
         for start, stop in zip(starts, [*starts[1:], len(self.words)], strict=True):
@@ -262,7 +262,7 @@ class _Text:
         if not starts or self.words[starts[-1]] != b"End":
             raise FormatError("expected the keyword End, found none", file=file.path)
 
-    def _named(self, name: bytes) -> int:
+    def _integer_after(self, name: bytes) -> int:
         """The integer that follows a keyword of the header."""
         try:
             return int(self.words[self.words.index(name) + 1])

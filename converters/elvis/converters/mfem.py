@@ -70,7 +70,7 @@ class Mfem(NodalConverter):
                 values.append([function.on(rows) for function in part.functions])
             first += len(part.attributes)
         self._add_fields(parts, values)
-        self.boundaries = _joined(parts, vertices)
+        self.boundaries = _join(parts, vertices)
 
     def _add_fields(self, parts: Sequence[_Part], values: Sequence[Sequence[NodalValues]]) -> None:
         """Fields of the functions, whose values on each block are given."""
@@ -97,7 +97,7 @@ class _Asked:
         try:
             found: dict[str, Any] = self._library.ask(method, *given, str(path), size=size)
         except LibraryError as failure:
-            raise _refused(failure, path) from failure
+            raise _refuse(failure, path) from failure
         return found
 
     def function(self, file: Path, size: int, path: Path) -> dict[str, Any]:
@@ -110,10 +110,10 @@ class _Asked:
         try:
             return np.asarray(self._library.ask(method, self._number, elements, points, *given, size=size))
         except LibraryError as failure:
-            raise _refused(failure, self._path) from failure
+            raise _refuse(failure, self._path) from failure
 
 
-def _refused(failure: LibraryError, path: Path) -> FormatError:
+def _refuse(failure: LibraryError, path: Path) -> FormatError:
     found = f"some on which it {'takes too long' if failure.is_out_of_time else 'crashes'}"
     return FormatError(f"expected data that MFEM reads, found {found}", file=path)
 
@@ -197,7 +197,7 @@ def _numbered(places: Sequence[Floats]) -> list[Ints]:
     return np.split(which, np.cumsum([len(own) for own in places])[:-1])
 
 
-def _joined(parts: Sequence[_Part], vertices: Sequence[Ints]) -> list[Boundary]:
+def _join(parts: Sequence[_Part], vertices: Sequence[Ints]) -> list[Boundary]:
     """Faces on the border by name; those that two parts have are inside."""
     found: dict[str, dict[int, list[tuple[int, ...]]]] = {}
     faces = [face for part, numbers in zip(parts, vertices, strict=True) for face in set(part.borders(numbers))]

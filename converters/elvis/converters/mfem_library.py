@@ -53,7 +53,7 @@ class Library:
         data      (n, count) the values
         """
         own = self._meshes[mesh]
-        found = _guarded(named, lambda: self._mfem.GridFunction(own.mesh, file))
+        found = _guard(named, lambda: self._mfem.GridFunction(own.mesh, file))
         own.functions.append(_Function(self._mfem, found, found.FESpace()))
         return own.functions[-1].described(own.corners)
 
@@ -75,9 +75,9 @@ class _Mesh:
 
     def __init__(self, mfem: Any, file: str, named: str) -> None:
         self._mfem = mfem
-        self.mesh = mesh = _guarded(named, lambda: mfem.Mesh(file, 1, 0, False))
+        self.mesh = mesh = _guard(named, lambda: mfem.Mesh(file, 1, 0, False))
         self._linear = mfem.LinearFECollection()
-        self._straight = _guarded(named, lambda: mfem.FiniteElementSpace(mesh, self._linear))
+        self._straight = _guard(named, lambda: mfem.FiniteElementSpace(mesh, self._linear))
         self._vertices = mfem.Vector()
         mesh.GetVertices(self._vertices)
         nodes = mesh.GetNodes()
@@ -194,7 +194,7 @@ class _Function:
             table.SetRow(component, values)
 
 
-def _guarded(named: str, read: Callable[[], Any]) -> Any:
+def _guard(named: str, read: Callable[[], Any]) -> Any:
     """What ``read`` returns; FormatError with the library's reason where it fails."""
     try:
         return read()

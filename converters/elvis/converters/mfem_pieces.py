@@ -65,7 +65,7 @@ def pieces(paths: Sequence[Path]) -> list[Piece]:
     """What files hold; FormatError where they don't belong together, or hold what can't be represented."""
     streams = [path for path in paths if is_stream(path)]
     if streams:
-        return list(_streamed(paths, streams))
+        return list(_read_streams(paths, streams))
     meshes, functions = [p for p in paths if is_mesh(p)], [p for p in paths if not is_mesh(p)]
     if not meshes:
         raise FormatError("expected a mesh too, found grid functions alone: give the .mesh file", file=paths[0])
@@ -131,7 +131,7 @@ def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
     return [_piece(whole[n], [own[n] for own in fields.values()]) for n in numbers]
 
 
-def _streamed(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Piece]:
+def _read_streams(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Piece]:
     """What streams hold: one mesh, or the pieces of one; of several in a row the last."""
     if len(streams) != len(paths):
         other = next(path for path in paths if path not in streams)

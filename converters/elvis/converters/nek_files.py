@@ -177,7 +177,7 @@ def read_boundaries(path: Path) -> tuple[int, Sides]:
     start = width * count * (1 + dimension * 2**dimension)
     table, start = _table(path, data, start, order, width)
     table, start = _table(path, data, start, order, width)
-    return count, _named(table, order, width)
+    return count, _label(table, order, width)
 
 
 def _table(path: Path, data: bytes, start: int, order: str, width: int) -> tuple[bytes, int]:
@@ -192,7 +192,7 @@ def _table(path: Path, data: bytes, start: int, order: str, width: int) -> tuple
     return data[start + width : end], end
 
 
-def _named(table: bytes, order: str, width: int) -> Sides:
+def _label(table: bytes, order: str, width: int) -> Sides:
     """Sides with their names: the code of the condition, and the number that a mesh generator gave it."""
     kind = np.dtype(f"{order}f{width}" if width == 8 else f"{order}i4")
     numbers = np.frombuffer(table, kind).reshape(-1, 8)

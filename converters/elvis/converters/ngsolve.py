@@ -148,7 +148,7 @@ class NGSolve(NodalConverter):
                 raise FormatError(
                     f"expected {expected} numbers, found {self._array(key).shape}", file=self._path, place=key
                 )
-        order = self._determined(shape, width)
+        order = self._order_of(shape, width)
         if geometry > order:
             found = f"those of order {order}"
             raise FormatError(f"expected samples of order {geometry}, found {found}", file=self._path, place=shape)
@@ -170,7 +170,7 @@ class NGSolve(NodalConverter):
             self.blocks = [*self.blocks, block]
             self._parts.append((shape, rows))
 
-    def _determined(self, shape: str, count: int) -> int:
+    def _order_of(self, shape: str, count: int) -> int:
         """The order of the functions that this many points determine."""
         order = order_of_space(SHAPES[shape], count, _HIGHEST, PyramidSpace.RATIONAL)
         if order is None:

@@ -85,7 +85,7 @@ def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
     notes = _check(meshes[0], text)
     fields = {_name(meshes[0], path): (str(path), *own) for path, own in named}
     size = len(text) + sum(path.stat().st_size for path in functions)
-    with _linked(meshes[0]) as link:
+    with _link(meshes[0]) as link:
         data = _apart(meshes[0], link, fields, size)
     return {**data, "notes": np.array(notes, dtype="U")}
 
@@ -101,7 +101,7 @@ def _apart(path: Path, link: Path, fields: Mapping[str, tuple[str, str, int]], s
 
 
 @contextmanager
-def _linked(path: Path) -> Iterator[Path]:
+def _link(path: Path) -> Iterator[Path]:
     """A link to a mesh by a name from which the library tells what it is; of others it reads nothing."""
     with TemporaryDirectory() as folder:
         link = Path(folder) / ("mesh.vol.gz" if _is_compressed(path) else "mesh.vol")

@@ -95,7 +95,7 @@ class PyFR(NodalConverter):
             return super().sample(block, field, points)
         own = self.nodal(block).fields["solution"]
         conserved = {name: own.component(i, block.rows, points) for i, name in enumerate(self._names)}
-        return _derived(field.name, conserved, self._gamma)
+        return _derive(field.name, conserved, self._gamma)
 
     def _read_mesh(self, file: h5py.File) -> None:
         nodes = require(file, "nodes")
@@ -208,7 +208,7 @@ class PyFR(NodalConverter):
             kept = replace(geometry, nodes=geometry.nodes[rows])
         place = np.full(len(block), -1)
         place[rows] = np.arange(len(rows))
-        self.boundaries = [_restricted(boundary, index, place) for boundary in self.boundaries]
+        self.boundaries = [_restrict(boundary, index, place) for boundary in self.boundaries]
         self.blocks[index] = replace(block.take(rows), key=NodalBlock(kept), rows=slice(None))
 
 
@@ -233,7 +233,7 @@ def _values(file: h5py.File, prefix: str) -> dict[str, Values]:
     return found
 
 
-def _restricted(boundary: Boundary, index: int, place: Ints) -> Boundary:
+def _restrict(boundary: Boundary, index: int, place: Ints) -> Boundary:
     """The sides of a boundary, those of block ``index`` only where ``place`` (n,) tells a new row."""
     sides = []
     for i, rows, faces in boundary.sides:
@@ -322,7 +322,7 @@ def _primitive(names: Sequence[str], orders: Sequence[int | None], file: str) ->
     return [SourceField(name, raised, is_polynomial=False, key=name) for name in (*velocities, "p")]
 
 
-def _derived(name: str, conserved: dict[str, Any], gamma: float) -> Floats:
+def _derive(name: str, conserved: dict[str, Any], gamma: float) -> Floats:
     """A velocity or the pressure of an ideal gas."""
     if name != "p":
         return np.asarray(conserved[f"rho{name}"] / conserved["rho"])

@@ -155,13 +155,13 @@ def solution_points(kind: str, rule: str, count: int, file: str) -> Floats:
         along = max(round(count ** (1 / shape.dimension)), 1)
         points = tensor_nodes(shape, tuple(_LINES[rule](along)[0].tolist()))
     else:
-        points = _tabulated(kind, rule, count)
+        points = _table(kind, rule, count)
     if len(points) != count:
         raise FormatError(f"expected {len(points)} points of {rule} in a {kind}, found {count}", file=file)
     return points
 
 
-def _tabulated(kind: str, rule: str, count: int) -> Floats:
+def _table(kind: str, rule: str, count: int) -> Floats:
     """A table of the package."""
     spec = find_spec("pyfr")
     if spec is None or not spec.submodule_search_locations:

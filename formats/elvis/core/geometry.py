@@ -58,7 +58,7 @@ def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
 
 def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
     """As `geometry`, but what follows from the mesh alone is put together only when it is asked for."""
-    mapped = tuple(_mapped(dataset))
+    mapped = tuple(_mapped_blocks(dataset))
     ids = dataset.mesh.domain_ids()
     for block in mapped:
         ids = np.setdiff1d(ids, block.element_ids, assume_unique=True)
@@ -66,10 +66,10 @@ def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
         return mapped
     skeleton = Skeleton(dataset.mesh)
     shapes = dataset.mesh.elements
-    return (*(part for shape in shapes for part in _assembled(skeleton, shape, ids)), *mapped)
+    return (*(part for shape in shapes for part in _assemble(skeleton, shape, ids)), *mapped)
 
 
-def _mapped(dataset: Dataset) -> Iterator[GeometryBlock]:
+def _mapped_blocks(dataset: Dataset) -> Iterator[GeometryBlock]:
     """Blocks of the elements whose mapping is given as fields."""
     names = dataset.map_names
     if not names:
@@ -80,10 +80,10 @@ def _mapped(dataset: Dataset) -> Iterator[GeometryBlock]:
         raise FormatError(f"expected up to three fields of the dataset as geometry map, found {found}")
     held = [np.concatenate([block.element_ids for block in present[name]] or [np.empty(0, np.int64)]) for name in names]
     for group in grouped(np.intersect1d(dataset.mesh.domain_ids(), np.concatenate(held)), [present[n] for n in names]):
-        yield _stacked(names, group)
+        yield _stack(names, group)
 
 
-def _stacked(names: tuple[str, ...], group: Group) -> GeometryBlock:
+def _stack(names: tuple[str, ...], group: Group) -> GeometryBlock:
     """The coordinates of a group of elements as one block, coordinates without a field zero."""
     expansion, columns = group.expansions[0], group.coefficients
     if expansion is None or expansion.homogeneous or set(group.expansions) != {expansion}:
@@ -132,7 +132,7 @@ class Assembly:
         return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.taken(np.arange(len(self)))))
 
 
-def _assembled(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assembly]:
+def _assemble(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assembly]:
     """The elements of a shape with ids among the sorted ``wanted``, one part for each set of orders."""
     entities, vertices = skeleton.mesh.of(shape), _vertices(skeleton, shape)
     chosen = np.flatnonzero(np.isin(entities.ids, wanted))

@@ -55,7 +55,7 @@ class Grammar(ABC, Generic[Value]):
         """What one of ``+ - * / ^`` makes of its operands."""
 
     @abstractmethod
-    def _named(self, name: str, is_quoted: bool) -> Value:
+    def _resolve(self, name: str, is_quoted: bool) -> Value:
         """What a name becomes, the token taken; where it is a function its operands are to be taken."""
 
     def whole(self) -> Value:
@@ -98,7 +98,7 @@ class Grammar(ABC, Generic[Value]):
             raise self._unexpected("a number, a name or (")
         self._next += 1
         if kind != "number":
-            return self._named(text if kind == "name" else text[1:-1], kind == "quoted")
+            return self._resolve(text if kind == "name" else text[1:-1], kind == "quoted")
         if not isfinite(float(text)):
             raise self._mistaken(f"expected a number of double precision, found {text}")
         return self._number(float(text))

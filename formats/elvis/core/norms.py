@@ -85,7 +85,7 @@ def quantity_norm(dataset: Dataset, expression: Expression) -> Norm:
             rows = np.arange(len(patch))[batch]
             places = np.tile(points, (len(rows), 1))
             values = evaluator.values(expression, patch, np.repeat(rows, len(points)), places)
-            measure = _mapped(patch, rule, patch.geometry_coefficients[batch])[1]
+            measure = _map_points(patch, rule, patch.geometry_coefficients[batch])[1]
             total.add(values.reshape(len(rows), len(points)), measure)
     if not total.count:
         raise ElvisError(f"expected elements of the domain under {expression.text}, found none")
@@ -199,7 +199,7 @@ def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion) -> Non
     rule = _Rule(field_cubature(expansion), expansion.shape, expansion.homogeneous)
     points = rule.points()
     for batch in _batches(len(patch), len(points)):
-        measure = _mapped(patch, rule, patch.geometry_coefficients[batch])[1]
+        measure = _map_points(patch, rule, patch.geometry_coefficients[batch])[1]
         for total, own, coefficients in zip(sums, patch.fields, patch.coefficients, strict=True):
             if own == expansion and coefficients is not None:
                 total.add(evaluate(expansion, coefficients[batch], points), measure)
@@ -209,7 +209,7 @@ def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule
     """Take in the coordinates, ``space`` of them and the homogeneous ones, on the elements ``members`` (n,)."""
     coefficients, planes = patch.geometry_coefficients[members], rule.zeta
     for batch in _batches(len(coefficients), len(rule.points())):
-        places, measure = _mapped(patch, rule, coefficients[batch])
+        places, measure = _map_points(patch, rule, coefficients[batch])
         for axis, total in enumerate(sums[:space]):
             total.add(np.tile(places[:, axis], (1, len(planes))), measure)
         for axis, total in enumerate(sums[space:]):
@@ -217,7 +217,7 @@ def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule
             total.add(np.broadcast_to(np.repeat(along, len(rule.flat.points)), measure.shape), measure)
 
 
-def _mapped(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:
+def _map_points(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:
     """World coordinates (e, 3, n) of the flat quadrature points, and measure (e, n k) of all."""
     places, jacobians = evaluate_with_gradients(patch.geometry, coefficients, rule.flat.points)
     return places, np.tile(rule.share * rule.flat.weights * _stretch(jacobians), (1, len(rule.zeta)))

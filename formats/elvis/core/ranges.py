@@ -68,7 +68,7 @@ def _greatest(blocks: Sequence[tuple[Expansion, Floats]]) -> tuple[float, float]
         if expansion.homogeneous is not None:
             bound = max(bound, float(bounds.max()))
         elif len(rivals):
-            attained, least_bound = _refined(expansion, coefficients[rivals], bounds[rivals], attained)
+            attained, least_bound = _refine(expansion, coefficients[rivals], bounds[rivals], attained)
             bound = max(bound, least_bound)
     return attained, max(bound, attained)
 
@@ -108,7 +108,7 @@ def _wave_bounds(expansion: Expansion, coefficients: Floats) -> Floats:
     return bounds
 
 
-def _refined(expansion: Expansion, coefficients: Floats, bounds: Floats, attained: float) -> tuple[float, float]:
+def _refine(expansion: Expansion, coefficients: Floats, bounds: Floats, attained: float) -> tuple[float, float]:
     """As `_greatest`, for elements whose bound exceeds what is attained: halve, forget boxes that can't win."""
     space = bernstein_space(expansion)
     order = np.argsort(bounds)[::-1]

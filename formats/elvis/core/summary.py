@@ -124,7 +124,7 @@ def _field(field: Field) -> Facts:
     return {
         "name": field.name,
         "elements": sum(len(block) for block in field.blocks),
-        "expansions": [_expansion(block.expansion, len(block)) for block in _merged(field.blocks)],
+        "expansions": [_expansion(block.expansion, len(block)) for block in _merge(field.blocks)],
         "continuous": field.continuous,
         "range": {name: _end(found, name) for name in ("lower", "upper", "least", "greatest")},
         "nan": sum(int(np.isnan(block.coefficients).sum()) for block in field.blocks),
@@ -133,7 +133,7 @@ def _field(field: Field) -> Facts:
     }
 
 
-def _merged(blocks: Sequence[Block]) -> list[Block]:
+def _merge(blocks: Sequence[Block]) -> list[Block]:
     """The blocks in order, those of one expansion counted as one."""
     ids: dict[Expansion, list[Any]] = {}
     for block in blocks:

@@ -82,8 +82,8 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     settings = settings or Settings()
     fields = _chosen(source, settings.fields)
     plan, sampler = _plan(source, fields, settings), Sampler(source)
-    mesh = plan.mesh if source.mesh is not None else _curved(sampler, plan)
-    projected = _projected(sampler, mesh, plan, fields, settings)
+    mesh = plan.mesh if source.mesh is not None else _curve(sampler, plan)
+    projected = _project(sampler, mesh, plan, fields, settings)
     blocks, fitted, findings = projected.blocks, projected.fields, projected.findings
     straight = findings
 
@@ -186,7 +186,7 @@ def _spaced(block: NativeBlock, settings: Settings) -> NativeBlock:
     return replace(block, is_ortho=is_polynomial and settings.pyramids == "exact")
 
 
-def _curved(sampler: Sampler, plan: Topology) -> Mesh:
+def _curve(sampler: Sampler, plan: Topology) -> Mesh:
     """The mesh with the curves of the source's map, in the space of the axes up to the last that is used."""
     traces = Traces(plan.mesh, plan.blocks, [block.source.order + 1 for block in plan.blocks])
     skins, is_used, lines = Skins(traces, 3), np.zeros(3, bool), []
@@ -199,7 +199,7 @@ def _curved(sampler: Sampler, plan: Topology) -> Mesh:
     return with_curves(replace(plan.mesh, space=space), skins, lines)
 
 
-def _projected(
+def _project(
     sampler: Sampler, mesh: Mesh, plan: Topology, fields: Sequence[SourceField], settings: Settings
 ) -> Projected:
     """The fields on the blocks, parted by order where that is chosen by element, and how far off all is."""

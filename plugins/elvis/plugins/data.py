@@ -67,7 +67,7 @@ def open_data(
     reading = reading or Reading()
     own = _converters_in(reading.plugin)
     if own:
-        return _converted(paths, own, replace(reading, is_kept=False))
+        return _convert(paths, own, replace(reading, is_kept=False))
     opened = None if reading.options else open_files(paths, reading.plugin, report)
     return opened or dataset_of(paths, reading)
 
@@ -78,7 +78,7 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
         check_plain_or_folder(path)
     if not reading.options and all(map(is_native, paths)):
         return read_data(paths)
-    return _converted(paths, installed(), reading)
+    return _convert(paths, installed(), reading)
 
 
 def _converters_in(plugin: str | None) -> list[Candidate]:
@@ -88,7 +88,7 @@ def _converters_in(plugin: str | None) -> list[Candidate]:
     return converters_of(Path(plugin))
 
 
-def _converted(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Dataset:
+def _convert(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Dataset:
     """The dataset that a converter makes of the files, or that was kept when it did."""
     from elvis.plugins.kept_conversions import Work, kept
 

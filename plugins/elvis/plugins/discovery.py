@@ -141,11 +141,11 @@ def with_defaults(converter: type[Converter], given: Mapping[str, str | bool]) -
             known = ", ".join(options) or "none"
             raise ElvisError(f"{converter.__name__} has no option {name!r}; its options are: {known}")
     defaults = {name: option.default for name, option in options.items() if option.default is not None}
-    named: dict[str, Any] = {**defaults, **{name: _checked(options[name], value) for name, value in given.items()}}
+    named: dict[str, Any] = {**defaults, **{name: _check(options[name], value) for name, value in given.items()}}
     return {name.replace("-", "_"): value for name, value in named.items()}
 
 
-def _checked(option: Option, value: str | bool) -> str | bool:
+def _check(option: Option, value: str | bool) -> str | bool:
     """The value of an option; ElvisError where it can't have that."""
     if option.choices is None and isinstance(value, str):
         if value not in ("yes", "no"):

@@ -135,15 +135,15 @@ class Formula:
         valued = [leaf.name for leaf in used if leaf.op == "field" and not leaf.axes]
         derived = [leaf.name for leaf in used if leaf.op == "field" and len(leaf.axes) == 1]
         varied = [leaf.name for leaf in varying if leaf.op == "field"]
-        yield from self._gathered("value", "double", "value(r)", valued)
-        yield from self._gathered("reference_gradient", "double3", "gradient(r)", [*derived, *varied])
+        yield from self._gather("value", "double", "value(r)", valued)
+        yield from self._gather("reference_gradient", "double3", "gradient(r)", [*derived, *varied])
         for m in self._rows(derived):
             yield f"double3 gradient{m} = in_world(frame, reference_gradient{m});"
         for m in self._rows([leaf.name for leaf in used if len(leaf.axes) > 1]):
             row = f"element * {len(self.fields)}u + {m}u"
             yield f"Hessian hessian{m} = Hessian(V({row}), V(element), r);"
 
-    def _gathered(self, name: str, type: str, asked: str, fields: Sequence[str]) -> Iterator[str]:
+    def _gather(self, name: str, type: str, asked: str, fields: Sequence[str]) -> Iterator[str]:
         """What is asked of fields, in one loop: drivers take long to compile many copies of an element's code."""
         rows = self._rows(fields)
         if len(rows) > 1:

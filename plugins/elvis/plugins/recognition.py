@@ -53,7 +53,7 @@ def found_instead(path: Path, converters: Sequence[type[Converter]] = ()) -> str
         hint = converter.hint(path)
         if hint:
             return hint
-    return next(_described(path, head))
+    return next(_describe(path, head))
 
 
 def _folder(path: Path, converters: Sequence[type[Converter]]) -> str:
@@ -68,7 +68,7 @@ def _folder(path: Path, converters: Sequence[type[Converter]]) -> str:
     return "a folder without pieces of a parallel run and without files of a known format"
 
 
-def _described(path: Path, head: bytes) -> Iterator[str]:
+def _describe(path: Path, head: bytes) -> Iterator[str]:
     if head.startswith(b"\x89HDF"):
         yield _hdf5(path)
     for beginning, words in _BEGINNINGS:

@@ -66,7 +66,7 @@ def _opened(opened: Opened, texts: Sequence[str]) -> Volume:
         if list(map(_kind, other.parts)) != list(map(_kind, volume.parts)):
             raise ElvisError(f"the plugin {opened.name} has {used[0]} and {name} on different elements: take one")
     parts = [
-        _expressed(Fields(dict(zip(used, own, strict=True)), volume.shader_folder, volume.dimension), expressions)
+        _express(Fields(dict(zip(used, own, strict=True)), volume.shader_folder, volume.dimension), expressions)
         for own in zip(*(other.parts for other in volumes.values()), strict=True)
     ]
     return Shown(parts, Path(volume.shader_folder), volume.dimension, getattr(volume, "faces", None))
@@ -96,7 +96,7 @@ class Fields:
         return host_evaluations_by_field(self.parts)
 
 
-def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
+def _express(fields: Fields, expressions: Sequence[Expression]) -> Part:
     """A plugin's part with quantities, of which the first is its own."""
     part = fields.part
     quantities = {expression.text: _quantity(fields, expression) for expression in expressions}
@@ -109,7 +109,7 @@ def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
         source=own.source,
         buffers={**part.buffers, **own.buffers},
         degree=0,
-        solve=_solved(fields, expressions[0]),
+        solve=_solve(fields, expressions[0]),
         bends=part.bends if fields.hosts else None,
         evaluate=None,
         bounds=None,
@@ -119,7 +119,7 @@ def _expressed(fields: Fields, expressions: Sequence[Expression]) -> Part:
     )
 
 
-def _solved(fields: Fields, expression: Expression) -> Callable[[Ints, Floats], Solution] | None:
+def _solve(fields: Fields, expression: Expression) -> Callable[[Ints, Floats], Solution] | None:
     """The last resort of the part, with the values of an expression."""
     part = fields.part
     solve = part.solve

@@ -19,12 +19,12 @@ def same_camera(first: Record, second: Record) -> bool:
     A projection is a 3 x 4 matrix P with (i, j, 1) ~ P (x, y, z, 1), on a plane a 3 x 3 one: the direct linear
     transformation (Hartley and Zisserman, Multiple View Geometry, 4.1) has a solution where its system is singular.
     """
-    parts = [_sampled(record) for record in (first, second)]
+    parts = [_sample(record) for record in (first, second)]
     pixels, points, depths = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if len(points) < 8:
         return True
     depths = (depths - depths.mean()) / (np.abs(points - points.mean(axis=0)).max() or 1.0)
-    pixels, points = _normalised(pixels), np.column_stack([_spanned(_normalised(points)), np.ones(len(points))])
+    pixels, points = _normalise(pixels), np.column_stack([_span_coordinates(_normalise(points)), np.ones(len(points))])
     still = np.zeros_like(points)
     rows = [
         np.hstack([points, still, -pixels[:, :1] * points]),
@@ -33,7 +33,7 @@ def same_camera(first: Record, second: Record) -> bool:
     return _singular(np.concatenate(rows)) and _singular(np.column_stack([points, depths]))
 
 
-def _sampled(record: Record) -> tuple[Floats, Floats, Floats]:
+def _sample(record: Record) -> tuple[Floats, Floats, Floats]:
     """Pixels (n, 2), positions (n, 3) and depths (n,) of some of what is seen, spread evenly."""
     rows, columns = np.nonzero(record.seen & np.isfinite(record.position).all(axis=2) & np.isfinite(record.depth))
     step = max(1, len(rows) // _SAMPLE)
@@ -42,13 +42,13 @@ def _sampled(record: Record) -> tuple[Floats, Floats, Floats]:
     return pixels, record.position[rows, columns], record.depth[rows, columns]
 
 
-def _normalised(values: Floats) -> Floats:
+def _normalise(values: Floats) -> Floats:
     """The values (n, k) about their mean, of size one."""
     centred = values - values.mean(axis=0)
     return np.asarray(centred / (np.abs(centred).max() or 1.0))
 
 
-def _spanned(points: Floats) -> Floats:
+def _span_coordinates(points: Floats) -> Floats:
     """The points (n, 3) by coordinates in the plane or line that they fill: what is off it would fit any camera."""
     _, extents, axes = np.linalg.svd(points, full_matrices=False)
     return np.asarray(points @ axes[extents > _MISFIT * extents[0]].T)

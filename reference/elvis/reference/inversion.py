@@ -116,7 +116,7 @@ class Inverter:
                 pair, place, own = pair[is_open], place[is_open], own[is_open]
             if not len(pair) or 2 * len(pair) > _PAIRS:
                 break
-            place = _halved(place, _widest(self.shape, boxes)[own])
+            place = _halve(place, _widest(self.shape, boxes)[own])
             pair = np.tile(pair, 2)
         status[pair] = Status.FAILED
         return reference, status
@@ -262,7 +262,7 @@ def _widest(shape: Shape, boxes: Floats) -> Ints:
     return np.asarray(np.argmax(widths, axis=0))
 
 
-def _halved(places: Ints, along: Ints) -> Ints:
+def _halve(places: Ints, along: Ints) -> Ints:
     """(2 k, 2 d) the lower halves of boxes along a direction (k,) each, then the upper ones."""
     dimension, rows = places.shape[1] // 2, np.arange(len(places))
     lower = places.copy()

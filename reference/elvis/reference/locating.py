@@ -56,7 +56,7 @@ class Locator:
 
         Coordinates along Fourier directions are taken modulo the period.
         """
-        world, zeta = self._unrolled(np.asarray(points, np.float64))
+        world, zeta = self._unroll(np.asarray(points, np.float64))
         point, patch, row = self._candidates(world)
         reference = np.full((len(point), self._dimension), np.nan)
         status = np.empty(len(point), np.uint8)
@@ -69,7 +69,7 @@ class Locator:
         self._answer("searched", doubtful, world, (point, patch, row), reference, status)
         return self._location(zeta, (point, patch, row), reference, status, all)
 
-    def _unrolled(self, points: Floats) -> tuple[Floats, Floats]:
+    def _unroll(self, points: Floats) -> tuple[Floats, Floats]:
         """The points with 0 along Fourier directions, and (n, p) their coordinates zeta there."""
         world, zeta = points.copy(), np.empty((len(points), len(self._periods)))
         for number, (axis, length) in enumerate(self._periods):

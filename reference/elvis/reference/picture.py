@@ -48,7 +48,7 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     Raises SceneError where nothing is seen or the scene's time has passed, ElvisError for data that can't be drawn.
     """
     with limited(scene.timeout):
-        frame = _rendered(dataset, scene)
+        frame = _render(dataset, scene)
         if scene.box or scene.axes:
             frame = replace(frame, box=_domain(dataset))
         check_time()
@@ -67,7 +67,7 @@ def _domain(data: Dataset | Opened) -> Floats:
     return box
 
 
-def _rendered(dataset: Dataset | Opened, scene: Scene) -> Frame:
+def _render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     """As `render`, but for the time."""
     scene = ranged(dataset, scene)
     if scene.samples > 1:

@@ -24,9 +24,9 @@ _AT_ONCE = 1 << 12
 
 def owners(locator: Locator, points: Floats) -> Location:
     """One result for each of the points (n, 3): the element it lies in; on borders the one of lowest id."""
-    found = _located(locator, points)
+    found = _locate(locator, points)
     border = np.flatnonzero((found.status == InverseStatus.INSIDE) & (found.margin <= TOLERANCE))
-    every = _located(locator, points[border], every=True)
+    every = _locate(locator, points[border], every=True)
 
     # the first result in order of points, then ids
     order = np.lexsort((every.element_id, every.point))
@@ -37,7 +37,7 @@ def owners(locator: Locator, points: Floats) -> Location:
     return replace(found, **columns)
 
 
-def _located(locator: Locator, points: Floats, every: bool = False) -> Location:
+def _locate(locator: Locator, points: Floats, every: bool = False) -> Location:
     """Where points (n, 3) are, or every element that holds them; some at a time, as it may take long."""
     parts = []
     for first in range(0, max(1, len(points)), _AT_ONCE):

@@ -58,10 +58,10 @@ class Record:
         missing = [name for name in CHANNELS if name not in found]
         if missing:
             raise FormatError(f"expected the channels {', '.join(CHANNELS)}, found no {', '.join(missing)}", file=path)
-        return Record._checked(found, path)
+        return Record._check(found, path)
 
     @staticmethod
-    def _checked(found: dict[str, Any], path: Path) -> Record:
+    def _check(found: dict[str, Any], path: Path) -> Record:
         """The record, if every channel has the picture's size and a number at each pixel."""
         size = found["field"].shape
         for name in found:

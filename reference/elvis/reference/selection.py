@@ -36,7 +36,7 @@ def chosen_faces(mesh: Mesh, patch: Patch, select: Sequence[str]) -> Bools:
         elif kind == "region" and rest:
             chosen |= np.isin(patch.element_ids, _members(_composite(mesh, rest), patch.shape.tag))[:, None]
         else:
-            chosen |= np.isin(numbers, _named(mesh, patch, _composite(mesh, name)))
+            chosen |= np.isin(numbers, _faces_of_composite(mesh, patch, _composite(mesh, name)))
     return chosen
 
 
@@ -81,7 +81,7 @@ def _members(composite: Composite, *tags: str) -> Ints:
     return np.concatenate([np.empty(0, np.int64), *(ids for tag, ids in composite.parts if tag in tags)])
 
 
-def _named(mesh: Mesh, patch: Patch, composite: Composite) -> Ints:
+def _faces_of_composite(mesh: Mesh, patch: Patch, composite: Composite) -> Ints:
     """Numbers of the faces of a composite."""
     if patch.periods:
         return np.flatnonzero(np.isin(mesh.of(Shape.SEGMENT).ids, _members(composite, "E", "S")))

@@ -159,7 +159,7 @@ def compare_scene(
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
     seconds = {"exact": perf_counter() - start}
-    exact, completed = Record.of(frame), _completed(frame)
+    exact, completed = Record.of(frame), _complete(frame)
     names = names_of(completed)
     values = _contours(completed, exact, frame.range)
     quantities, allowed = Quantities(dataset, names), memory_limit() if limit is None else limit
@@ -176,7 +176,7 @@ def compare_scene(
         quantities.patches,
         _validate(dataset, completed, draw, validation_size),
         str(frame.stats.get("device", {}).get("label", "")),
-        sum(map(_stored, quantities.patches)),
+        sum(map(_stored_bytes, quantities.patches)),
         (fine, estimate(quantities.patches, fine, len(names))[2]),
         seconds,
         frame.remarks,
@@ -291,7 +291,7 @@ def _renderer() -> Callable[..., Frame]:
     return cast(Callable[..., Frame], load("elvis.devices", "auto"))
 
 
-def _completed(frame: Frame) -> Scene:
+def _complete(frame: Frame) -> Scene:
     """The scene with the camera, size and field that the frame was drawn with."""
     return replace(frame.scene, camera=frame.view.camera, size=(frame.view.width, frame.view.height))
 
@@ -327,6 +327,6 @@ def _pixel(view: View) -> float | None:
     return None if view.perspective else float(np.linalg.norm(view.column))
 
 
-def _stored(patch: Patch) -> int:
+def _stored_bytes(patch: Patch) -> int:
     """Bytes of a patch's coefficients."""
     return patch.geometry_coefficients.nbytes + sum(own.nbytes for own in patch.coefficients if own is not None)

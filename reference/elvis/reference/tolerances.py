@@ -66,8 +66,8 @@ def check_tolerances(
     values = np.where(known, value_errors(exact, other, (low, high)), 0.0)
     value_limit = allowed(VALUE, high - low, max(abs(low), abs(high))) / (high - low)
     return [
-        _measured("field value", value_limit, values, exact, other),
-        _measured("position", allowed(POSITION, size, away) / size, np.where(same, moved, 0.0), exact, other),
+        _measure("field value", value_limit, values, exact, other),
+        _measure("position", allowed(POSITION, size, away) / size, np.where(same, moved, 0.0), exact, other),
         _counted("coverage", decided & (exact.seen != other.seen), exact, other),
         _counted("element", decided & exact.seen & other.seen & (exact.element != other.element), exact, other),
         _counted("failed pixels", gone, exact, other),
@@ -79,7 +79,7 @@ def uncertainty_of(record: Record) -> Floats:
     return np.zeros(record.shape) if record.uncertainty is None else np.nan_to_num(record.uncertainty, posinf=np.inf)
 
 
-def _measured(name: str, limit: float, values: Floats, exact: Record, other: Record) -> Check:
+def _measure(name: str, limit: float, values: Floats, exact: Record, other: Record) -> Check:
     """The check of a measure (h, w), in parts."""
     above = values > limit
     place = worst(exact, other, values) if above.any() else None

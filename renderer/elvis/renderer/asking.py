@@ -62,14 +62,14 @@ def _sorted(given: Sequence[Any]) -> tuple[Dataset | Opened | None, list[Path], 
     """Data, files, and what else there is: a scene, a quantity."""
     items = list(_flat(given))
     if items and isinstance(items[0], (Dataset, Opened)):
-        return items[0], [], [_checked(each, False) for each in items[1:]]
+        return items[0], [], [_check(each, False) for each in items[1:]]
     files, rest = list[Path](), list[Any]()
     for each in items:
         is_first = not files
         if isinstance(each, Path) or (isinstance(each, str) and (is_first or _is_file(each))):
             files.append(Path(each))
         else:
-            rest.append(_checked(each, is_first))
+            rest.append(_check(each, is_first))
     return None, files, rest
 
 
@@ -87,7 +87,7 @@ def _is_file(text: str) -> bool:
     return os.path.exists(text) or _SUFFIX.search(text) is not None
 
 
-def _checked(value: Any, is_first: bool) -> Any:
+def _check(value: Any, is_first: bool) -> Any:
     """A scene or the text of a quantity; SceneError for anything else."""
     if isinstance(value, (Scene, str)):
         return value

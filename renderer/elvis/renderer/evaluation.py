@@ -113,7 +113,7 @@ class Evaluation:
         """All facts, by topic, as plain data."""
         names = [*self.opened.fields, *texts]
         with self._shown(self.expressions(names)) as (volume, device):
-            sampled = [_sampled(number, names, volume, device) for number in range(len(volume.parts))]
+            sampled = [_sample(number, names, volume, device) for number in range(len(volume.parts))]
         fields = _ranges(names, volume, sampled)
         return {
             "plugin": self.opened.name,
@@ -147,7 +147,7 @@ def _places(points: Floats, volume: Volume, device: Renderer, every: bool) -> tu
     for number, some in enumerate(volume.parts):
         near, local = BoxTree.build(np.asarray(some.boxes)).candidates(points[border])
         if len(near):
-            reference, inside = _inverted(number, local, points[border[near]], device)
+            reference, inside = _invert(number, local, points[border[near]], device)
             count = np.full(int(inside.sum()), 1)
             parts.append((border[near[inside]], number * count, local[inside], reference[inside], _INSIDE * count))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
@@ -156,7 +156,7 @@ def _places(points: Floats, volume: Volume, device: Renderer, every: bool) -> tu
     return point, part, local, reference, status
 
 
-def _inverted(number: int, elements: Ints, points: Floats, device: Renderer) -> tuple[Floats, Bools]:
+def _invert(number: int, elements: Ints, points: Floats, device: Renderer) -> tuple[Floats, Bools]:
     """Reference points (n, 3) of world points (n, 3) in elements (n,) of a part, and whether they lie inside.
 
     By Newton's method from the centre, whose steps are those of the kernels' maps.
@@ -180,11 +180,11 @@ def _values(text: str, part: Ints, local: Ints, reference: Floats, volume: Volum
     for number in range(len(volume.parts)):
         here = np.flatnonzero(part == number)
         if len(here):
-            values[here] = _samples_in(number, local[here], reference[here], device, _named(volume, text)).value
+            values[here] = _samples_in(number, local[here], reference[here], device, _quantity_name(volume, text)).value
     return values
 
 
-def _named(volume: Volume, text: str) -> str | None:
+def _quantity_name(volume: Volume, text: str) -> str | None:
     """The name of a quantity of the parts; None for their own field."""
     return text if text in volume.parts[0].quantities else None
 
@@ -219,15 +219,15 @@ def _sums(
     measure = np.tile(rule.weights, len(part)) * np.abs(np.linalg.det(place.jacobian))
     columns = []
     for name in names:
-        if name in AXES and _named(volume, name) is None:
+        if name in AXES and _quantity_name(volume, name) is None:
             columns.append(place.position[:, AXES.index(name)])
         else:
-            columns.append(_samples_in(number, elements, points, device, _named(volume, name)).value)
+            columns.append(_samples_in(number, elements, points, device, _quantity_name(volume, name)).value)
     table = np.stack(columns)
     return (table**2) @ measure, table.min(axis=1), table.max(axis=1)
 
 
-def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer) -> list[Samples]:
+def _sample(number: int, texts: Sequence[str], volume: Volume, device: Renderer) -> list[Samples]:
     """Samples of each quantity at many points of a part's elements."""
     part = volume.parts[number]
     if part.shape is None:
@@ -237,7 +237,7 @@ def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer
         modes = min(16, max(4, int(np.cbrt(_MANY / len(part)))))
         lattice = _rule(part, modes).points
         elements, points = np.repeat(np.arange(len(part)), len(lattice)), np.tile(lattice, (len(part), 1))
-    found = [_samples_in(number, elements, points, device, _named(volume, text)) for text in texts]
+    found = [_samples_in(number, elements, points, device, _quantity_name(volume, text)) for text in texts]
     inside = found[0].margin >= -1e-9
     return [Samples(**{name: column[inside] for name, column in vars(one).items()}) for one in found]
 

@@ -57,7 +57,7 @@ class Finder:
         self._loaded, self._parts, self._first = loaded, loaded.parts, loaded.first
         self._kernels = [loaded.device.kernel("locate", part) for part in self._parts]
         self._trees = [BoxTree.build(part.boxes) for part in self._parts]
-        self._buffers = [self._uploaded(tree) for tree in self._trees]
+        self._buffers = [self._upload(tree) for tree in self._trees]
 
     def find(self, points: Floats) -> Places:
         """Places of world points (n, 3); those that rounding may have put outside of all elements are ambiguous."""
@@ -121,7 +121,7 @@ class Finder:
         undecided: Ints = point[solution.status == UNKNOWN]
         return undecided
 
-    def _uploaded(self, tree: BoxTree) -> dict[str, Buffer]:
+    def _upload(self, tree: BoxTree) -> dict[str, Buffer]:
         return {name: self._loaded.device.buffer(getattr(tree, name)) for name in ("nodes", "order")}
 
     def _query(self, number: int, kernel: Kernel, points: int) -> Buffer:

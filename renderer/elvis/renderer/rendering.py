@@ -73,12 +73,12 @@ def render(
     """
     asked = Asked.of(data, scene, keywords)
     at_hand = _at_hand(asked)
-    frame = _rendered(at_hand, asked.scene, device or asked.scene.device, progress)
+    frame = _render(at_hand, asked.scene, device or asked.scene.device, progress)
     asked.write(frame)
     return frame
 
 
-def _rendered(dataset: Dataset | Opened, scene: Scene, device: str, progress: Progress | None) -> Frame:
+def _render(dataset: Dataset | Opened, scene: Scene, device: str, progress: Progress | None) -> Frame:
     """A picture of data that are at hand."""
     if not scene.field and isinstance(dataset, Dataset) and not dataset.solution:
         scene, dataset = of_mesh(scene), replace(dataset, remarks=(*dataset.remarks, REMARK))
@@ -87,15 +87,15 @@ def _rendered(dataset: Dataset | Opened, scene: Scene, device: str, progress: Pr
     if isinstance(dataset, Opened):
         return drawn(dataset, scene, device, progress)
     kind = Kind.of(dataset)
-    asked, scene = scene, _arranged(_with_quantity(scene, dataset), kind)
+    asked, scene = scene, _arrange(_with_quantity(scene, dataset), kind)
     other = _other(device)
     if other is not None:
-        return _noted(other(dataset, scene), asked, dataset.remarks)
+        return _note(other(dataset, scene), asked, dataset.remarks)
     if kind is Kind.LINE:
-        return _noted(draw_curves(dataset, scene), asked, dataset.remarks)
+        return _note(draw_curves(dataset, scene), asked, dataset.remarks)
     with Renderer(device, progress) as renderer:
         renderer.load(dataset, *quantities(scene))
-        return _noted(renderer.render(scene, references=_is_exact(scene)), asked, dataset.remarks)
+        return _note(renderer.render(scene, references=_is_exact(scene)), asked, dataset.remarks)
 
 
 def _at_hand(asked: Asked) -> Dataset | Opened:
@@ -112,14 +112,14 @@ def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None =
     """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
     scene = _with_quantity(scene, opened)
     volume = volume_of(opened, quantities(scene))
-    asked, scene = scene, _arranged(scene, Kind(volume.dimension))
+    asked, scene = scene, _arrange(scene, Kind(volume.dimension))
     other = _other(device)
     if other is not None:
-        return _noted(other(opened, scene), asked)
+        return _note(other(opened, scene), asked)
     with Renderer(device, progress) as renderer:
         renderer.show(volume)
         remarks = check_volume(opened.name, volume, renderer)
-        return _noted(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
+        return _note(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
 
 
 def _other(device: str) -> Drawing | None:
@@ -146,7 +146,7 @@ def default_field(data: Dataset | Opened) -> str:
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
-    return _arranged(_with_quantity(scene, dataset), Kind.of(dataset))
+    return _arrange(_with_quantity(scene, dataset), Kind.of(dataset))
 
 
 def _with_quantity(scene: Scene, data: Dataset | Opened) -> Scene:
@@ -158,7 +158,7 @@ def _with_quantity(scene: Scene, data: Dataset | Opened) -> Scene:
     return scene
 
 
-def _arranged(scene: Scene, kind: Kind) -> Scene:
+def _arrange(scene: Scene, kind: Kind) -> Scene:
     """The scene with its objects: where none are given, 2D data in their plane, and outer faces of the rest."""
     if kind is Kind.LINE:
         return scene
@@ -175,7 +175,7 @@ def _arranged(scene: Scene, kind: Kind) -> Scene:
     return scene if scene.every_object else replace(scene, objects=(Faces(),))
 
 
-def _noted(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
+def _note(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
     """The frame of a scene with remarks in its statistics: also that all faces stand in where nothing was asked for."""
     shown = frame.scene.objects
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):

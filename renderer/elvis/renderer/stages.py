@@ -234,9 +234,9 @@ class Stages:
         if self.distances.knows(quantity):
             return self.distances.draw(view, quantity, value, beyond)
         hits, left = self.isosurfaces.draw(view, quantity, value, beyond), self._undefined(quantity)
-        return self._marked(hits, view, left, beyond) if len(left) and self.dataset is not None else hits
+        return self._mark(hits, view, left, beyond) if len(left) and self.dataset is not None else hits
 
-    def _marked(self, hits: HitBuffer, view: View, left: Ints, beyond: Floats | None) -> HitBuffer:
+    def _mark(self, hits: HitBuffer, view: View, left: Ints, beyond: Floats | None) -> HitBuffer:
         """The hit buffer, ambiguous where elements that were left out may hide it."""
         faces = replace(self.faces.faces, regions={"left": left})
         before = FaceDrawer(self.loaded, faces).draw(view, ("region:left",), beyond).depth < hits.depth

@@ -46,7 +46,7 @@ def read_scene(path: str | Path, given: Iterable[str] = ()) -> Scene:
     if len(content) > LARGEST:
         raise SceneError(f"{path}: expected a scene of at most {LARGEST} bytes, found more")
     try:
-        table = _parsed(content.decode(), path.suffix.lower())
+        table = _parse(content.decode(), path.suffix.lower())
     except (ValueError, RecursionError) as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
         raise SceneError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {reason}") from error
@@ -101,7 +101,7 @@ def check_scene_suffix(path: Path) -> None:
         raise SceneError(f"{path}: expected a scene's name that ends in {', '.join(SUFFIXES)}")
 
 
-def _parsed(text: str, suffix: str) -> Table:
+def _parse(text: str, suffix: str) -> Table:
     """The table in a text; ValueError where it is none."""
     readers: dict[str, Callable[[str], Any]] = {".json": json.loads, ".toml": _read_toml}
     table = readers.get(suffix, _yaml)(text)

@@ -28,7 +28,7 @@ def check_permitted(table: Table, folder: Path) -> None:
             "one that you trust is named with --plugin"
         )
     for key in SUFFIXES:
-        for place, name in _named(key, table.get(key)):
+        for place, name in _file_names(key, table.get(key)):
             fault = _fault(key, name, folder)
             if fault:
                 option = settings(Scene)[key].option.split()[0]
@@ -39,7 +39,7 @@ def forbidden(scene: Scene, folder: Path) -> tuple[str, ...]:
     """The keys of a scene that a file in ``folder`` may not have."""
     keys = ["plugin"] if _is_plugin_file(scene.plugin) else []
     for key in SUFFIXES:
-        names = [os.path.relpath(name, folder) for _, name in _named(key, getattr(scene, key))]
+        names = [os.path.relpath(name, folder) for _, name in _file_names(key, getattr(scene, key))]
         if any(_fault(key, name, folder) for name in names):
             keys.append(key)
     return tuple(keys)
@@ -62,7 +62,7 @@ def _is_plugin_file(plugin: Any) -> bool:
     return isinstance(plugin, str) and (Path(plugin).suffix.lower() == ".py" or Path(plugin).name != plugin)
 
 
-def _named(key: str, value: Any) -> list[tuple[str, str]]:
+def _file_names(key: str, value: Any) -> list[tuple[str, str]]:
     """The names of files under a key, each with its place in the scene."""
     if value is None or isinstance(value, str):
         return [(key, value)] if value else []

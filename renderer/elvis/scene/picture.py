@@ -31,7 +31,7 @@ def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
 def page(frame: Frame, *, plain: bool = False) -> Page:
     """The same, of which some rows can be had at a time."""
     height, width = frame.rgb.shape[:2]
-    return Page(frame.rgb, (0, 0), (width, height)) if plain else _framed(frame)
+    return Page(frame.rgb, (0, 0), (width, height)) if plain else _add_frame(frame)
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
@@ -64,7 +64,7 @@ def labels(values: list[float]) -> list[str]:
     return [f"{value:.{decimals}f}" for value in values]
 
 
-def _framed(frame: Frame) -> Page:
+def _add_frame(frame: Frame) -> Page:
     """The image on its background with its axes; the title above, a bar for each colour map beside it, notes below."""
     high, wide = frame.rgb.shape[:2]
     unit = max(10, round(min(wide, high) / 45))

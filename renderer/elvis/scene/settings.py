@@ -176,7 +176,7 @@ class Model:
     def __post_init__(self) -> None:
         self.check()
         cls: Any = type(self)
-        for name, setting in _checked(cls):
+        for name, setting in _check(cls):
             setting.check(getattr(self, name), f"{name}{self.noun}")
 
     def check(self) -> None:
@@ -206,7 +206,7 @@ def _default_words(value: Any) -> str:
 
 
 @cache
-def _checked(cls: type) -> tuple[tuple[str, Setting], ...]:
+def _check(cls: type) -> tuple[tuple[str, Setting], ...]:
     return tuple((name, setting) for name, setting in settings(cls).items() if setting.bounds or setting.finite)
 
 

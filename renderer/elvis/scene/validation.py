@@ -78,7 +78,7 @@ def _check_plain(item: Any, place: str, deepest: int) -> None:
         check(abs(item) <= float_info.max, place, "a finite number", f"one of {item.bit_length()} bits")
     if isinstance(item, dict):
         for key, value in item.items():
-            _check_plain(value, _joined(place, key), deepest - 1)
+            _check_plain(value, _join(place, key), deepest - 1)
     if isinstance(item, list | tuple):
         for number, value in enumerate(item):
             _check_plain(value, f"{place}[{number}]", deepest - 1)
@@ -152,17 +152,17 @@ def described(setting: Setting, schema: dict[str, Any]) -> dict[str, Any]:
     """The JSON schema of a setting, with its sentence, unit and bounds."""
     names = {"enum": list(setting.names)} if setting.names else {}
     told = {BOUNDS[name]: bound for name, bound in setting.bounds.items() if bound != inf}
-    bounded: dict[str, Any] = _narrowed(schema, {"number": told, "integer": told, "string": names})
+    bounded: dict[str, Any] = _narrow(schema, {"number": told, "integer": told, "string": names})
     unit = f" In {setting.unit}." if setting.unit else ""
     return {**bounded, "description": f"{setting.help}{unit}"}
 
 
-def _narrowed(schema: Any, further: dict[str, dict[str, Any]]) -> Any:
+def _narrow(schema: Any, further: dict[str, dict[str, Any]]) -> Any:
     """A JSON schema with further keys for values of some types, also for those in lists and alternatives."""
     if isinstance(schema, list):
-        return [_narrowed(item, further) for item in schema]
+        return [_narrow(item, further) for item in schema]
     inner = ("anyOf", "oneOf", "items", "prefixItems")
-    narrowed = {key: _narrowed(value, further) if key in inner else value for key, value in schema.items()}
+    narrowed = {key: _narrow(value, further) if key in inner else value for key, value in schema.items()}
     return {**narrowed, **further.get(str(schema.get("type")), {})}
 
 
@@ -172,7 +172,7 @@ def _sentence(errors: list[ErrorDetails]) -> str:
     kind, loc, found = error["type"], error["loc"], error["input"]
     if kind in UNKNOWN:
         place, model = _place(loc[:-1])
-        return _unknown(_joined(place, loc[-1]), str(loc[-1]), list(types(choices(model)[0])))
+        return _unknown(_join(place, loc[-1]), str(loc[-1]), list(types(choices(model)[0])))
     if kind == "missing" and isinstance(loc[-1], str):
         return f"{_place(loc[:-1])[0] or 'scene'}: expected the key {loc[-1]!r}, found none"
     if kind == "missing":
@@ -183,7 +183,7 @@ def _sentence(errors: list[ErrorDetails]) -> str:
         return f"{place}: {reason}" if place else reason
     if kind in KIND and all(map(is_dataclass, choices(hint))):
         expected = ", ".join(choice.kind for choice in choices(hint))
-        return f"{_joined(place, 'kind')}: expected {expected}, found {_shown(found.get('kind'))}"
+        return f"{_join(place, 'kind')}: expected {expected}, found {_shown(found.get('kind'))}"
     if kind in ("missing", "too_long"):
         return f"{place}: expected {type_words(hint)}, found {len(found)}"
     own = [choice for choice in choices(hint) if _shape_of_type(choice) == _shape(found)]
@@ -210,7 +210,7 @@ def _place(loc: tuple[int | str, ...]) -> tuple[str, Any]:
         elif len(own) > 1:
             hint = next(choice for choice in own if part in (getattr(choice, "kind", ""), _shape_of_type(choice)))
         else:
-            place, hint = _joined(place, part), types(own[0]).get(part)
+            place, hint = _join(place, part), types(own[0]).get(part)
     return place, hint
 
 
@@ -220,7 +220,7 @@ def _item(own: tuple[Any, ...], number: int) -> Any:
     return items[0 if is_free(own[0]) else number]
 
 
-def _joined(place: str, key: int | str) -> str:
+def _join(place: str, key: int | str) -> str:
     return f"{place}.{key}" if place else str(key)
 
 

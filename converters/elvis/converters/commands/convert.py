@@ -34,13 +34,13 @@ class ConvertCommand(click.Command):
         """Its own, then those that converters declare; of one name once."""
         params = super().get_params(ctx)
         taken = {name for param in params for name in param.opts}
-        for name, option in _declared().items():
+        for name, option in _declare().items():
             if f"--{name}" not in taken:
                 params.insert(-1, _parameter(option))
         return params
 
 
-def _declared() -> dict[str, Option]:
+def _declare() -> dict[str, Option]:
     """The options of all installed converters by name."""
     from elvis.plugins.discovery import installed
 

@@ -70,7 +70,7 @@ def faces_of(dataset: Dataset, name: str) -> list[Faces]:
     wanted = sides == 1
     if name != ALL:
         wanted = np.isin(np.arange(len(sides)), known[name])
-    found = [faces for block, own in zip(blocks, members, strict=True) for faces in _taken(mesh, block, own, wanted)]
+    found = [faces for block, own in zip(blocks, members, strict=True) for faces in _take(mesh, block, own, wanted)]
     if not found:
         raise ElvisError(f"expected a boundary with faces of the data's elements, found none in {name!r}")
     return found
@@ -87,7 +87,7 @@ def _rows(mesh: Mesh, block: GeometryBlock) -> Ints:
     return np.asarray(order[np.searchsorted(ids, block.element_ids, sorter=order)])
 
 
-def _taken(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Iterator[Faces]:
+def _take(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Iterator[Faces]:
     """The wanted sides of a block's elements, which then are wanted no more."""
     shape = block.expansion.shape
     vertices = local_vertices(mesh, shape)[_rows(mesh, block)]

@@ -140,7 +140,7 @@ class _Search:
             worth = np.flatnonzero(lower <= self.distance[point] + self.equal)
             point, model, start = point[worth], model.taken(worth), start[worth]
             parts, convex = model.parts, model.is_convex(bounds)
-            start[convex] = self._polished(patches, model.taken(np.flatnonzero(convex)), start[convex])
+            start[convex] = self._polish(patches, model.taken(np.flatnonzero(convex)), start[convex])
             self._keep(number, point, parts.row, parts.places(start))
 
             # where D has no stationary point it is least on the sides; those within the face are other patches', too
@@ -153,7 +153,7 @@ class _Search:
                 sides, owner = parts.taken(whole).sides(patches)
                 waiting.append((point[whole[owner]], sides))
 
-    def _polished(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
+    def _polish(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
         """(n, 2) where the distance is least in parts where it is convex."""
         result, moving = start.copy(), np.arange(len(start))
         for _ in range(0 if patches.is_flat else _STEPS):

@@ -62,7 +62,7 @@ def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> 
         places = ends[own].mean(axis=1) + _BEFORE * way[:, [1, 0, 2]] * (1, -1, 0)
         odd = _crossings(ends, places) % 2 == 1
     else:
-        turned, corners, face = _turned(loops), *map(np.concatenate, zip(*map(_fans, patches), strict=True))
+        turned, corners, face = _flips(loops), *map(np.concatenate, zip(*map(_fans, patches), strict=True))
         own = np.unique(face, return_index=True)[1]
         places = corners[own].mean(axis=1) + _ahead(corners[own])
         corners[turned[face]] = corners[turned[face]][:, ::-1]
@@ -70,7 +70,7 @@ def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> 
     return np.where(np.stack([odd, ~odd], axis=1), -1, 1)
 
 
-def _turned(loops: Sequence[Ints]) -> Bools:
+def _flips(loops: Sequence[Ints]) -> Bools:
     """(faces,) which of the faces would have to run the other way round, so that neighbours agree."""
     import igl
 

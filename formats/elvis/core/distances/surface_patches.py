@@ -108,9 +108,9 @@ class SurfacePatches:
             bent = bend > _FLAT * linear
             done.append(rest.taken(np.flatnonzero(~bent)))
             if not bent.any() or sum(map(len, done)) + 4 * bent.sum() > _MOST:
-                return _joined([*done, rest.taken(np.flatnonzero(bent))])
+                return _join([*done, rest.taken(np.flatnonzero(bent))])
             rest = rest.taken(np.flatnonzero(bent)).parts()
-        return _joined([*done, rest])
+        return _join([*done, rest])
 
     def taken(self, rows: Ints) -> SurfacePatches:
         """Some of the patches."""
@@ -121,10 +121,10 @@ class SurfacePatches:
         m, k = self.coefficients.shape[1:3]
         made = []
         for number, (middle, half) in enumerate(divided(self.corners)):
-            s, t = _moved(k, middle[0], half), _moved(m, middle[1], half)
+            s, t = _shift_matrix(k, middle[0], half), _shift_matrix(m, middle[1], half)
             coefficients = np.einsum("njix,ia,jb->nbax", self.coefficients, s, t, optimize=True)
             made.append(SurfacePatches(self.corners, coefficients, self.face, self._outer_of(number)))
-        return _joined(made)
+        return _join(made)
 
     def _outer_of(self, number: int) -> Ints:
         """(n,) `outer` of a part: those of a whole's corner keep it and half of its sides; new corners lie on sides."""
@@ -147,7 +147,7 @@ def divided(corners: int) -> tuple[tuple[Floats, float], ...]:
 
 
 @lru_cache(maxsize=256)
-def _moved(count: int, middle: float, half: float) -> Floats:
+def _shift_matrix(count: int, middle: float, half: float) -> Floats:
     """(count, count) from coefficients of powers of s to those of r, s = middle + half r; from the right."""
     return frozen_floats(
         [[comb(i, a) * middle ** (i - a) * half**a if a <= i else 0.0 for a in range(count)] for i in range(count)]
@@ -159,7 +159,7 @@ def _falling_factorials(count: int, times: int) -> Floats:
     return np.array([perm(i, times) for i in range(count)], np.float64)
 
 
-def _joined(patches: list[SurfacePatches]) -> SurfacePatches:
+def _join(patches: list[SurfacePatches]) -> SurfacePatches:
     """Surface patches of one kind as one."""
     arrays = zip(*((each.coefficients, each.face, each.outer) for each in patches), strict=True)
     return SurfacePatches(patches[0].corners, *map(np.concatenate, arrays))

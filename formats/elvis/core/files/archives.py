@@ -63,7 +63,7 @@ class Archive:
     def __init__(self, path: Path, what: str = "an archive of arrays") -> None:
         check_plain(path)
         self._path, self._what = path, what
-        with self._guarded():
+        with self._guard():
             self._archive = zipfile.ZipFile(path)
         self.names = _names(self._archive)
 
@@ -77,7 +77,7 @@ class Archive:
         """An array of numbers or texts."""
         if name not in self.names:
             raise FormatError(f"expected an array {name}, found none", file=self._path)
-        with self._guarded(name):
+        with self._guard(name):
             self._check(name)
             with self._archive.open(name + _SUFFIX) as member:
                 return np.asarray(npy.read_array(member, allow_pickle=False))
@@ -107,7 +107,7 @@ class Archive:
             return shape, dtype, member.tell()
 
     @contextmanager
-    def _guarded(self, place: str | None = None) -> Iterator[None]:
+    def _guard(self, place: str | None = None) -> Iterator[None]:
         try:
             yield
         except FormatError as error:

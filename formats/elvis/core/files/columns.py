@@ -48,7 +48,7 @@ def csv_lines(columns: Columns) -> Iterator[str]:
 
     Names that hold a comma, a quote or a line end are quoted; what is not a number reads ``nan``.
     """
-    yield ",".join(map(_quoted, columns)) + "\n"
+    yield ",".join(map(_quote, columns)) + "\n"
     line = ",".join("%.17g" if array.dtype.kind == "f" else "%d" for array in columns.values()) + "\n"
     rows = len(next(iter(columns.values())))
     for first in range(0, rows, _ROWS_AT_ONCE):
@@ -56,6 +56,6 @@ def csv_lines(columns: Columns) -> Iterator[str]:
         yield "".join(line % row for row in zip(*block, strict=True))
 
 
-def _quoted(name: str) -> str:
+def _quote(name: str) -> str:
     doubled = name.replace('"', '""')
     return f'"{doubled}"' if any(c in name for c in ',"\r\n') else name

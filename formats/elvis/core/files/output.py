@@ -57,7 +57,7 @@ class Outputs:
         Raises ElvisError, which names ``path``, where it can't be written whole.
         """
         if _is_special(Path(path)):
-            with _naming(path, Path(path)), _poured(path) as temporary:
+            with _naming(path, Path(path)), _pour(path) as temporary:
                 yield temporary
             return
         check_place(path)
@@ -223,7 +223,7 @@ def _descriptor(path: str | Path) -> int | None:
 
 
 @contextmanager
-def _poured(path: str | Path) -> Iterator[Path]:
+def _pour(path: str | Path) -> Iterator[Path]:
     """The special file itself, or a temporary one whose content goes on into the open one that ``path`` stands for.
 
     To open that by its name would cut off what others have written into it.

@@ -121,14 +121,14 @@ class _Search:
             possible &= ends[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
         large: Bools = ((upper - lower).max(axis=1) > 0.5)[possible]
         cells = _cut(cells.part(possible), lower[possible], upper[possible])
-        going = self._sought(cells, linear[possible])
-        return _joined(cells.part(going & ~large), *_halves(cells.part(going & large), self.shape))
+        going = self._seek(cells, linear[possible])
+        return _join(cells.part(going & ~large), *_halves(cells.part(going & large), self.shape))
 
     def _slack(self, cells: _Cells) -> Floats:
         """(c,) distance from zero within which the net may be at a root."""
         return np.maximum(self.targets.precision, self.targets.distance)[cells.pair]
 
-    def _sought(self, cells: _Cells, linear: Bools) -> Bools:
+    def _seek(self, cells: _Cells, linear: Bools) -> Bools:
         """(c,) whether cells are still in question after Newton's method from the small, nearly linear ones."""
         width = (cells.high - cells.low).max(axis=1, initial=0)
         ready = np.flatnonzero(linear & (width < 0.1))
@@ -225,7 +225,7 @@ def _halves(cells: _Cells, shape: Shape) -> tuple[_Cells, _Cells]:
     return _cut(cells, zero, np.where(across, 0.5, one)), _cut(cells, np.where(across, 0.5, zero), one)
 
 
-def _joined(*several: _Cells) -> _Cells:
+def _join(*several: _Cells) -> _Cells:
     return _Cells(
         np.concatenate([cells.pair for cells in several]),
         np.concatenate([cells.low for cells in several]),

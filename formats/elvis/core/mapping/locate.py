@@ -84,15 +84,15 @@ class Locator:
         world = np.array(points, np.float64)
         if world.ndim != 2 or world.shape[1] != 3:
             raise ElvisError(f"expected points (n, 3), found an array of shape {world.shape}")
-        zeta = self._unrolled(world)
+        zeta = self._unroll(world)
         parts = [self._batch(world, part, all) for part in chunks(len(world), _BATCH)]
-        found = _joined(parts) if parts else self._nowhere(np.empty(0, np.int64), np.empty(0, bool))
+        found = _join(parts) if parts else self._nowhere(np.empty(0, np.int64), np.empty(0, bool))
         if self._periods:
             inside = found.status == Status.INSIDE
             found.reference[inside, self._dimension :] = zeta[found.point[inside]]
         return found
 
-    def _unrolled(self, world: Floats) -> Floats:
+    def _unroll(self, world: Floats) -> Floats:
         """(n, p) coordinates zeta along the homogeneous directions, which become 0 in ``world`` (n, 3)."""
         zeta = np.empty((len(world), len(self._periods)))
         for i, (axis, length) in enumerate(self._periods):
@@ -108,7 +108,7 @@ class Locator:
         point += part.start
         near = ~self._outside_parts(world, point, element)
         point, element = point[near], element[near]
-        roots = self._inverted(world, point, element, every)
+        roots = self._invert(world, point, element, every)
         doubtful = np.zeros(len(world), bool)
         doubtful[point[roots.status == Status.FAILED]] = True
 
@@ -118,7 +118,7 @@ class Locator:
         if not every and len(hits):
             hits = hits[np.diff(point[hits], prepend=-1) != 0]
         missed = np.setdiff1d(np.arange(part.start, part.stop), point[hits])
-        return _joined([self._hits(point[hits], element[hits], roots, hits), self._nowhere(missed, doubtful[missed])])
+        return _join([self._hits(point[hits], element[hits], roots, hits), self._nowhere(missed, doubtful[missed])])
 
     def _outside_parts(self, world: Floats, point: Ints, element: Ints) -> Bools:
         """(k,) pairs of a point and an element that certainly doesn't hold it; only of elements with many pairs.
@@ -141,7 +141,7 @@ class Locator:
             self._boxes[element] = BoxTree.build(outward(low - extra, high + extra, MARGIN))
         return self._boxes[element]
 
-    def _inverted(self, world: Floats, point: Ints, element: Ints, every: bool) -> Roots:
+    def _invert(self, world: Floats, point: Ints, element: Ints, every: bool) -> Roots:
         """Roots for all pairs; those in doubt are searched where it matters."""
         patch = np.searchsorted(self._starts, element, side="right") - 1
         groups = [np.flatnonzero(patch == number) for number in range(len(self.patches))]
@@ -175,7 +175,7 @@ class Locator:
         return Location(point, none, none, none, reference, np.full(len(point), np.nan), status)
 
 
-def _joined(parts: Sequence[Location]) -> Location:
+def _join(parts: Sequence[Location]) -> Location:
     """All results, sorted by point."""
     order = np.argsort(np.concatenate([part.point for part in parts]), kind="stable")
     names = [field.name for field in fields(Location)]

@@ -75,11 +75,11 @@ def polygon_vertices(mesh: Mesh, shape: Shape) -> Ints:
     members = mesh.of(shape).members
     result = np.empty_like(members)
     for part in chunks(len(members)):
-        result[part] = _closed(mesh, shape, part)
+        result[part] = _free_ends(mesh, shape, part)
     return result
 
 
-def _closed(mesh: Mesh, shape: Shape, part: slice) -> Ints:
+def _free_ends(mesh: Mesh, shape: Shape, part: slice) -> Ints:
     """(n, k) vertices: the end of edge j that isn't shared with edge j + 1 is local vertex j."""
     ends = mesh.of(Shape.SEGMENT).members[mesh.of(shape).members[part]]
     following = np.roll(ends, -1, axis=1)
@@ -181,12 +181,12 @@ def turned(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
     # the axes of the element's face, F0 to F1 and F0 to F3, seen in the face's own frame
     first, backwards = divmod(turn, 2)
     origin, along, across = (_CORNERS[(first + step) % 4] for step in ((0, 3, 1) if backwards else (0, 1, 3)))
-    (own_p, sign_p), (own_q, sign_q) = _reversed(p, sum(along - origin) < 0), _reversed(q, sum(across - origin) < 0)
+    (own_p, sign_p), (own_q, sign_q) = _reverse(p, sum(along - origin) < 0), _reverse(q, sum(across - origin) < 0)
     index = own_q * modes + own_p if along[0] == origin[0] else own_p * modes + own_q
     return index, sign_p * sign_q
 
 
-def _reversed(p: Ints, backwards: bool) -> tuple[Ints, Floats]:
+def _reverse(p: Ints, backwards: bool) -> tuple[Ints, Floats]:
     """Modified_A modes read the other way: 0 and 1 change places, mode p >= 2 has sign (-1)^p."""
     if not backwards:
         return p, np.ones(len(p))

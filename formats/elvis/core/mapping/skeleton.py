@@ -50,7 +50,7 @@ class Skeleton:
         self._edge_modes = np.zeros((len(curves) + 1, 3, max((n for _, n, _ in groups), default=2)))
         for family, n, which in groups:
             orders[which] = n
-            self._edge_modes[which, :, :n] = _interpolated(mesh, Shape.SEGMENT, family, n, which)
+            self._edge_modes[which, :, :n] = _interpolate(mesh, Shape.SEGMENT, family, n, which)
 
         # where an edge has several curves, the last one holds
         self._edge_orders = np.full(len(mesh.of(Shape.SEGMENT)) if self.curved else 0, 2)
@@ -99,7 +99,7 @@ class Skeleton:
         result = np.zeros((len(rows), 3, modes, modes))
         slots = self._face_slots[shape][rows]
         for family, n, which in _groups(self.mesh, shape, np.unique(slots[slots >= 0])):
-            own = _interpolated(self.mesh, shape, family, n, which).reshape(-1, 3, n, n)
+            own = _interpolate(self.mesh, shape, family, n, which).reshape(-1, 3, n, n)
             here = np.flatnonzero(np.isin(slots, which))
             result[here, :, :n, :n] = own[np.searchsorted(which, slots[here])]
         self._put_edges(result, shape, rows)
@@ -140,10 +140,10 @@ def _groups(mesh: Mesh, shape: Shape, which: Ints) -> Iterator[tuple[PointsType,
     distinct, index = np.unique(keys, axis=0, return_inverse=True)
     for number, (kind, count) in enumerate(distinct.tolist()):
         group = which[index.reshape(-1) == number]
-        yield *_described(mesh, shape, kind, count, group), group
+        yield *_describe(mesh, shape, kind, count, group), group
 
 
-def _described(mesh: Mesh, shape: Shape, kind: int, count: int, group: Ints) -> tuple[PointsType, int]:
+def _describe(mesh: Mesh, shape: Shape, kind: int, count: int, group: Ints) -> tuple[PointsType, int]:
     """Family and nodes along an edge of a group of curves; FormatError names the first where there is no such curve."""
     row = _curves(mesh, shape).rows[group[0]] - (0 if shape is Shape.SEGMENT else first_face_row(mesh, shape))
     try:
@@ -156,7 +156,7 @@ def _described(mesh: Mesh, shape: Shape, kind: int, count: int, group: Ints) -> 
     return PointsType(kind), n
 
 
-def _interpolated(mesh: Mesh, shape: Shape, family: PointsType, n: int, which: Ints) -> Floats:
+def _interpolate(mesh: Mesh, shape: Shape, family: PointsType, n: int, which: Ints) -> Floats:
     """(k, 3, n or n^2) modes of the interpolants of the curves ``which``, all of one family and order."""
     curves, matrix = _curves(mesh, shape), interpolation(shape, family, n)
     points = curves.points[curves.offsets[which][:, None] + np.arange(len(matrix))]

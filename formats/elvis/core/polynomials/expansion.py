@@ -158,7 +158,7 @@ def _direction(expansion: Expansion, modes: Ints, i: int) -> tuple[f.Factors, In
         return f.LineFactors(basis, expansion.modes[i]), p
     rows = _ROWS[basis](modes, i)
     if expansion.bases[0] is Basis.MODIFIED_A:
-        corrected = _corrected(expansion.shape, modes, i)
+        corrected = _constant_modes(expansion.shape, modes, i)
         rows[corrected] = f.constant(int(corrected.sum()))
     distinct, index = np.unique(rows, axis=0, return_inverse=True)
     return f.JacobiFactors(frozen_ints(distinct)), frozen_ints(index.reshape(-1))
@@ -178,7 +178,7 @@ _ROWS: Mapping[Basis, Callable[[Ints, int], Ints]] = {
 }
 
 
-def _corrected(shape: Shape, modes: Ints, i: int) -> Bools:
+def _constant_modes(shape: Shape, modes: Ints, i: int) -> Bools:
     """(m,) modes of a Modified expansion whose factor in direction i is 1: those of collapsed vertices and edges."""
     p, last = modes[:, 0], modes[:, -1]
     nothing = np.zeros(len(modes), bool)

@@ -73,7 +73,7 @@ def interpolation(shape: Shape, family: PointsType, n: int) -> Floats:
         raise FormatError(f"expected nodes for a {shape.label.lower()}, found {family.label}")
 
     # the modes of a triangle have places in the square
-    inner = _nodal(family, n) if line is None else _collapsed(line, n)
+    inner = _nodal(family, n) if line is None else _collapse(line, n)
     p, q = mode_indices(modified(shape, (n, n))).T
     matrix = np.zeros((len(inner), n * n))
     matrix[:, p * n + q] = inner
@@ -94,7 +94,7 @@ def _nodal(family: PointsType, n: int) -> Floats:
     return _inverse(values(modified(Shape.TRIANGLE, (n, n)), triangle_nodes(family, n))).T
 
 
-def _collapsed(line: Floats, n: int) -> Floats:
+def _collapse(line: Floats, n: int) -> Floats:
     """(n^2, m) projection of the interpolant on a lattice over the collapsed square.
 
     That interpolant has degree n - 1 in each collapsed coordinate; where it isn't in the space of the triangle, its

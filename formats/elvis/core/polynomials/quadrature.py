@@ -87,24 +87,24 @@ def _scale(count: int, alpha: float, beta: float) -> float:
 @cache
 def gll(count: int) -> Rule:
     """Gauss-Lobatto-Legendre, ``count`` >= 2 nodes; read-only."""
-    return _frozen(lobatto(count))
+    return _freeze(lobatto(count))
 
 
 @cache
 def grm10(count: int) -> Rule:
     """Gauss-Radau-Jacobi with node -1 and weight (1 - z)/2, the collapse of a triangle; read-only."""
     nodes, weights = radau_minus(count, 1, 0)
-    return _frozen((nodes, weights / 2))
+    return _freeze((nodes, weights / 2))
 
 
 @cache
 def grm20(count: int) -> Rule:
     """Gauss-Radau-Jacobi with node -1 and weight ((1 - z)/2)^2, the collapse of an apex; read-only."""
     nodes, weights = radau_minus(count, 2, 0)
-    return _frozen((nodes, weights / 4))
+    return _freeze((nodes, weights / 4))
 
 
-def _frozen(rule: Rule) -> Rule:
+def _freeze(rule: Rule) -> Rule:
     return frozen_floats(rule[0]), frozen_floats(rule[1])
 
 

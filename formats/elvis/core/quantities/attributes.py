@@ -129,7 +129,7 @@ def _on_side(name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
     return of_side(name, side_gradients(patch.shape, points, duals))
 
 
-def _scaled(patch: Patch, rows: Ints, points: Floats) -> Floats:
+def _scale(patch: Patch, rows: Ints, points: Floats) -> Floats:
     jacobians = pointwise.jacobians(patch, rows, points)
     with np.errstate(divide="ignore", invalid="ignore"):
         lengths = np.sqrt((jacobians**2).sum(axis=1)).prod(axis=1)
@@ -150,7 +150,7 @@ def _quality(patch: Patch, rows: Ints, points: Floats) -> Floats:
 
 _POINTWISE: Mapping[str, Callable[[Patch, Ints, Floats], Floats]] = {
     "jacobian": pointwise.determinants,
-    "scaled_jacobian": _scaled,
+    "scaled_jacobian": _scale,
     "quality": _quality,
     **{name: partial(_on_side, name) for name in SIDES},
 }

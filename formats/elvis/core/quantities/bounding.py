@@ -42,7 +42,7 @@ def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
         return field_range(dataset.field(expression.root.name).blocks)
     evaluator = Evaluator(dataset, [expression])
     if any(patch.homogeneous for patch in evaluator.patches):
-        return _sampled(evaluator, expression)
+        return _sample(evaluator, expression)
     search = _Search(evaluator, expression)
     if not np.isfinite(search.greatest):
         return None
@@ -113,13 +113,13 @@ class _Search:
         for patch, rows, upper in rivals:
             rows = rows[upper > threshold]
             if len(rows):
-                forgotten = max(forgotten, self._refined(root, self._cells(patch, rows), attained))
+                forgotten = max(forgotten, self._refine(root, self._cells(patch, rows), attained))
         return forgotten
 
     def _cells(self, patch: Patch, rows: Ints) -> Cells:
         return Cells.of(patch, self.evaluator.names, self.evaluator.attributes, rows, self.with_gradients)
 
-    def _refined(self, root: Node, cells: Cells, attained: float) -> float:
+    def _refine(self, root: Node, cells: Cells, attained: float) -> float:
         """The greatest bound of boxes that are no longer worth halving."""
         forgotten = -np.inf
         for number in range(_ROUNDS):
@@ -141,7 +141,7 @@ class _Search:
         return max(forgotten, float(np.nanmax(cells.bounds(root)[1])))
 
 
-def _sampled(evaluator: Evaluator, expression: Expression) -> Range | None:
+def _sample(evaluator: Evaluator, expression: Expression) -> Range | None:
     """What is attained at some points, without bounds."""
     found: list[Floats] = []
     for patch in evaluator.patches:

@@ -132,7 +132,7 @@ class Cells:
         mean = np.moveaxis(np.array([[net.mean(axis=axes) for net in row] for row in nets]), 2, 0)
         determinant = np.linalg.det(mean)
         inverse = np.linalg.inv(np.where(determinant[:, None, None] == 0, np.nan, mean)).transpose(0, 2, 1)
-        parts = [[_combined(inverse[:, j], nets[c], float(c == j)) for c in range(d)] for j in range(d)]
+        parts = [[_combine(inverse[:, j], nets[c], float(c == j)) for c in range(d)] for j in range(d)]
         return inverse, determinant, parts
 
     def _determinant(self) -> Interval:
@@ -140,7 +140,7 @@ class Cells:
         _, mean, rest = self._frame
         d = len(rest)
         near = [[i.plus(rest[j][c], i.number(float(j == c))) for c in range(d)] for j in range(d)]
-        return i.times((mean, mean), _minor(near, 0, 1, 0, 1) if d == 2 else _expanded(near))
+        return i.times((mean, mean), _minor(near, 0, 1, 0, 1) if d == 2 else _expand(near))
 
     def _gradient(self, number: int, axis: int) -> Interval:
         """The derivative of a field along x, y or z; everything where the Jacobian may be singular.
@@ -153,13 +153,13 @@ class Cells:
         if number not in self._gradients:
             inverse, _, rest = self._frame
             gradients = [self.nets["field", number, direction] for direction in range(d)]
-            first = [_combined(inverse[:, j], gradients) for j in range(d)]
+            first = [_combine(inverse[:, j], gradients) for j in range(d)]
             size = np.max([np.maximum(np.abs(low), np.abs(high)) for low, high in first], axis=0)
             norm = np.max([sum(np.maximum(np.abs(x), np.abs(y)) for x, y in row) for row in rest], axis=0)
             radius = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
             found: list[Interval] = [(-radius, radius)] * d
             for _ in range(2):
-                found = [_corrected(first[j], rest[j], found) for j in range(d)]
+                found = [_correct(first[j], rest[j], found) for j in range(d)]
             self._gradients[number] = found
         return self._gradients[number][axis]
 
@@ -169,13 +169,13 @@ class Cells:
         return {}
 
 
-def _combined(weights: Floats, nets: Sequence[Floats], less: float = 0.0) -> Interval:
+def _combine(weights: Floats, nets: Sequence[Floats], less: float = 0.0) -> Interval:
     """Bounds of sums of nets with weights (c, d)."""
     shape = (-1,) + (1,) * (nets[0].ndim - 1)
     return i.ends(sum(weight.reshape(shape) * net for weight, net in zip(weights.T, nets, strict=True)) - less)
 
 
-def _corrected(first: Interval, rest: Sequence[Interval], found: Sequence[Interval]) -> Interval:
+def _correct(first: Interval, rest: Sequence[Interval], found: Sequence[Interval]) -> Interval:
     for part, other in zip(rest, found, strict=True):
         first = i.minus(first, i.times(part, other))
     return first
@@ -194,7 +194,7 @@ def _cofactor(t: list[list[Interval]], axis: int, direction: int) -> Interval:
     return _minor(t, a, b, j, k)
 
 
-def _expanded(t: list[list[Interval]]) -> Interval:
+def _expand(t: list[list[Interval]]) -> Interval:
     total = i.number(0.0)
     for direction in range(3):
         total = i.plus(total, i.times(t[0][direction], _cofactor(t, 0, direction)))

@@ -74,7 +74,7 @@ def power(a: Interval, b: Interval) -> Interval:
     if exponent.is_integer():
         return over(number(1.0), power(a, number(-exponent)))
     if exponent > 0:
-        return increasing(lambda x: x**exponent)(_clipped(a, 0.0, np.inf))
+        return increasing(lambda x: x**exponent)(_clip(a, 0.0, np.inf))
     return increasing(np.exp)(times(b, logarithm(a)))
 
 
@@ -118,22 +118,22 @@ def greatest(a: Interval, b: Interval) -> Interval:
 
 def root(a: Interval) -> Interval:
     """The square root."""
-    return increasing(np.sqrt)(_clipped(a, 0.0, np.inf))
+    return increasing(np.sqrt)(_clip(a, 0.0, np.inf))
 
 
 def logarithm(a: Interval) -> Interval:
     """The natural logarithm."""
-    return increasing(np.log)(_clipped(a, 0.0, np.inf))
+    return increasing(np.log)(_clip(a, 0.0, np.inf))
 
 
 def arcsine(a: Interval) -> Interval:
     """Between -pi/2 and pi/2."""
-    return increasing(np.arcsin)(_clipped(a, -1.0, 1.0))
+    return increasing(np.arcsin)(_clip(a, -1.0, 1.0))
 
 
 def arccosine(a: Interval) -> Interval:
     """Between 0 and pi."""
-    low, high = _clipped(a, -1.0, 1.0)
+    low, high = _clip(a, -1.0, 1.0)
     return np.arccos(high), np.arccos(low)
 
 
@@ -217,7 +217,7 @@ def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Interval]:
     return bounded
 
 
-def _clipped(a: Interval, low: float, high: float) -> Interval:
+def _clip(a: Interval, low: float, high: float) -> Interval:
     """The part of the interval between two ends, NaN where there is none."""
     nothing = (a[1] < low) | (a[0] > high)
     ends = np.clip(a[0], low, high), np.clip(a[1], low, high)

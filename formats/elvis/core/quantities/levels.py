@@ -31,7 +31,7 @@ def same_level(root: Node, value: float) -> tuple[Node, float] | None:
     What comes out is made of + - * and whole powers of the leaves.
     """
     try:
-        root, value = _peeled(root, value)
+        root, value = _peel(root, value)
     except OverflowError:
         return None
     squares = _square(root) if value > 0 else None
@@ -44,7 +44,7 @@ def same_level(root: Node, value: float) -> tuple[Node, float] | None:
     return (above, value) if below is ONE else (call("-", above, call("*", number(value), below)), 0.0)
 
 
-def _peeled(node: Node, value: float) -> tuple[Node, float]:
+def _peel(node: Node, value: float) -> tuple[Node, float]:
     """What is left without functions that have each value once, and without constants around it."""
     while node.op not in LEAVES:
         first, last = node.operands[0], node.operands[-1]

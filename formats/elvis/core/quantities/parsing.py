@@ -59,13 +59,13 @@ class Parser(Grammar[Node]):
     def _call(self, operator: str, first: Node, second: Node) -> Node:
         return call(operator, first, second)
 
-    def _named(self, name: str, is_quoted: bool) -> Node:
+    def _resolve(self, name: str, is_quoted: bool) -> Node:
         if not is_quoted and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
             return self._called(name)
         if not is_quoted and name in PUBLIC and name not in self._names.fields and self._take("("):
             first, given = self._next - 2, self._given()
-            return self._guarded(lambda: self._names.quantity(name, given), first)
-        node = self._guarded(lambda: self._names.meaning(name))
+            return self._guard(lambda: self._names.quantity(name, given), first)
+        node = self._guard(lambda: self._names.meaning(name))
         if node is None:
             raise self._mistaken(self._sentence(name))
         return node
@@ -93,7 +93,7 @@ class Parser(Grammar[Node]):
                 raise self._mistaken("expected a field in jump(…)", first)
             return attribute(f"jump({of.name})")
         rule = _gradient if name == "grad" else _laplacian
-        return self._guarded(lambda: rule(of, self._names.dimension), first)
+        return self._guard(lambda: rule(of, self._names.dimension), first)
 
     def _given(self) -> dict[str, Node]:
         """``name=value`` with commas between, up to the closing parenthesis."""
@@ -125,7 +125,7 @@ class Parser(Grammar[Node]):
         self._next += 1
         if not self._take(")"):
             raise self._unexpected(")")
-        return self._guarded(lambda: world_derivative(of, AXES.index(axis)), first)
+        return self._guard(lambda: world_derivative(of, AXES.index(axis)), first)
 
     def _distance(self) -> Node:
         """distance(b) from its operand on."""
@@ -133,12 +133,12 @@ class Parser(Grammar[Node]):
         if kind not in ("name", "quoted", "number"):
             raise self._unexpected("a boundary, or a file in quotes")
         self._next += 1
-        node = self._guarded(lambda: self._names.distance(text[1:-1] if kind == "quoted" else text))
+        node = self._guard(lambda: self._names.distance(text[1:-1] if kind == "quoted" else text))
         if not self._take(")"):
             raise self._unexpected(") after a boundary, or quotes around a file")
         return node
 
-    def _guarded(self, work: Callable[[], T], first: int | None = None) -> T:
+    def _guard(self, work: Callable[[], T], first: int | None = None) -> T:
         """What ``work`` makes; its errors are said to be at a token."""
         try:
             return work()

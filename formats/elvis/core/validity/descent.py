@@ -94,14 +94,14 @@ class _Descent:
         self._sides = np.indices((2,) * dimension).reshape(dimension, -1).T
         self.result = Least(np.full(count, np.inf), np.full(count, np.inf), np.zeros((count, dimension)))
         zero = np.zeros((count, dimension))
-        boxes = self._kept(_Boxes.of(np.arange(count), zero, zero + 1, nets))
+        boxes = self._promising(_Boxes.of(np.arange(count), zero, zero + 1, nets))
         for _ in range(_HALVINGS * dimension):
             if not len(boxes.owner):
                 break
-            boxes = self._kept(boxes.halves())
+            boxes = self._promising(boxes.halves())
         self._forget(boxes)
 
-    def _kept(self, boxes: _Boxes) -> _Boxes:
+    def _promising(self, boxes: _Boxes) -> _Boxes:
         """The boxes that may yet lower what is known, after a look at their corners; the bounds of others count."""
         self._bound_boxes(boxes)
         value = self.result.value

@@ -122,11 +122,11 @@ def _derivatives(space: BernsteinSpace, nets: Floats, errors: Floats, direction:
     top = max(lower.degrees) + 1
     errors = top * errors + 2 * _UNIT * np.abs(derivatives).max(axis=2)
     if space.shape is Shape.PYRAMID and direction < 2:
-        lower, derivatives, errors = _divided(lower, derivatives, errors)
+        lower, derivatives, errors = _divide(lower, derivatives, errors)
     return [Polynomials(lower, np.ascontiguousarray(derivatives[:, i].T), errors[:, i]) for i in range(3)]
 
 
-def _divided(space: BernsteinSpace, nets: Floats, errors: Floats) -> tuple[BernsteinSpace, Floats, Floats]:
+def _divide(space: BernsteinSpace, nets: Floats, errors: Floats) -> tuple[BernsteinSpace, Floats, Floats]:
     """Polynomials on a pyramid over c: b_k^r = c r/(r - k) b_k^(r-1) for k < r.
 
     Of b_r^r there is nothing but rounding, for at the apex the format's functions don't depend on eta1 and eta2.

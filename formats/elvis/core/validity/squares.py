@@ -51,7 +51,7 @@ def descended(net: Floats, start: Floats) -> Minimum:
         free = np.flatnonzero(~(((place <= 0.0) & (gradient >= 0.0)) | ((place >= 1.0) & (gradient <= 0.0))))
         step = np.zeros(len(place))
         step[free] = _downwards(gradient[free], hessian[np.ix_(free, free)])
-        there = next((there for there in _shortened(place, step) if _value(net, there) < value), None)
+        there = next((there for there in _shorten(place, step) if _value(net, there) < value), None)
         if there is None:
             break
         place, (value, gradient, hessian) = there, _taylor(net, there)
@@ -66,7 +66,7 @@ def _downwards(gradient: Floats, hessian: Floats) -> Floats:
     return np.asarray(-axes @ ((axes.T @ gradient) / size))
 
 
-def _shortened(place: Floats, step: Floats) -> Iterator[Floats]:
+def _shorten(place: Floats, step: Floats) -> Iterator[Floats]:
     """Places in the box at the end of a step, of half the step, and so on."""
     for halving in range(_HALVINGS):
         yield np.clip(place + step / 2**halving, 0.0, 1.0)
@@ -102,7 +102,7 @@ def _without_squares(net: Floats) -> float:
     """The least coefficient of p minus squares that are fitted to it, less what rounding may amount to."""
     degrees = tuple(min((size - 1) // 2, _DEGREE) for size in net.shape)
     basis = _basis(degrees)
-    values = _contracted(net, [_bernstein(size - 1, _nodes())[0] for size in net.shape]).reshape(-1)
+    values = _contract(net, [_bernstein(size - 1, _nodes())[0] for size in net.shape]).reshape(-1)
     roots, near = _start(net, values)
     if not len(roots):
         return -np.inf
@@ -111,7 +111,7 @@ def _without_squares(net: Floats) -> float:
     roots = coefficients.reshape(-1, *(degree + 1 for degree in degrees))
     rest, sizes = net.copy(), np.abs(net).max()
     for root in roots:
-        square = _squared(root)
+        square = _square(root)
         rest -= _raised(square, net.shape)
         sizes += np.abs(root).max() ** 2
     rounding = 4 * (basis.shape[1] + sum(net.shape)) * _UNIT * sizes
@@ -199,7 +199,7 @@ def _nodes() -> Floats:
     return (1 + np.cos(np.pi * (2 * np.arange(_POINTS) + 1) / (2 * _POINTS))) / 2
 
 
-def _contracted(net: Floats, matrices: list[Floats]) -> Floats:
+def _contract(net: Floats, matrices: list[Floats]) -> Floats:
     """A net with a matrix applied along each axis."""
     for axis, matrix in enumerate(matrices):
         net = np.moveaxis(np.tensordot(matrix, net, axes=(1, axis)), 0, axis)
@@ -221,7 +221,7 @@ def _elevated_linears(degrees: tuple[int, ...]) -> Floats:
     return frozen_floats([np.ones(grids[0].size), *(grid.reshape(-1) for grid in grids)])
 
 
-def _squared(net: Floats) -> Floats:
+def _square(net: Floats) -> Floats:
     """The net of the square of a polynomial: coefficients times binomials are convolved."""
     scaled = net * _binomials(net.shape)
     result = np.zeros([2 * size - 1 for size in net.shape])
@@ -239,7 +239,7 @@ def _binomials(shape: tuple[int, ...]) -> Floats:
 
 def _raised(net: Floats, shape: tuple[int, ...]) -> Floats:
     """The same polynomial with a net of a larger shape."""
-    return _contracted(net, [_raising(size, target) for size, target in zip(net.shape, shape, strict=True)])
+    return _contract(net, [_raising(size, target) for size, target in zip(net.shape, shape, strict=True)])
 
 
 @lru_cache(maxsize=64)

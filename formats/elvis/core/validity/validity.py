@@ -105,7 +105,7 @@ def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) ->
     Where space has more dimensions than the elements, the determinant is the factor of length or area, never negative.
     """
     blocks, space = geometry(dataset) if blocks is None else tuple(blocks), dataset.mesh.space
-    parts = [_checked(chunk, space) for block in blocks for chunk in _chunks(block, space)]
+    parts = [_check(chunk, space) for block in blocks for chunk in _chunks(block, space)]
     if not parts:
         return _nothing()
     names = [name for name in Validity.__dataclass_fields__ if name != "shapes"]
@@ -157,7 +157,7 @@ def _rows(block: GeometryBlock, rows: slice | Ints | Bools) -> GeometryBlock:
     return GeometryBlock(block.expansion, block.element_ids[rows], block.coefficients[rows])
 
 
-def _checked(block: GeometryBlock, space: int) -> Validity:
+def _check(block: GeometryBlock, space: int) -> Validity:
     """All about some elements; undecided are those with maps that aren't finite."""
     shape = block.expansion.shape
     with np.errstate(invalid="ignore", over="ignore"):

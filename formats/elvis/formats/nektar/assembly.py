@@ -222,12 +222,12 @@ def assemble(raw: RawGeometry) -> Mesh:
     The members in ``raw`` are overwritten, so that a mesh is never held twice.
     """
     try:
-        return _assembled(raw)
+        return _assemble(raw)
     except FormatError as error:
         raise error.within(raw.file, "GEOMETRY") from error
 
 
-def _assembled(raw: RawGeometry) -> Mesh:
+def _assemble(raw: RawGeometry) -> Mesh:
     lookups = _lookups(raw)
     top = lookups[raw.dimension]
     if not len(top.ids):

@@ -77,7 +77,7 @@ class _Constant(Grammar[float]):
     def _call(self, operator: str, first: float, second: float) -> float:
         return _OPERATORS[operator](first, second)
 
-    def _named(self, name: str, is_quoted: bool) -> float:
+    def _resolve(self, name: str, is_quoted: bool) -> float:
         if name in _FUNCTIONS and self._take("("):
             count, function = _FUNCTIONS[name]
             return function(*self._arguments(count))

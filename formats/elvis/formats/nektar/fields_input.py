@@ -292,13 +292,13 @@ class _OnMesh:
         for piece in pieces(section):
             kept = known if piece.element_ids is section.element_ids else self._present(shape, piece.element_ids)
             if kept.any():
-                yield _kept(piece, kept)
+                yield _keep(piece, kept)
 
     def _present(self, shape: Shape, ids: Ints) -> Bools:
         return self._lookups[shape].present(ids) if shape in self._lookups else np.zeros(len(ids), bool)
 
 
-def _kept(piece: Piece, kept: Bools) -> Piece:
+def _keep(piece: Piece, kept: Bools) -> Piece:
     if kept.all():
         return piece
     return replace(piece, element_ids=piece.element_ids[kept], coefficients=piece.coefficients[:, kept])

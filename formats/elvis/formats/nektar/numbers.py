@@ -28,15 +28,15 @@ _WORD = re.compile(rb"\S{1,40}")
 
 def floats(text: bytes) -> Floats:
     """(n,) numbers separated by blanks; FormatError where one is malformed."""
-    return _parsed(text, np.float64)
+    return _parse(text, np.float64)
 
 
 def ints(text: bytes) -> Ints:
     """(n,) whole numbers separated by blanks; FormatError where one is malformed."""
-    return _parsed(text, np.int64)
+    return _parse(text, np.int64)
 
 
-def _parsed(text: bytes, kind: type[Number]) -> NDArray[Number]:
+def _parse(text: bytes, kind: type[Number]) -> NDArray[Number]:
     if not text.strip():
         return np.empty(0, kind)
     try:
@@ -132,7 +132,7 @@ def section_numbers(chunk: bytes, kind: type[Number]) -> NDArray[Number]:
     text = _END_TAG.sub(b" ", chunk)
     if (wrong := text.find(b"<")) >= 0:
         raise FormatError(f"expected entries with an ID, found {text[wrong : wrong + 40].decode('ascii', 'replace')!r}")
-    return _parsed(text, kind)
+    return _parse(text, kind)
 
 
 def _check_lengths(tag: str, width: int, numbers: NDArray[Number], starts: Ints, lengths: Ints) -> None:

@@ -35,7 +35,7 @@ def decode_exactly(text: memoryview, items: int) -> NDArray[np.uint8]:
     if size > possible_bytes(text):
         raise FormatError(f"expected {items} numbers, found {len(text)} characters, too few to hold them")
     out, filled = np.empty(size, np.uint8), 0
-    for piece in _inflated(text):
+    for piece in _inflate(text):
         if filled + len(piece) > size:
             raise FormatError(f"expected {items} numbers, found more")
         out[filled : filled + len(piece)] = np.frombuffer(piece, np.uint8)
@@ -48,7 +48,7 @@ def decode_exactly(text: memoryview, items: int) -> NDArray[np.uint8]:
 def decode(text: memoryview, width: int) -> NDArray[np.uint8]:
     """(n, 8 width) bytes of a payload of records of ``width`` items each; errors as `decode_exactly`."""
     out, limit = bytearray(), ALWAYS_ALLOWED + GREATEST_RATIO * len(text)
-    for piece in _inflated(text):
+    for piece in _inflate(text):
         out += piece
         if len(out) > limit:
             raise FormatError(f"the data grow beyond {GREATEST_RATIO} times their size, which no mesh does")
@@ -83,11 +83,11 @@ def _items(size: int) -> str:
     return f"{size // 8}" if size % 8 == 0 else f"{size} bytes"
 
 
-def _inflated(text: memoryview) -> Iterator[bytes]:
+def _inflate(text: memoryview) -> Iterator[bytes]:
     """The bytes of the zlib stream, in pieces; what follows the stream is ignored."""
     decompressor = zlib.decompressobj()
     try:
-        for block in _decoded(text):
+        for block in _decode(text):
             rest = block
             while not decompressor.eof:
                 piece = decompressor.decompress(rest, _STEP)
@@ -102,7 +102,7 @@ def _inflated(text: memoryview) -> Iterator[bytes]:
         raise FormatError("the zlib stream ends early")
 
 
-def _decoded(text: memoryview) -> Iterator[bytes]:
+def _decode(text: memoryview) -> Iterator[bytes]:
     """The bytes that base64 stands for, in pieces; blanks are skipped, padding may be missing."""
     carry = b""
     for start in range(0, len(text), _STEP):

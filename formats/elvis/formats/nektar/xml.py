@@ -127,10 +127,10 @@ def begins_like_xml(data: Buffer) -> bool:
 
 def unescape(text: str) -> str:
     """``text`` with the references of XML resolved; any other ampersand stands for itself."""
-    return _REFERENCE.sub(_referenced, text) if "&" in text else text
+    return _REFERENCE.sub(_refer, text) if "&" in text else text
 
 
-def _referenced(match: re.Match[str]) -> str:
+def _refer(match: re.Match[str]) -> str:
     name = match[1]
     if name in _NAMED:
         return _NAMED[name]
@@ -268,10 +268,10 @@ def head(path: Path, size: int) -> bytes:
 def load(path: Path) -> Buffer:
     """All bytes of a file, unpacked where it is gzipped."""
     raw = content(path)
-    return _unpacked(raw, path) if raw.startswith(GZIP_SIGNATURE) else raw
+    return _unpack(raw, path) if raw.startswith(GZIP_SIGNATURE) else raw
 
 
-def _unpacked(raw: bytes, path: Path) -> bytearray:
+def _unpack(raw: bytes, path: Path) -> bytearray:
     """The content of all members of a gzip file, one after another."""
     out, limit = bytearray(), ALWAYS_ALLOWED + GREATEST_RATIO * len(raw)
     try:
@@ -373,8 +373,8 @@ def write_metadata(writer: Writer, metadata: Mapping[str, str]) -> None:
 
 def _attributes(attributes: Mapping[str, object] | None) -> str:
     pairs = (attributes or {}).items()
-    return "".join(f" {name}={_quoted(str(value))}" for name, value in pairs)
+    return "".join(f" {name}={_quote(str(value))}" for name, value in pairs)
 
 
-def _quoted(value: str) -> str:
+def _quote(value: str) -> str:
     return quoteattr(_UNWRITABLE.sub(" ", value), {'"': "&quot;"})

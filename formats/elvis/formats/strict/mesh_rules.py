@@ -29,7 +29,7 @@ def mesh_findings(dataset: Dataset) -> Iterator[Finding]:
     """The rules that the mesh breaks."""
     mesh = dataset.mesh
     for shape in mesh.entities:
-        yield from _repeated(mesh, shape)
+        yield from _check_duplicates(mesh, shape)
     yield from _composites(mesh)
     broken = list(_orientation(mesh))
     yield from broken
@@ -39,7 +39,7 @@ def mesh_findings(dataset: Dataset) -> Iterator[Finding]:
         yield from _jacobians(dataset)
 
 
-def _repeated(mesh: Mesh, shape: Shape) -> Iterator[Finding]:
+def _check_duplicates(mesh: Mesh, shape: Shape) -> Iterator[Finding]:
     """Every edge, face and element is listed once, and no face bounds three elements."""
     entities = mesh.of(shape)
     if not len(entities):

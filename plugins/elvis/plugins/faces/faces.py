@@ -64,7 +64,7 @@ class Faces:
         """
         chosen = [np.zeros(len(block), bool) for block in self.blocks]
         for word in words:
-            found = self._named(word)
+            found = self._faces_of_word(word)
             if not any(mask.any() for mask in found):
                 there = ", ".join(sorted({block.solid for block in self.blocks}))
                 raise ElvisError(f"no face of the data belongs to {word!r}: the shapes are {there}")
@@ -83,7 +83,7 @@ class Faces:
         result[order[pairs]], result[order[pairs + 1]] = owner[order[pairs + 1]], owner[order[pairs]]
         return tuple(np.split(result, np.cumsum([len(block) for block in self.blocks])[:-1]))
 
-    def _named(self, word: str) -> list[Bools]:
+    def _faces_of_word(self, word: str) -> list[Bools]:
         """For each block which faces (n,) a word names."""
         kind, colon, name = word.partition(":")
         if word in ("all", "inner"):

@@ -101,7 +101,7 @@ class Elements:
 
     def _quantity(self, expression: Expression, *, bounded: bool = False) -> Quantity:
         """The type and buffers of an expression on these elements; ``bounded`` where it stands for another's level."""
-        polynomial = None if expression.is_field or self.series else self._expanded(expression)
+        polynomial = None if expression.is_field or self.series else self._expand(expression)
         if polynomial is not None:
             return self._of_net(polynomial)
         names = expression.fields if len(expression.fields) < 2 else self._several
@@ -124,7 +124,7 @@ class Elements:
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         highest = HIGHEST_STRAIGHT if bounded and self._is_affine and shape is Shape.TETRAHEDRON else HIGHEST
         known = 0 if found is None or found > highest or self.series else max(*self.geometry.degrees, found)
-        bounds = partial(self._certified, expression) if (bounded or not known) and not self.series else None
+        bounds = partial(self._certify, expression) if (bounded or not known) and not self.series else None
         plain = expression.root.op == "attribute" and bool(formula.targets)
         level = None if known or plain else partial(self._level, expression)
         rounding = cache(partial(self._rounding_of, expression)) if known else None
@@ -145,7 +145,7 @@ class Elements:
         """Those of the Slang type of elements with this map and a field in a space."""
         return ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
 
-    def _expanded(self, expression: Expression) -> Net | None:
+    def _expand(self, expression: Expression) -> Net | None:
         """The polynomials that an expression is on these elements; None where it is none, or one of too many terms."""
         count = sum(map(len, self.patches))
         plans = [self._net_in(patch, np.zeros(0, np.int64), expression) for patch in self.patches]
@@ -184,7 +184,7 @@ class Elements:
         assert rounding is not None
         return replace(quantity, rounding=lambda: rounding() + LEVEL_ROUNDING * abs(level)), level
 
-    def _certified(self, expression: Expression) -> tuple[Floats, Floats]:
+    def _certify(self, expression: Expression) -> tuple[Floats, Floats]:
         """(n,) what an expression is not less and not greater than on each element, by interval arithmetic."""
         found = []
         for patch in self.patches:

@@ -31,10 +31,10 @@ def check_points(shape: Shape, inside: int, is_collapsed: bool = False) -> Float
     a field with jumps has as many values at an apex as there are directions to come from.
     """
     rng = np.random.default_rng(20261120)
-    points = [_scattered(shape, inside, rng)]
+    points = [_scatter(shape, inside, rng)]
     for local in shape.faces if shape.dimension == 3 else shape.edges if shape.dimension == 2 else ():
         kind = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}[len(local)]
-        t = (1 + _scattered(kind, 1 + inside // (2 * len(shape.faces) or 2), rng)) / 2
+        t = (1 + _scatter(kind, 1 + inside // (2 * len(shape.faces) or 2), rng)) / 2
         corners = shape.vertices[list(local)]
         axes = corners[[1, 3]] if kind is Shape.QUADRILATERAL else corners[1:]
         points.append(corners[0] + t @ (axes - corners[0]))
@@ -44,7 +44,7 @@ def check_points(shape: Shape, inside: int, is_collapsed: bool = False) -> Float
     return frozen_floats(own)
 
 
-def _scattered(shape: Shape, count: int, rng: np.random.Generator) -> Floats:
+def _scatter(shape: Shape, count: int, rng: np.random.Generator) -> Floats:
     """(count, d) points of even density."""
     u = rng.random((count, shape.dimension))
     c = u ** (1 / (1 + np.array(COLLAPSE[shape])))

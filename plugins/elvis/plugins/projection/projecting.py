@@ -35,7 +35,7 @@ class Projected:
 
 def at_order(sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField]) -> Projected:
     """The fields at the orders of the blocks, or at their own where a block has none."""
-    fitted = _joined(sampler, mesh, blocks, fit_fields(sampler, blocks, fields))
+    fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields))
     return Projected(blocks, fitted, check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision))
 
 
@@ -54,7 +54,7 @@ def at_tolerance(
     bounds = bounds_of(sampler, blocks, fields, tolerance)
     blocks = adapted(sampler, blocks, fields, bounds, highest)
     for _ in range(_ROUNDS):
-        fitted = _joined(sampler, mesh, blocks, fit_fields(sampler, blocks, fields), by_force=True)
+        fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields), by_force=True)
         findings = check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision, bounds)
         last = Projected(blocks, fitted, findings)
         beyond = np.concatenate([np.empty(0, np.int64), *(ids for tally in findings.fields for ids in tally.beyond)])
@@ -81,7 +81,7 @@ def _parted_where_better(sampler: Sampler, mesh: Mesh, joint: Projected) -> Proj
     return Projected(joint.blocks, fitted, joint.findings)
 
 
-def _joined(
+def _join(
     sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], by_force: bool = False
 ) -> list[Fitted]:
     """The fields, those that are continuous with one trace on what elements share.

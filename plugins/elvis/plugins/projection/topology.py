@@ -68,7 +68,7 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     is_collapsed  whether hexahedra stand for the pyramids of the block of this number
     ElvisError where there are no elements, elements of several dimensions, or vertices that don't fit.
     """
-    blocks = _checked(source)
+    blocks = _check(source)
     places = [_corner_places(source, block) for block in blocks]
     tolerance = merging_tolerance(_longest_first(places), source.precision)
     numbers, which, vertices = _vertices(blocks, places, tolerance)
@@ -83,13 +83,13 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     repeated = [_part_repeated(draft, pool) for draft in drafts]
     _raise_apexes(drafts, pool)
     detached = _order(drafts, pool)
-    return _assembled(source, drafts, pool, repeated, detached)
+    return _assemble(source, drafts, pool, repeated, detached)
 
 
 def given(source: Converter, mesh: Mesh) -> Topology:
     """The source's blocks in a mesh that is taken over as it is; ElvisError where there are no elements."""
     blocks = []
-    for number, block in enumerate(_checked(source)):
+    for number, block in enumerate(_check(source)):
         rows = np.arange(len(block))
         assert block.ids is not None
         own = mesh.of(block.shape).rows_of(block.ids)
@@ -117,7 +117,7 @@ class _Pool:
         self.places, self.numbers = self.places[order], self.numbers[order]
 
 
-def _checked(source: Converter) -> Sequence[Elements]:
+def _check(source: Converter) -> Sequence[Elements]:
     dimensions = {block.shape.dimension for block in source.blocks if len(block)}
     if not dimensions:
         raise ElvisError("expected elements to convert, found none")
@@ -230,7 +230,7 @@ def _native_orders(draft: _Draft) -> tuple[tuple[int, ...], ...]:
     return ((1, 0, 3, 2, 5, 4, 7, 6),)
 
 
-def _assembled(
+def _assemble(
     source: Converter,
     drafts: Sequence[_Draft],
     pool: _Pool,

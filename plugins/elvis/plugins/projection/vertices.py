@@ -45,12 +45,12 @@ def clusters(points: Floats, tolerance: float) -> Ints:
     labels = first.astype(np.int64)
     cell = max(4 * tolerance, np.finfo(float).tiny)
     for shift in product((0.0, 0.5), repeat=3):
-        labels = _joined(distinct, labels, np.floor(distinct / cell + np.array(shift)), tolerance)
+        labels = _join(distinct, labels, np.floor(distinct / cell + np.array(shift)), tolerance)
     roots: Ints = labels[which.reshape(-1)]
     return np.unique(roots, return_inverse=True)[1].reshape(-1)
 
 
-def _joined(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints:
+def _join(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints:
     """The labels once neighbours in the order of cells that share one, and lie together, are joined."""
     order = np.lexsort((*points.T, *cells.T))
     same = (cells[order[1:]] == cells[order[:-1]]).all(axis=1)
@@ -73,10 +73,10 @@ def connected_labels(labels: Ints, first: Ints, second: Ints) -> Ints:
         if (low == high).all():
             return parents[labels]
         np.minimum.at(parents, high, low)
-        parents = _compressed(parents)
+        parents = _compress(parents)
 
 
-def _compressed(parents: Ints) -> Ints:
+def _compress(parents: Ints) -> Ints:
     """Parents replaced by the root that they lead to."""
     while True:
         grand: Ints = parents[parents]

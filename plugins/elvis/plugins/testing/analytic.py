@@ -55,7 +55,7 @@ class Analytic(Converter):
         elements = {shape: local_vertices(mesh, shape) for shape in mesh.elements}
         numbers = np.arange(len(mesh.vertices))
         if seed is not None:
-            elements = rotated({s: _turned(s, rows, seed) for s, rows in elements.items()}, seed)
+            elements = rotated({s: _reorder(s, rows, seed) for s, rows in elements.items()}, seed)
             numbers = np.random.default_rng(seed).permutation(7 * len(numbers) + 3)[: len(numbers)]
         self.blocks = [
             Elements(s, len(rows), order, numbers[rows] if is_numbered else None, pyramid=pyramid, key=rows)
@@ -86,7 +86,7 @@ class Analytic(Converter):
         return np.asarray(np.einsum("pv,evc->epc", table, self.places[block.key[block.rows]]))
 
 
-def _turned(shape: Shape, rows: Ints, seed: int) -> Ints:
+def _reorder(shape: Shape, rows: Ints, seed: int) -> Ints:
     """Elements in any of the vertex orders that a native element may need."""
     which = np.random.default_rng(seed).integers(len(PROPER[shape]), size=len(rows))
     return np.take_along_axis(rows, np.array(PROPER[shape])[which], axis=1)

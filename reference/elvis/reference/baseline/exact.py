@@ -32,10 +32,10 @@ def exact_isosurface(
     made = Baseline.of(dataset, quantities, level)
     parts = [section(part, part.values[name] - value) for part in made.parts]
     pairs = zip(quantities.patches, parts, strict=True)
-    return joined([_moved(quantities, name, patch, part, value) for patch, part in pairs])
+    return joined([_corners_on_surface(quantities, name, patch, part, value) for patch, part in pairs])
 
 
-def _moved(quantities: Quantities, name: str, patch: Patch, mesh: LinearMesh, value: float) -> LinearMesh:
+def _corners_on_surface(quantities: Quantities, name: str, patch: Patch, mesh: LinearMesh, value: float) -> LinearMesh:
     """The triangles of one patch with their corners on the surface."""
     rows = _rows(patch, mesh)
     start = mesh.reference[:, : patch.dimension]

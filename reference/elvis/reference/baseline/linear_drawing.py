@@ -176,7 +176,7 @@ def surfaces_of(
     style: Style = shown.style  # type: ignore[union-attr]
     beyond, surfaces = None, []
     for _ in range(1 if style.opacity == 1.0 else _DEEPEST):
-        hits = _kept(tracer, view, beyond, scene)
+        hits = _nearest_kept(tracer, view, beyond, scene)
         if not hits.seen.any():
             break
         quantity = style.quantity or scene.field
@@ -186,7 +186,7 @@ def surfaces_of(
     return surfaces
 
 
-def _kept(tracer: Tracer | Probe, view: View, beyond: Floats | None, scene: Scene) -> Hits:
+def _nearest_kept(tracer: Tracer | Probe, view: View, beyond: Floats | None, scene: Scene) -> Hits:
     """The nearest hits beyond some depths that no clip takes away."""
     kept = tracer.first(view, beyond)
     size = tracer.mesh.size

@@ -20,10 +20,10 @@ def section(mesh: LinearMesh, levels: Floats) -> LinearMesh:
     Where a surface lies on faces exactly, the triangles of both sides are kept, so that none at the border is lost.
     """
     sides = [levels >= 0, levels > 0] if (levels == 0).any() else [levels > 0]
-    return joined([_marched(mesh, levels, above) for above in sides])
+    return joined([_march(mesh, levels, above) for above in sides])
 
 
-def _marched(mesh: LinearMesh, levels: Floats, above: np.ndarray) -> LinearMesh:
+def _march(mesh: LinearMesh, levels: Floats, above: np.ndarray) -> LinearMesh:
     """The section for one reading of zeros: ``above`` (n,) says which points are on the upper side."""
     count = above[mesh.simplices].sum(axis=1)
     ends, owner = [], []
@@ -33,13 +33,13 @@ def _marched(mesh: LinearMesh, levels: Floats, above: np.ndarray) -> LinearMesh:
 
         # those above come first, each side in its own order
         order = np.argsort(~above[tetrahedra], axis=1, kind="stable")
-        edges = _crossed(np.take_along_axis(tetrahedra, order, axis=1), corners)
+        edges = _crossed_edges(np.take_along_axis(tetrahedra, order, axis=1), corners)
         ends.append(edges.reshape(-1, 3, 2))
         owner.append(np.repeat(which, edges.shape[1]))
     return _between(mesh, levels, np.concatenate(ends), np.concatenate(owner))
 
 
-def _crossed(sorted_corners: Ints, above: int) -> Ints:
+def _crossed_edges(sorted_corners: Ints, above: int) -> Ints:
     """(n, triangles, 3, 2) ends of the crossed edges of tetrahedra (n, 4) whose first ``above`` corners are above."""
     pairs = {
         1: [[(0, 1), (0, 2), (0, 3)]],

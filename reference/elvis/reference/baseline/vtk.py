@@ -86,12 +86,12 @@ class VtkBaseline:
             case Faces(select=("all",)):
                 made = needed("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
                 made.SetNonlinearSubdivisionLevel(_SUBDIVISION)
-                return self._made(made, self._merged())
+                return self._made(made, self._merge())
             case _:
                 raise ElvisError("VTK is asked for planes, spheres, cylinders, isosurfaces and all outer faces only")
         return self._made(made, self.grid)
 
-    def _merged(self) -> Any:
+    def _merge(self) -> Any:
         """The grid with equal points made one, so that inner faces are known to be inner."""
         cleaner = needed("vtkmodules.vtkFiltersCore").vtkStaticCleanUnstructuredGrid()
         cleaner.ToleranceIsAbsoluteOff()

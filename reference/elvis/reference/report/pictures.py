@@ -59,16 +59,16 @@ def shown(record: Record) -> Pixels:
 def error_map(exact: Record, other: Record, ends: tuple[float, float]) -> tuple[Pixels, list[Legend]]:
     """Where values differ, in bands; and where only one picture shows anything."""
     measure = value_errors(exact, other, not_narrow(ends))
-    return _banded(measure, BANDS, exact.seen & ~other.seen, other.seen & ~exact.seen)
+    return _band(measure, BANDS, exact.seen & ~other.seen, other.seen & ~exact.seen)
 
 
 def position_map(exact: Record, other: Record, pixel: float) -> tuple[Pixels, list[Legend]]:
     """How far apart the points are that are seen, in pixels of the size ``pixel``."""
     measure = np.linalg.norm(other.position - exact.position, axis=2) / pixel
-    return _banded(measure, DISTANCES, exact.seen & ~other.seen, other.seen & ~exact.seen)
+    return _band(measure, DISTANCES, exact.seen & ~other.seen, other.seen & ~exact.seen)
 
 
-def _banded(measure: Floats, bands: Sequence[Any], missing: Bools, spurious: Bools) -> tuple[Pixels, list[Legend]]:
+def _band(measure: Floats, bands: Sequence[Any], missing: Bools, spurious: Bools) -> tuple[Pixels, list[Legend]]:
     """A map of a measure (h, w), NaN where it has no meaning."""
     picture, legend, low = np.full((*measure.shape, 3), 255, np.uint8), [], -1.0
     for high, word, color in bands:

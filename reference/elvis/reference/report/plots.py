@@ -42,7 +42,7 @@ def against_refinement(study: Study) -> str:
         axes.set_xticks([rival.level for rival in drawn])
         axes.set_xlabel("refinements of every element")
 
-    return _plotted(draw)
+    return _plot(draw)
 
 
 def against_memory(study: Study) -> str:
@@ -54,7 +54,7 @@ def against_memory(study: Study) -> str:
         _exact(axes, study.stored / 1e6, f"exact: {size(study.stored)}")
         axes.set_xlabel("memory, MB")
 
-    return _plotted(draw)
+    return _plot(draw)
 
 
 def against_time(study: Study) -> str:
@@ -67,7 +67,7 @@ def against_time(study: Study) -> str:
         _exact(axes, seconds, f"exact: {seconds:.2g} s")
         axes.set_xlabel("time, seconds")
 
-    return _plotted(draw)
+    return _plot(draw)
 
 
 def _curves(axes: Any, rivals: Sequence[Rival], places: Sequence[float]) -> None:
@@ -80,13 +80,13 @@ def _curves(axes: Any, rivals: Sequence[Rival], places: Sequence[float]) -> None
             look = {"label": word, "linewidth": 1.4} if refined else {"linestyle": "none", "markerfacecolor": "none"}
             if points:
                 axes.plot(*zip(*points, strict=True), marker=marker, color=color, markersize=5, **look)
-    _noted(axes, [(places[i], rivals[i]) for i in order if rivals[i].level is None])
+    _write_names(axes, [(places[i], rivals[i]) for i in order if rivals[i].level is None])
     axes.set_yscale("log")
     if axes.lines:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8)
 
 
-def _noted(axes: Any, others: Sequence[tuple[float, Rival]]) -> None:
+def _write_names(axes: Any, others: Sequence[tuple[float, Rival]]) -> None:
     """Names above the marks that belong to no curve."""
     for place, rival in others:
         axes.annotate(
@@ -107,7 +107,7 @@ def _exact(axes: Any, place: float, word: str) -> None:
                       textcoords="offset points", rotation=90, fontsize=8)  # fmt: skip
 
 
-def _plotted(draw: Callable[[Any], None]) -> str:
+def _plot(draw: Callable[[Any], None]) -> str:
     """The SVG text of one plot; the same bytes for the same numbers."""
     matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
     with matplotlib.rc_context(_STYLE):

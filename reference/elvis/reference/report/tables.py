@@ -61,7 +61,7 @@ def _value(value: Any) -> str:
 
 def _data(study: Study, data: Mapping[str, Any]) -> list[tuple[str, str]]:
     assert study.scene is not None
-    elements = ", ".join(f"{count:,} {_named(shape, count)}" for shape, count in data["elements"].items())
+    elements = ", ".join(f"{count:,} {_name_of(shape, count)}" for shape, count in data["elements"].items())
     return [
         ("files", ", ".join(Path(name).name for name in study.scene.data) or "in memory"),
         ("elements", elements),
@@ -71,7 +71,7 @@ def _data(study: Study, data: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _named(shape: str, count: int) -> str:
+def _name_of(shape: str, count: int) -> str:
     """The name of a shape, in the plural where there are several."""
     if count == 1:
         return shape

@@ -75,7 +75,7 @@ def _holding(
 ) -> Iterator[tuple[Ints, Floats]]:
     """The elements in whose box (2, d) the function may hold the value; of its parts after some halvings, and these."""
     check_time()
-    points, divisor = _sampled(patch.shape, box, degrees)
+    points, divisor = _sample(patch.shape, box, degrees)
     parts = np.array_split(rows, -(-len(rows) * len(points) // _AT_ONCE) or 1)
     bounds = [bounds_of(function(patch, part, points), divisor) for part in parts]
     low, high = (np.concatenate(ends) for ends in zip(*bounds, strict=True))
@@ -88,7 +88,7 @@ def _holding(
         yield from _holding(patch, rows, function, degrees, value, np.array(part).T, halvings - 1)
 
 
-def _sampled(shape: Shape, box: Floats, degrees: tuple[int, ...]) -> tuple[Floats, float]:
+def _sample(shape: Shape, box: Floats, degrees: tuple[int, ...]) -> tuple[Floats, float]:
     """Reference points (k, d) of a box of collapsed coordinates, and how much greater than there values may be."""
     unit, divisor = lattice(degrees)
     eta = box[0] + 0.5 * (1 + unit) * (box[1] - box[0])
@@ -99,7 +99,7 @@ def _sampled(shape: Shape, box: Floats, degrees: tuple[int, ...]) -> tuple[Float
 def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floats, Floats]:
     """Least and greatest columns and rows (e, 2) of a box of some elements on the screen; all where it isn't before
     the eye."""
-    points, divisor = _sampled(patch.shape, box, map_degrees(patch))
+    points, divisor = _sample(patch.shape, box, map_degrees(patch))
     parts = np.array_split(rows, -(-len(rows) * 3 * len(points) // _AT_ONCE) or 1)
     ends: list[Floats] = []
     for part in parts:

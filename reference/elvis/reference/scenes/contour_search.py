@@ -82,7 +82,7 @@ class Search:
         """All segments of the contour."""
         count = len(self.patch) if self.equation.leaves else 0
         rows = [np.arange(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
-        return LineSegments.joined([segment for some in rows for segment in self._halved(self._boxes(some))])
+        return LineSegments.joined([segment for some in rows for segment in self._halve(self._boxes(some))])
 
     def _boxes(self, rows: Ints) -> Boxes:
         """Whole elements: their fields, then x, y and z."""
@@ -97,7 +97,7 @@ class Search:
         world = spread(self.patch, rows, points)
         return Boxes.through(np.stack([*values, *np.moveaxis(world, 2, 0)], axis=1), self.degrees)
 
-    def _halved(self, boxes: Boxes) -> list[LineSegments]:
+    def _halve(self, boxes: Boxes) -> list[LineSegments]:
         """The segments in some boxes, which are halved as often as needed."""
         found = []
         for depth in range(_HALVINGS + 1):
@@ -123,7 +123,7 @@ class Search:
         boxes = boxes.part(kept)
         equations = [_part(own, kept) for own in equations]
         place = place.part(kept)
-        segment, solved, there = _solved(equations, place)
+        segment, solved, there = _solve(equations, place)
         segment, whole = _whole_where_unsolved(segment, solved, place)
         done = segment.radius <= np.where(whole, _THIN, _RADIUS)
 
@@ -253,7 +253,7 @@ def _part(own: Linear, which: Ints) -> Linear:
     return Linear(own.value[which], own.gradient[which], own.rest[which])
 
 
-def _solved(equations: list[Linear], place: Place) -> tuple[LineSegments, Bools, Bools]:
+def _solve(equations: list[Linear], place: Place) -> tuple[LineSegments, Bools, Bools]:
     """Line segments of boxes; where the equations' directions tell them; and where a zero may be."""
     size = [np.abs(own.gradient).sum(axis=1) + 1e-300 for own in equations]
     value, rest = (

@@ -32,7 +32,7 @@ def cut_crossings(locator: Locator, surface: Surface, view: View) -> Crossings:
     pixel, depth, normal, points = pixel[possible], depth[possible], normal[possible], points[possible]
     found = owners(locator, points)
     polish(locator.patches, found, points)
-    return Crossings.joined([_located(found, pixel, depth, normal)])
+    return Crossings.joined([_locate_points(found, pixel, depth, normal)])
 
 
 def _within(locator: Locator, points: Floats) -> Ints:
@@ -44,7 +44,7 @@ def _within(locator: Locator, points: Floats) -> Ints:
     return np.flatnonzero(possible)
 
 
-def _located(found: Location, pixel: Ints, depth: Floats, normal: Floats) -> Crossings:
+def _locate_points(found: Location, pixel: Ints, depth: Floats, normal: Floats) -> Crossings:
     """The points that lie in elements; those in doubt are failed."""
     here = np.flatnonzero(np.isin(found.status, (InverseStatus.INSIDE, InverseStatus.FAILED)))
     known = found.status[here] == InverseStatus.INSIDE

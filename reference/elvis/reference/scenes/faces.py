@@ -46,7 +46,7 @@ def face_crossings(
                 if wanted is not None:
                     known = among(wanted, own[triangle] * view.count + pixel)
                     triangle, pixel = triangle[known], pixel[known]
-                found += _decided(number, patch, face, own, corners, starts, triangle, pixel, view, size)
+                found += _decide(number, patch, face, own, corners, starts, triangle, pixel, view, size)
     return Crossings.joined(found).distinct(size)
 
 
@@ -65,7 +65,7 @@ def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[tup
                                 for kind, own in cut.cells.items()])  # fmt: skip
         corners = base[0] + cut.points[cells] @ base[1:]
         middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
-        world, bent = (_placed(patch, rows, points) for points in (corners, middles))
+        world, bent = (_place(patch, rows, points) for points in (corners, middles))
 
         # how far the face bends away from the sides, on the screen
         flat = 0.5 * (world + np.roll(world, -1, axis=2))
@@ -80,12 +80,12 @@ def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[tup
         rows = rows[~ready]
 
 
-def _placed(patch: Patch, rows: Ints, points: Floats) -> Floats:
+def _place(patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(e, c, k, 3) world coordinates of reference points (c, k, 3) in all elements."""
     return spread(patch, rows, points.reshape(-1, 3)).reshape(len(rows), *points.shape[:2], 3)
 
 
-def _decided(
+def _decide(
     number: int,
     patch: Patch,
     face: Face,

@@ -81,9 +81,9 @@ class _Search:
         if not len(found.which):
             return Crossings.none()
         own, place = curves.segments.part(found.which), found.place[:, None]
-        return self._finished(found, own, curves.at(found.which, place), own.at(place)[:, 0])
+        return self._finish(found, own, curves.at(found.which, place), own.at(place)[:, 0])
 
-    def _finished(self, found: Zeros, segments: Segments, start: Floats, depth: Floats) -> Crossings:
+    def _finish(self, found: Zeros, segments: Segments, start: Floats, depth: Floats) -> Crossings:
         """The zeros as hits: those that are certain by Newton's method, double ones where they are."""
         origins, directions = self.view.rays(*np.divmod(segments.pixel, self.view.width)[::-1])
         constraint = level_of(self.quantities, self.name, self.patch, self.value)

@@ -93,7 +93,7 @@ def segments_through(
     hits = Crossings.joined([hits, begun.part(begun.patch == number)])
     hits = hits.part(np.lexsort([hits.depth, hits.row, hits.pixel]))
     pairs = np.flatnonzero((np.diff(hits.pixel) == 0) & (np.diff(hits.row) == 0))
-    found = _paired(hits, pairs)
+    found = _pair(hits, pairs)
     middle = 0.5 * (found.near + found.far)
     start, points = 0.5 * (found.first + found.last), points_of(view, found.pixel, middle)
     return found.part(margins_of(patch, followed(patch, found.row, start, points)) > -1e-9)
@@ -144,7 +144,7 @@ def beginnings(locator: Callable[[], Locator], view: View, box: Floats) -> Cross
     return Crossings(*columns, np.full(len(held), np.nan))
 
 
-def _paired(hits: Crossings, pairs: Ints) -> Segments:
+def _pair(hits: Crossings, pairs: Ints) -> Segments:
     after = pairs + 1
     ends = (hits.depth[pairs], hits.depth[after], hits.reference[pairs], hits.reference[after])
     return Segments(hits.pixel[pairs], hits.row[pairs], *ends)

@@ -76,7 +76,7 @@ def _parted(
     segments: Segments, along: Callable[[Segments, Floats], Floats], levels: Sequence[float] = (0.0,)
 ) -> Segments:
     """Segments parted where a function along them, of segments and shares (k, m), passes one of some levels."""
-    segment, share, value = _sampled(segments, along)
+    segment, share, value = _sample(segments, along)
     same = segment[1:] == segment[:-1]
     owners, shares = [np.repeat(np.arange(len(segments)), 2)], [np.tile([0.0, 1.0], len(segments))]
     for level in levels:
@@ -98,7 +98,7 @@ def _parted(
     return segments.cut(owner[first], at[first], at[first + 1])
 
 
-def _sampled(segments: Segments, along: Callable[[Segments, Floats], Floats]) -> tuple[Ints, Floats, Floats]:
+def _sample(segments: Segments, along: Callable[[Segments, Floats], Floats]) -> tuple[Ints, Floats, Floats]:
     """Places along segments, in order: numbers of the segments, shares and values, all (m,).
 
     Even places and the vertices of the parabolas through three of them that turn: what is touched in between.

@@ -98,7 +98,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
         ready = rest <= np.maximum(_RESOLVED * size, inexact)
         # what is left in the last coefficients, rounding not least, is in all others too
         error = np.maximum((degree + 2) * rest, inexact)
-        found += _separated(parts.some(ready), coefficients[ready], error[ready])
+        found += _separate(parts.some(ready), coefficients[ready], error[ready])
 
         # the last parts that aren't resolved may have a zero where they change their sign
         open_ = ~ready & ~(np.abs(coefficients[:, 0]) > 3 * np.abs(coefficients[:, 1:]).sum(axis=1))
@@ -116,7 +116,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
     return Zeros.joined(found)
 
 
-def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
+def _separate(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
     """The zeros of series (k, n) on parts, right but for errors (k,).
 
     A derivative is that of the function where it is greater than what the error may add, n^2 times it (Markov 1889);
@@ -134,7 +134,7 @@ def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros
         flat = (np.abs(coefficients).sum(axis=1) <= error) | (depth == _HALVED)
         first, last = coefficients @ signs, coefficients.sum(axis=1)
         crossed = ((first > 0) != (last > 0)) & single & ~flat
-        found.append(parts.some(crossed).zeros(_bisected(coefficients[crossed])))
+        found.append(parts.some(crossed).zeros(_bisect(coefficients[crossed])))
         ended = ~crossed & single & ~flat & (np.minimum(np.abs(first), np.abs(last)) <= error)
         found.append(parts.some(ended).zeros(np.where(np.abs(first) <= np.abs(last), -1.0, 1.0)[ended]))
         found.append(parts.some(flat).zeros(np.zeros(int(flat.sum())), double=True))
@@ -146,7 +146,7 @@ def _separated(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros
     return found
 
 
-def _bisected(coefficients: Floats) -> Floats:
+def _bisect(coefficients: Floats) -> Floats:
     """(k,) the zeros in [-1, 1] of series (k, n) that change their sign once."""
     low, high = np.full(len(coefficients), -1.0), np.ones(len(coefficients))
     series = np.ascontiguousarray(coefficients.T)

@@ -173,7 +173,7 @@ def _columns(source: Source, places: Floats, texts: list[str] | None, every: boo
     """The table: what was asked, what was found, and one column a quantity."""
     from elvis.core.terminal import stage
 
-    wanted = _checked(source.expressions(texts))
+    wanted = _check(source.expressions(texts))
     with stage(f"probing {len(places)} points"):
         return source.probe(places, wanted, every)
 
@@ -225,7 +225,7 @@ def _grid(source: Source, counts: tuple[int, int, int], box: tuple[Triple, Tripl
     return Grid(*box, counts)
 
 
-def _checked(wanted: Sequence[Expression]) -> Sequence[Expression]:
+def _check(wanted: Sequence[Expression]) -> Sequence[Expression]:
     """The quantities; ElvisError where one would have the name of another column."""
     for each in wanted:
         if each.text in _COLUMNS:

@@ -50,7 +50,7 @@ def composed(
         given["plane"] = cuts.pop().surface
     data = tuple(str(file) for file in files if not is_scene_file(file))
     scene = replace(scene, **given, objects=(*scene.objects, *cuts, *others), data=data or scene.data)
-    scene = _styled(scene, style) if style else scene
+    scene = _apply_style(scene, style) if style else scene
     return _set(scene, settings) if settings else scene
 
 
@@ -77,7 +77,7 @@ def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
     return min(frame.range[0] for frame in frames), max(frame.range[1] for frame in frames)
 
 
-def _styled(scene: Scene, style: dict[str, Any]) -> Scene:
+def _apply_style(scene: Scene, style: dict[str, Any]) -> Scene:
     """The scene with values of the style in every object; without objects, of all outer faces."""
     from elvis.scene import Faces, VolumeRendering
 

@@ -70,7 +70,7 @@ def face_patches(space: FaceSpace, nets: Floats, view: View) -> tuple[FacePatche
     found = [_Batch.of(space, np.arange(0), np.empty((5, space.count, 0)))]
     for some in chunks(len(nets), _CHUNK):
         number = np.arange(len(nets))[some]
-        for batch in _divided(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view, rounding):
+        for batch in _divide(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view, rounding):
             found.append(batch)
             check_time()
     face, place, screen, pixels, line, spread = (
@@ -144,7 +144,7 @@ def _extent(view: View) -> float:
     return 2.0 * (view.width + view.height)
 
 
-def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Iterator[_Batch]:
+def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Iterator[_Batch]:
     """Patches that are tame, and those that are points or lines.
 
     What is neither is halved where it looks longest, unless it covers no centre.
@@ -159,13 +159,13 @@ def _divided(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> It
         batch.line |= ~tame
         yield batch.some(np.flatnonzero(done))
         if level < _LEVELS and not done.all():
-            halves = _halved(space, direction[~done], batch.some(np.flatnonzero(~done)))
+            halves = _halve(space, direction[~done], batch.some(np.flatnonzero(~done)))
             stack += [
                 (level + 1, halves.some(np.arange(len(halves.face))[k])) for k in chunks(len(halves.face), _CHUNK)
             ]
 
 
-def _halved(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
+def _halve(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
     """Two patches for each, cut in this direction."""
     batch = batch.some(order := np.argsort(direction, kind="stable"))
     ends = np.searchsorted(direction[order], np.arange(len(space.halves) + 1))
@@ -280,7 +280,7 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
                 own = np.abs(u * (plane[0] - mean[0]) + v * (plane[1] - mean[1]))
                 b[row] += (own + bent * np.abs(derivative[2] - weight)).max(axis=0)
                 g[row] += bent * np.abs(weight)
-        change = b.max(axis=0) + _weighted(batch.screen[4], [derivative[3] for derivative in derivatives])
+        change = b.max(axis=0) + _weight_change(batch.screen[4], [derivative[3] for derivative in derivatives])
         tame = front & ((change <= TAME * (1.0 - g.max(axis=0))) | (change <= 1e-9))
 
     # the greatest speed along each side, for any pixel
@@ -291,7 +291,7 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
     return tame, direction, np.maximum(np.abs(first).sum(axis=0), np.abs(second).sum(axis=0))
 
 
-def _weighted(w: Floats, derivatives: list[Floats]) -> Floats:
+def _weight_change(w: Floats, derivatives: list[Floats]) -> Floats:
     """(n,) what dividing by the weights w (count, n) of rational maps adds to the change of their Jacobians."""
     least = w.min(axis=0)
     total = 2.5 * sum(np.abs(derivative).max(axis=0) for derivative in derivatives) + 0.5 * (w.max(axis=0) - least)

@@ -174,14 +174,14 @@ class IsosurfaceDrawer:
             ask = partial(self._ask, split, level, last=last)
             halved = iteration > 0 or unfinished is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
-            found = [self._kept(split if halved else start, batch, halved, buffers, ask) for batch in batches]
+            found = [self._keep(split if halved else start, batch, halved, buffers, ask) for batch in batches]
             done += [sub_elements[sub_elements["fate"] != SPLIT] for sub_elements in found]
-            parents = _joined([parents[:0], *(sub_elements[sub_elements["fate"] == SPLIT] for sub_elements in found)])
+            parents = _join([parents[:0], *(sub_elements[sub_elements["fate"] == SPLIT] for sub_elements in found)])
             if not len(parents):
                 break
-        return self._sorted(_joined(done))
+        return self._sorted(_join(done))
 
-    def _kept(
+    def _keep(
         self,
         kernel: Kernel,
         parents: NDArray[Any],
@@ -248,7 +248,7 @@ class IsosurfaceDrawer:
         return self.device.buffer(record)
 
 
-def _joined(sub_elements: list[NDArray[Any]]) -> NDArray[Any]:
+def _join(sub_elements: list[NDArray[Any]]) -> NDArray[Any]:
     """Sub-elements of all lists, in the layout of the kernels, which may have gaps."""
     return np.concatenate(sub_elements, dtype=sub_elements[0].dtype)
 

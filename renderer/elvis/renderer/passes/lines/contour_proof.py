@@ -111,7 +111,7 @@ class ContourProof:
     def _decide(self) -> None:
         """Set the statuses of all pixels in whose squares an element that may have one of the values may be."""
         hits, view = self._hits, self._view
-        near = _grown(self._held).reshape(-1) & (hits.owner != NOBODY)
+        near = _grow(self._held).reshape(-1) & (hits.owner != NOBODY)
         if hits.sections is None or hits.flat is None:
             self.status[near] = Status.AMBIGUOUS
             return
@@ -354,7 +354,7 @@ def _any_between(levels: Floats, low: Floats, high: Floats) -> Bools:
     return np.asarray(np.searchsorted(levels, low) < np.searchsorted(levels, high, "right"))
 
 
-def _grown(mask: Bools) -> Bools:
+def _grow(mask: Bools) -> Bools:
     """(h, w) pixels of a mask and those beside them."""
     padded = np.pad(mask, 1)
     rows = padded[:-2] | padded[1:-1] | padded[2:]

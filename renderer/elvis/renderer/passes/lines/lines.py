@@ -113,14 +113,14 @@ class Lines:
         width     in pixels
         quantity  of the parts, whose values are the hit buffer's field; None is the parts' own field
         """
-        buffers, items, size = self._prepared(view, hits, values, width, quantity)
+        buffers, items, size = self._prepare(view, hits, values, width, quantity)
         buffers |= {name: self._device.empty(np.uint32, 8) for name in ("strokes", "count")}
         self._run("line_draw", view, hits, items, buffers, quantity, **size)
         return Marks(self._device, buffers["marks"], width, hits.owner, NOTHING - MOST + 1)
 
     def strokes(self, view: View, hits: HitBuffer, values: Floats, quantity: str | None = None) -> NDArray[Any]:
         """The same lines as short straight ones, the records Stroke of line.slang; those that other parts hide too."""
-        buffers, items, size = self._prepared(view, hits, values, 1.0, quantity)
+        buffers, items, size = self._prepare(view, hits, values, 1.0, quantity)
         kernel = self._device.kernel("line_draw", self._loaded.parts[0], quantity)
         kernel.capacity = max(kernel.capacity, 4 * len(items.pixel))
 
@@ -129,7 +129,7 @@ class Lines:
 
         return self._device.listed("strokes", kernel, run)
 
-    def _prepared(
+    def _prepare(
         self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None
     ) -> tuple[dict[str, Buffer], WorkItems, dict[str, float]]:
         """What line_draw needs for contours: buffers, items to be searched, and numbers of its record."""

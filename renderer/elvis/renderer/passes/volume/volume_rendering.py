@@ -236,7 +236,7 @@ class _March:
         self.fixed["ray_integrals"] = self.device.empty(self.march.dtype("ray_integrals"), view.count)
         self.shared = self._shared()
         self.parts = [
-            self._curved(k, n) if n in curved else self._straight(k, n)
+            self._list_curved(k, n) if n in curved else self._straight(k, n)
             for k, curved in enumerate(self.curved)
             for n in parts
         ]
@@ -283,7 +283,7 @@ class _March:
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
         return _Seen(number, listed, kernel, tiles, counts, {"order": sections.element[order]})
 
-    def _curved(self, listed: int, number: int) -> _Seen:
+    def _list_curved(self, listed: int, number: int) -> _Seen:
         """A part of curved elements, by patches of their faces."""
         if self.renderer.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
