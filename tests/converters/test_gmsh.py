@@ -300,7 +300,7 @@ def test_a_scheme_says_what_the_numbers_are(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("7 4 1 2 3 4", "7 4 1 2 3", "expected as many values as are said to follow, found fewer"),
+        ("7 4 1 2 3 4", "7 4 1 2 3", "expected as many values as declared, found fewer"),
         ("7 4 1 2 3 4", "7 3 1 2 3", "expected 4 values in a tetrahedron 4, found 3"),
         ("7 4 1 2 3 4", "7 4 1 2 x 4", "expected numbers, found something else"),
         ("7 4 1 2 3 4", "8 4 1 2 3 4", "expected values on elements of the mesh, found 1 of 1 on others"),

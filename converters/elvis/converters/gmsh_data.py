@@ -176,7 +176,7 @@ class Section:
             number = lines.number(at)
             width = lines.width(number * components)
             if number < 0 or at + width > lines.length:
-                raise self._error("as many values as are said to follow", "fewer")
+                raise self._error("as many values as declared", "fewer")
             rows = min((lines.length - at) // width, self.count - found, ahead)
             own, each, table = lines.table(at, rows, number * components)
             differing = np.flatnonzero(each != number)

@@ -42,9 +42,7 @@ reader_option = click.option(
 )
 
 
-cache_option = click.option(
-    "--no-cache", is_flag=True, help="Convert DATA anew, and don't keep that for the next time."
-)
+cache_option = click.option("--no-cache", is_flag=True, help="Convert DATA again, and don't cache the result.")
 
 
 overwrite_option = click.option("--overwrite", is_flag=True, help="Also write over the inputs, which else is refused.")

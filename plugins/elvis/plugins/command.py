@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _open_closed_streams() -> None:
     """Give standard streams that the caller has closed something to be, lest the next file opened become one of them.
 
-    What is written to standard output then fails as it does on one that is broken; what is said of it is lost.
+    What is written to standard output then fails as it does on one that is broken; messages about it are lost.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:

@@ -60,7 +60,7 @@ def open_data(
 ) -> Dataset | Opened:
     """What a runtime plugin opens, else the dataset in the files.
 
-    report  is told, in a sentence, of plugins that fail when they are asked
+    report  called with one line for each plugin that fails when it is asked
 
     Raises as `read`, and PluginError for plugins that don't exist or don't work.
     """

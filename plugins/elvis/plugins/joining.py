@@ -1,7 +1,7 @@
 """Elements with several of a plugin's fields: its module stands once for each, with buffers of its own.
 
-The text of the module is changed by regular expressions, since generics can't do it: an element type is told the
-number of its element alone, and reads buffers that are globals of its module, one set for a program.  A generic
+The text of the module is changed by regular expressions, since generics can't do it: an element type is given the
+index of its element alone, and reads buffers that are globals of its module, one set for a program.  A generic
 parameter chooses types and constants, not globals; Slang has no modules with parameters; and two copies of a module
 under different names have globals of equal names, which are bound by name.  Pointers make no difference as long as they
 are globals too.  It would take element types that are handed their buffers, another interface for all plugins.

@@ -37,7 +37,7 @@ def run(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
 
 
 def _status(arguments: Sequence[str] | None, settings: Settings, interrupts: Interrupts) -> int:
-    """Run the command to its end and return the exit status; failures are said in one sentence."""
+    """Run the command to its end and return the exit status; failures print one line."""
     try:
         status = elvis.main(arguments, prog_name="elvis", standalone_mode=False, obj=settings)
         sys.stdout.flush()

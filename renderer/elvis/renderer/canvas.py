@@ -61,7 +61,7 @@ class Canvas:
 
     records   whether fields, elements, positions and normals are kept; else colours and statuses alone
     most      pixels that are drawn at once
-    progress  is told how much of how much is done
+    progress  called with how much of how much is done
     """
 
     scene: Scene

@@ -28,7 +28,7 @@ STEP, MOST = 0.25, 1 << 22
 
 
 class Curves:
-    """The elements of 1D data: at so many even reference points of each, arrays by point."""
+    """The elements of 1D data: at `count` even reference points of each, arrays by point."""
 
     def __init__(self, dataset: Dataset, quantity: str) -> None:
         self.expression, self.is_plot = Expression.of(dataset, quantity), dataset.mesh.space == 1

@@ -39,7 +39,7 @@ STAND_IN = 4
 FIRST_CAPACITY = 1 << 16
 #: the number of a dispatch's first group, as in dispatch.slang
 OFFSET = "first_group"
-#: what whoever uses a closed device is told
+#: message of the error where a closed device is used
 CLOSED = "the device is closed: open another one"
 
 

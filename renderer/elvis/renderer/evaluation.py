@@ -40,7 +40,7 @@ _STEPS, _SHORT = 40, 1e-9
 
 @dataclass
 class Evaluation:
-    """Data that a plugin has opened; ``report`` is told of what isn't as well known as it should be."""
+    """Data that a plugin has opened; ``report`` is called with what isn't as well known as it should be."""
 
     opened: Opened
     report: Callable[[str], object]
@@ -199,7 +199,7 @@ def _samples_in(number: int, elements: Ints, reference: Floats, device: Renderer
 
 
 def _rule(part: Part, modes: int) -> Cubature:
-    """A rule for functions of so many modes: points (n, 3) in the plugin's own coordinates, and weights."""
+    """A rule for functions of ``modes`` modes: points (n, 3) in the plugin's own coordinates, and weights."""
     if part.shape is None:
         raise ElvisError(f"{part.type}: expected a part that says its shape, to integrate over, found none")
     rule = field_cubature(modified(part.shape, (modes,) * part.shape.dimension))

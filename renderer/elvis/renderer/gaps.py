@@ -30,7 +30,7 @@ class Gaps:
     """The parts of a volume, with what is known of their elements' bends."""
 
     def __init__(self, parts: Sequence[Part], candidates: Callable[[int], NDArray[Any]]) -> None:
-        """Of a volume's parts; ``candidates`` makes so many empty candidates."""
+        """Of a volume's parts; ``candidates`` makes n empty candidates."""
         self._parts, self._empty = parts, candidates
         self._first = np.cumsum([0, *map(len, parts)])
         self._bent = [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
@@ -87,7 +87,7 @@ class Gaps:
 
 
 def row_bands(sections: Sequence[NDArray[Any]], mask: Bools) -> list[tuple[int, int]]:
-    """First and last but one rows of bands in which a mask (h, w) has at most so many pixels of sections' bounds.
+    """First and last but one rows of bands in which a mask (h, w) has at most n pixels of sections' bounds.
 
     A row that has more by itself is a band of its own; rows without any are in none.
     """

@@ -167,7 +167,7 @@ def hit_name(name: str) -> str:
 
 
 def cleared(device: Device, count: int, names: Sequence[str], clear: Sequence[str] = ()) -> dict[str, Buffer]:
-    """Some of the arrays, of so many pixels, for a pass to write; those to ``clear`` say that nothing is hit."""
+    """Some of the arrays, of n pixels, for a pass to write; those to ``clear`` say that nothing is hit."""
     held = {}
     for name in names:
         dtype, size, nothing = CHANNELS[name]

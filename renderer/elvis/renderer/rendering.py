@@ -65,7 +65,7 @@ def render(
     data      what `read` returns, or files and scene files; then the quantity that colours the picture, or a Scene
     scene     what to draw, which keywords change
     device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
-    progress  is told how much of how much is done
+    progress  called with how much of how much is done
     keywords  options of ``elvis render`` and keys of scenes, by name (docs/scene.md); ``output`` writes the picture
 
     Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used,
@@ -195,7 +195,7 @@ def _constants(frame: Frame) -> list[str]:
 class Renderer:
     """A device with a volume, for many pictures of the same data.
 
-    progress  is told how many of how many bands of a picture are done
+    progress  called with how many of how many bands of a picture are done
     """
 
     def __init__(self, device: str = "auto", progress: Progress | None = None) -> None:
@@ -289,7 +289,7 @@ class Renderer:
                 self._reopen()
 
     def _drawn(self, scene: Scene, references: bool, most: int) -> Frame:
-        """A frame of which so many pixels at most are drawn at once."""
+        """A frame of which `limit` pixels at most are drawn at once."""
         view = self._view(scene)
         check_time()
         check_memory(view, references, most)

@@ -34,7 +34,7 @@ Drawn: TypeAlias = list[tuple[DrawCall, HitBuffer]]
 
 
 def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
-    """The surface that counts at each pixel: of the most opaque ones the nearest; a failed search anywhere is told.
+    """The surface that counts at each pixel: of the most opaque ones the nearest; failed searches anywhere show.
 
     whole  whether reference coordinates, normals and uncertainties are wanted too
     What another one may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.

@@ -54,7 +54,7 @@ class Panel:
         return np.array([[box.x0, box.y0], [box.x1, box.y1]]) - self.corner
 
     def _text(self, x: float, y: float, text: str, **how: Any) -> Any:
-        """A text so many pixels to the right and above the corner of the picture."""
+        """A text x and y pixels to the right and above the corner of the picture."""
         usual = {"color": self.page.text_color, "fontsize": self.page.points, "va": "center", "zorder": TEXTS}
         place = (x / self.width, y / self.height)
         return self.axes.text(*place, text, transform=self.axes.transAxes, clip_on=False, **{**usual, **how})
@@ -108,7 +108,7 @@ class Panel:
             self._text(0, self.edges()[1, 1] + 0.6 * self.unit, title, fontsize=1.2 * self.page.points, va="bottom")
 
     def common_bar(self, legend: Legend, span: Floats) -> None:
-        """A bar along all panels, whose corners (2, 2) are told, beside what stands around them."""
+        """A bar along all panels, with the corners (2, 2), beside what stands around them."""
         every = np.concatenate([panel.edges() + panel.corner for panel in self.page.panels])
         box = np.array([every.min(axis=0), every.max(axis=0)])
         Bar(self, legend, box - self.corner, span - self.corner).draw()
@@ -234,7 +234,7 @@ class Bar:
                 return np.array([left[0], low[1] - gap - thick, right[0] - left[0], thick])
 
     def _ticks(self, most: int) -> tuple[list[float], list[str]] | None:
-        """Values to be marked, so many at most, and their texts; None where matplotlib finds better ones."""
+        """Values to be marked, n at most, and their texts; None where matplotlib finds better ones."""
         if self.own.ticks:
             return list(self.own.ticks), told(self.own.ticks, set(self.own.ticks))
         edges = self.palette.edges

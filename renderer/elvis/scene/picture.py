@@ -146,7 +146,7 @@ def notes(frame: Frame, width: float, font: Font) -> list[str]:
 def sentences(frame: Frame, *, contours: bool) -> list[str]:
     """What bars don't tell: the only value of what has no bar and, where wanted, the values of contours.
 
-    Values that the scene has are said exactly, others with the digits that tell them well apart from their neighbours.
+    Values of the scene are printed exactly, others with the digits that tell them well apart from their neighbours.
     """
     return [" ".join(words) for words in _notes(frame, contours=contours)]
 
@@ -189,7 +189,7 @@ def told(values: Sequence[float], typed: Set[float] = frozenset()) -> list[str]:
 
 
 def _lines(words: list[str], width: float, font: Font) -> list[str]:
-    """Words in lines no wider than so many pixels."""
+    """Words in lines no wider than n pixels."""
     lines = [words[0]]
     for word in words[1:]:
         longer = f"{lines[-1]} {word}"

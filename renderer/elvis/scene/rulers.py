@@ -42,7 +42,7 @@ def aligned(camera: Camera) -> tuple[int, int] | None:
 
 
 def sides(view: View, most: tuple[int, int]) -> tuple[Ruler, Ruler]:
-    """The rulers below and to the left of an aligned view, with so many ticks at most."""
+    """The rulers below and to the left of an aligned view, with n ticks at most."""
     axes = aligned(view.camera)
     assert axes is not None
     origin = np.asarray(view.camera.eye) + view.corner
@@ -148,7 +148,7 @@ def _is_silhouette(view: View, box: Floats, axis: int, ends: Floats) -> bool:
 
 
 def scale_bar(view: View, most: float) -> tuple[float, str]:
-    """Pixels and text of a round length, in a parallel view: at most so many pixels."""
+    """Pixels and text of a round length, in a parallel view: at most n pixels."""
     pixel = float(np.linalg.norm(view.column))
     power = 10.0 ** np.floor(np.log10(most * pixel))
     length = max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= most * pixel * (1 + 1e-12))

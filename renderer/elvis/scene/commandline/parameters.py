@@ -87,7 +87,7 @@ def volume(text: str) -> scene.VolumeRendering:
 
 
 def contours(text: str) -> scene.Contours:
-    """A whole number: so many lines; else their values, with commas or a decimal point; then ``:labels``."""
+    """A whole number: n lines; else their values, with commas or a decimal point; then ``:labels``."""
     text, _, rest = text.partition(":")
     check(rest in ("", "labels"), "contours", "N or V,V and :labels", repr(rest))
     labels = rest == "labels"

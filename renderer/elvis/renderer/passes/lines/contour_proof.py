@@ -296,7 +296,7 @@ class _Squares:
         return np.asarray(done)
 
     def _decided_by(self, cells: int, some: Ints, levels: Floats) -> Bools:
-        """The same of some squares, by a lattice of so many cells a side."""
+        """The same of some squares, by a lattice of n cells a side."""
         values, places, noise = self._lattice(cells, some)
         bounds, row = self._bounds, self._row[some]
         rho, warp = self._rho[some], self._warp[some]

@@ -273,7 +273,7 @@ def _check(holds: bool, otherwise: str) -> None:
 
 
 def _near_others(owner: NDArray[np.uint32], steps: int) -> Bools:
-    """(h, w) pixels with another owner within so many columns and rows."""
+    """(h, w) pixels with another owner within n columns and rows."""
     near = np.zeros(owner.shape, bool)
     everything, earlier, later = slice(None), slice(None, -1), slice(1, None)
     for rows, columns in (

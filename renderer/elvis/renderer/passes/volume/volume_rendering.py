@@ -146,7 +146,7 @@ class _Band:
         return int(self.lists["room"].sum())
 
     def give(self, rooms: Ints) -> None:
-        """Let the tiles' lists have room for so many entries (n,) each."""
+        """Let the tiles' lists have room for these numbers of entries (n,)."""
         self.lists["room"] = rooms
         self.lists["base"] = np.cumsum(rooms) - rooms
 
@@ -373,7 +373,7 @@ class _March:
         return stops, hidden.astype(np.int32)
 
     def _empty(self, tiles: int, rows: int) -> dict[str, Any]:
-        """Lists without segments: those of all tiles, with so many rows together, for each quantity."""
+        """Lists without segments: those of all tiles, with as many rows as they need together, for each quantity."""
         many = len(self.quantities) * LANES
         zeros, room = np.zeros(many * tiles, np.uint32), many * rows
         lists = {"counts": self.device.buffer(zeros), "lost": self.device.buffer(zeros), **self.fixed}
