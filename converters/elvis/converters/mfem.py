@@ -53,7 +53,17 @@ class Mfem(NodalConverter):
         return bool(paths) and all(is_mesh(path) or is_field(path) or is_stream(path) for path in paths)
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        found = pieces(paths)
+        self._take(pieces(paths))
+
+    @classmethod
+    def of(cls, found: Sequence[Piece]) -> Mfem:
+        """The meshes and functions of texts that are in memory."""
+        own = cls.__new__(cls)
+        own._take(found)
+        return own
+
+    def _take(self, found: Sequence[Piece]) -> None:
+        """Blocks, fields and boundaries of meshes with functions."""
         sources = [source for piece in found for source in (piece.mesh, *piece.functions.values())]
         self.beside = [source.named for source in sources]
         texts = [source.text for source in sources]

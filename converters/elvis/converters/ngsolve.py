@@ -65,7 +65,18 @@ class NGSolve(NodalConverter):
 
     def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:
         is_archive = len(paths) == 1 and bool(names_in(paths[0]))
-        self._path, self._data = paths[0], _load(paths[0]) if is_archive else sampled(paths, spaces)
+        self._take(_load(paths[0]) if is_archive else sampled(paths, spaces), paths[0])
+
+    @classmethod
+    def of(cls, data: dict[str, Any], path: Path) -> NGSolve:
+        """What samples in memory hold (see `elvis.converters.ngsolve_export.samples`); errors name ``path``."""
+        own = cls.__new__(cls)
+        own._take(data, path)
+        return own
+
+    def _take(self, data: dict[str, Any], path: Path) -> None:
+        """Blocks, fields and boundaries of samples."""
+        self._path, self._data = path, data
         self._parts: list[tuple[str, Ints]] = []
         self.blocks = []
         geometry = int(self._orders_of("order")[0])

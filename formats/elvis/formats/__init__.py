@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from elvis.converters.arrays import from_arrays
+    from elvis.converters.live import from_mfem, from_ngsolve
     from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
     from elvis.core.errors import ElvisError, FormatError
     from elvis.core.mesh import Composite, Curves, Entities, Mesh
@@ -38,6 +40,9 @@ __all__ = [
     "Mesh",
     "Samples",
     "Shape",
+    "from_arrays",
+    "from_mfem",
+    "from_ngsolve",
     "line",
     "norms",
     "points_on_line",
@@ -50,6 +55,8 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
+        "elvis.converters.arrays": ("from_arrays",),
+        "elvis.converters.live": ("from_mfem", "from_ngsolve"),
         "elvis.core.dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
         "elvis.core.errors": ("ElvisError", "FormatError"),
         "elvis.core.mesh": ("Composite", "Curves", "Entities", "Mesh"),

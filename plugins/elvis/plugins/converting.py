@@ -102,6 +102,12 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     return Conversion(dataset, report, tuple(blocks))
 
 
+def converted_object(source: Converter, name: str) -> Dataset:
+    """The dataset of a source that is no file; a remark calls it ``name`` and tells with what error it arrived."""
+    conversion = convert(source, files=(name,))
+    return replace(conversion.dataset, remarks=(conversion.report.remark(),))
+
+
 def _plan(source: Converter, fields: Sequence[SourceField], settings: Settings) -> Topology:
     """The mesh, its curves still to come unless the source has it whole, and the blocks with their expansions."""
     if source.mesh is not None:

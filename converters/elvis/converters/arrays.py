@@ -1,0 +1,152 @@
+"""Elements and fields from arrays in memory: places of nodes, and values there.
+
+``from_arrays({"quadrilateral": places}, u=values)``; the nodes are those that the reference element has where they are
+said to lie, or Gauss-Lobatto points on lines, squares and cubes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
+from elvis.core.polynomials.quadrature import lobatto
+from elvis.core.shapes import Shape
+from elvis.plugins.conversion import Elements
+from elvis.plugins.converting import converted_object
+from elvis.plugins.nodal import (
+    NodalBasis,
+    NodalBlock,
+    NodalConverter,
+    NodalValues,
+    component_names,
+    order_of_space,
+    tensor_nodes,
+)
+
+#: the highest order of elements
+_HIGHEST = 30
+#: shapes by the names that messages have for them
+_SHAPES = {shape.label.lower(): shape for shape in Shape}
+_BOXES = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
+
+
+def from_arrays(
+    places: Mapping[str, Any],
+    fields: Mapping[str, Any] | None = None,
+    *,
+    reference: Mapping[str, Any] | None = None,
+    time: float | None = None,
+    **named: Any,
+) -> Dataset:
+    """A dataset of elements with values at nodes, such as ``from_arrays({"hexahedron": places}, u=values)``.
+
+    places     by the name of a shape (segment, triangle, quadrilateral, tetrahedron, pyramid, prism, hexahedron):
+               (n, m, d) world coordinates of the m nodes of n elements; elements that share corners are neighbours
+    fields     by name, as the keywords are: (n, m) values or (n, m, c) components at the same nodes; by shape, as
+               ``{"triangle": …}``, where there are several
+    reference  by shape, (m, d) where the nodes lie in the reference element, whose coordinates go from -1 to 1 and
+               whose corners are those of `Shape.vertices`.  Without it segments, quadrilaterals and hexahedra have the
+               products of Gauss-Lobatto points, first coordinate fastest, and other shapes of first order corners alone
+    time       of the data
+
+    The nodes must determine a polynomial of some order.  Remarks of the dataset tell with what error it arrived.
+    ElvisError where arrays don't fit.
+    """
+    source = Arrays(places, {**(fields or {}), **named}, reference or {})
+    source.time = time
+    return converted_object(source, "arrays")
+
+
+class Arrays(NodalConverter):
+    """Elements by shape with values at their nodes; not made of files, so no plugin for them."""
+
+    format = "arrays in memory"
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """No files at all."""
+        return False
+
+    def __init__(self, places: Mapping[str, Any], fields: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+        if not isinstance(places, Mapping) or not places:
+            raise ElvisError(f"expected places of nodes by shape, as {{'hexahedron': …}}, found {_told(places)}")
+        self.blocks = [_block(name, nodes, reference.get(name)) for name, nodes in places.items()]
+        for name, values in fields.items():
+            self._add(name, values, list(places))
+
+    def _add(self, name: str, values: Any, shapes: Sequence[str]) -> None:
+        """A field, a component or all of them."""
+        given = values if isinstance(values, Mapping) else {shapes[0]: values}
+        if not isinstance(values, Mapping) and len(shapes) > 1:
+            raise ElvisError(f"{name}: expected values by shape, as {{'{shapes[0]}': …}}, as there are several")
+        for shape in given:
+            if shape not in shapes:
+                raise ElvisError(f"{name}: there are no elements of the shape {shape!r}{perhaps(str(shape), shapes)}")
+        missing = [shape for shape in shapes if shape not in given]
+        if missing:
+            raise ElvisError(f"{name}: expected values on every shape, found none on {', '.join(missing)}")
+        own = [self._values(name, block, given[shape]) for shape, block in zip(shapes, self.blocks, strict=True)]
+        counts = {each.values.shape[-1] for each in own}
+        if len(counts) != 1:
+            raise ElvisError(f"{name}: expected as many components on every shape, found {sorted(counts)}")
+        self.add_field(name, component_names(name, counts.pop()), own, is_continuous=True)
+
+    def _values(self, name: str, block: Elements, values: Any) -> NodalValues:
+        """The values of a field at the nodes of a block, by component."""
+        geometry = self.nodal(block).geometry
+        shape = geometry.values.shape[:2]
+        found = _floats(name, values)
+        if found.shape[:2] != shape or found.ndim not in (2, 3) or not found.size:
+            raise ElvisError(f"{name}: expected {shape} values, or components of these, found {found.shape}")
+        return NodalValues(found.reshape(*shape, -1), geometry.functions)
+
+
+def _block(name: str, nodes: Any, reference: Any) -> Elements:
+    """The elements of a shape."""
+    if name not in _SHAPES:
+        raise ElvisError(f"there is no shape {name!r}{perhaps(str(name), _SHAPES)}: there are {', '.join(_SHAPES)}")
+    shape, places = _SHAPES[name], _floats(name, nodes)
+    if places.ndim != 3 or not places.size or not shape.dimension <= places.shape[2] <= 3:
+        raise ElvisError(f"{name}: expected places (elements, nodes, {shape.dimension}), found {places.shape}")
+    count = places.shape[1]
+    order = order_of_space(shape, count, _HIGHEST)
+    if not order:
+        raise ElvisError(f"{name}: expected as many nodes as a complete polynomial of some order has, found {count}")
+    basis = NodalBasis(shape, order, _nodes(name, shape, order, count, reference))
+    return Elements(shape, len(places), order, key=NodalBlock(NodalValues(places, basis)))
+
+
+def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> Floats:
+    """(count, d) where nodes lie in the reference element."""
+    if reference is not None:
+        found = _floats(f"reference of {name}", reference)
+        if found.shape != (count, shape.dimension):
+            raise ElvisError(f"reference of {name}: expected {(count, shape.dimension)} numbers, found {found.shape}")
+        return found
+    if shape in _BOXES:
+        return tensor_nodes(shape, tuple(lobatto(order + 1)[0].tolist()))
+    if order == 1:
+        return np.asarray(shape.vertices, np.float64)
+    wanted = f"{(count, shape.dimension)} places of the nodes in the element"
+    raise ElvisError(f"{name}: expected the argument reference, with {wanted}, found none")
+
+
+def _floats(what: str, values: Any) -> Floats:
+    try:
+        found = np.asarray(values)
+        if np.iscomplexobj(found):
+            raise TypeError
+        return np.asarray(found, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ElvisError(f"{what}: expected an array of real numbers, found {_told(values)}") from error
+
+
+def _told(value: Any) -> str:
+    return f"{value!r:.60}"

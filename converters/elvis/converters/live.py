@@ -1,0 +1,91 @@
+"""Meshes and functions that live in a solver's Python session: NGSolve's and MFEM's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from elvis.converters.mfem import Mfem
+from elvis.converters.mfem_pieces import Piece, Source
+from elvis.converters.ngsolve import NGSolve
+from elvis.converters.ngsolve_export import samples
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.plugins.converting import converted_object
+
+#: digits with which a number of 64 bits is the same when it is read
+_DIGITS = 17
+
+
+def from_ngsolve(
+    mesh: Any,
+    fields: Mapping[str, Any] | None = None,
+    *,
+    order: int | None = None,
+    time: float | None = None,
+    **named: Any,
+) -> Dataset:
+    """The dataset of an NGSolve mesh and its functions: ``from_ngsolve(mesh, u=gfu, p=gfp)``.
+
+    fields  grid functions by name, as the keywords are, or coefficient functions, for which ``order`` must be given;
+            a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
+    order   polynomial degree of the samples; that of the spaces and of the map where it is not given
+    time    of the data
+
+    Every element is sampled where the library evaluates it, at as many points as determine its polynomials; remarks of
+    the dataset tell the measured error.  ElvisError where there is another thing, or a complex function.
+    """
+    _check(mesh, "MapToAllElements", "an ngsolve.Mesh first")
+    given = {**(fields or {}), **named}
+    for name, field in given.items():
+        _check(field, "Compile", f"a grid function or a coefficient function for {name}")
+        if field.is_complex:
+            raise ElvisError(f"{name}: expected a real function, found a complex one: give its real part, {name}.real")
+    data = samples(mesh, given, order)
+    source = NGSolve.of(data, Path("NGSolve"))
+    source.time = time
+    return converted_object(source, "an NGSolve mesh")
+
+
+def from_mfem(
+    mesh: Any, fields: Mapping[str, Any] | None = None, *, time: float | None = None, **named: Any
+) -> Dataset:
+    """The dataset of an MFEM mesh and grid functions on it: ``from_mfem(mesh, u=x)``.
+
+    fields  grid functions by name, as the keywords are; a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
+    time    of the data
+
+    The library writes them with all their digits to a scratch folder, and evaluates them in a process of its own;
+    remarks of the dataset tell the measured error.  ElvisError where there is another thing, or a function of another
+    mesh.
+    """
+    _check(mesh, "GetNE", "an mfem Mesh first")
+    given = {**(fields or {}), **named}
+    for name, field in given.items():
+        _check(field, "FESpace", f"a GridFunction for {name}")
+        own = field.FESpace().GetMesh()
+        if (own.GetNE(), own.GetNV()) != (mesh.GetNE(), mesh.GetNV()):
+            raise ElvisError(f"{name}: expected a function on the mesh's {mesh.GetNE()} elements, found {own.GetNE()}")
+    texts = {name: _text(field) for name, field in given.items()}
+    functions = {name: Source(Path(name), text, False) for name, text in texts.items()}
+    source = Mfem.of([Piece(Source(Path("MFEM"), _text(mesh), False), functions)])
+    source.time = time
+    return converted_object(source, "an MFEM mesh")
+
+
+def _text(item: Any) -> str:
+    """What the library saves of a mesh or a function."""
+    with TemporaryDirectory(prefix="elvis-") as folder:
+        path = Path(folder, "item")
+        item.Save(str(path), _DIGITS)
+        return path.read_text()
+
+
+def _check(item: Any, method: str, expected: str) -> None:
+    """ElvisError for what is of another kind, told by a method that it lacks."""
+    if not hasattr(item, method) or isinstance(item, np.ndarray):
+        raise ElvisError(f"expected {expected}, found {type(item).__name__} {item!r:.60}")
