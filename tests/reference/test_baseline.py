@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.cutting import template
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.formats import Dataset
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.baseline.mesh import estimate, joined
 from elvis.reference.baseline.sections import section
-from elvis.reference.baseline.templates import pulling, template
+from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities, names_of
@@ -55,7 +56,7 @@ def test_cells_fill_the_shape(shape, level):
     rng = np.random.default_rng(level)
     simplices = np.concatenate([pulling(kind, own, rng.random(own.shape)) for kind, own in cut.cells.items()])
     found = volumes(cut.points, simplices)
-    assert len(simplices) == cut.simplices == template(shape, 0).simplices * 2 ** (shape.dimension * level)
+    assert len(simplices) == simplices_of(cut) == simplices_of(template(shape, 0)) * 2 ** (shape.dimension * level)
     assert found.min() > 0
     assert found.sum() == pytest.approx(AREAS[shape.name], rel=1e-13)
     assert set(map(tuple, shape.vertices)) <= set(map(tuple, cut.points))

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis.core.cutting import drawn_out, template
 from elvis.core.dataset import Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats import Dataset
 from elvis.reference.baseline.linear_drawing import Baseline
-from elvis.reference.baseline.templates import drawn_out, pulling, template
+from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
@@ -64,7 +65,7 @@ def test_cells_that_are_drawn_out_fill_the_solid(shape):
     simplices = np.concatenate([pulling(kind, own, rng.random(own.shape)) for kind, own in cut.cells.items()])
     edges = cut.points[simplices[:, 1:]] - cut.points[simplices[:, :1]]
     found = np.abs(np.linalg.det(edges)) / 6
-    assert len(simplices) == cut.simplices
+    assert len(simplices) == simplices_of(cut)
     assert found.min() > 0
     assert found.sum() == pytest.approx(8 if shape is Shape.QUADRILATERAL else 4, rel=1e-13)
 

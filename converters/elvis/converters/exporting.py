@@ -144,12 +144,8 @@ def _compare(piece: Piece, target: Target, losses: Sequence[Loss]) -> None:
 
 
 def _add(loss: Loss, cell: Cell, patch: Patch, part: slice, exact: Floats, found: Floats) -> None:
-    errors = np.abs(exact - found).max(axis=1)
-    first = int(np.nanargmax(errors)) if np.isfinite(errors).any() else 0
-    if errors[first] > loss.error or loss.element < 0:
-        loss.error, loss.element = float(errors[first]), int(patch.element_ids[part][first])
     loss.order = max(loss.order, cell.order)
-    loss.low, loss.high = min(loss.low, float(exact.min())), max(loss.high, float(exact.max()))
+    loss.note(patch.element_ids[part], exact, found)
 
 
 def _parts(count: int) -> Iterator[slice]:

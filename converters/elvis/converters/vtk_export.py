@@ -65,8 +65,21 @@ def export_vtu(
 
 def write_vtu(path: Path, export: Export, time: float | None) -> None:
     """A .vtu file, binary and compressed; elements without a field have no number there."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    # the library writes to memory: it tells of a full disk in its own way, and does not take every name
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.WriteToOutputStringOn()
+    writer.SetInputData(grid_of(export, time))
+    writer.SetHeaderTypeToUInt64()
+    if not writer.Write():
+        raise ElvisError(f"{path}: cannot be written: VTK fails to make the file")
+    write_text(path, writer.GetOutputString())
+
+
+def grid_of(export: Export, time: float | None) -> Any:
+    """The library's grid, with fields at points, ids of elements at cells, and the time."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
 
     grid = _grid(export)
     for number, name in enumerate(export.names):
@@ -80,14 +93,7 @@ def write_vtu(path: Path, export: Export, time: float | None) -> None:
         stamp = numpy_to_vtk(np.array([time]), deep=True)
         stamp.SetName("TimeValue")
         grid.GetFieldData().AddArray(stamp)
-    # the library writes to memory: it tells of a full disk in its own way, and does not take every name
-    writer = vtkXMLUnstructuredGridWriter()
-    writer.WriteToOutputStringOn()
-    writer.SetInputData(grid)
-    writer.SetHeaderTypeToUInt64()
-    if not writer.Write():
-        raise ElvisError(f"{path}: cannot be written: VTK fails to make the file")
-    write_text(path, writer.GetOutputString())
+    return grid
 
 
 def _grid(export: Export) -> Any:

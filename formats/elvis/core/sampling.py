@@ -64,7 +64,7 @@ class Samples:
 
     def to_pandas(self) -> Any:
         """A pandas.DataFrame of `columns`; ElvisError where pandas is not installed."""
-        return needed("pandas", "a table").DataFrame(self.columns())
+        return needed("pandas", "a table", "notebook").DataFrame(self.columns())
 
 
 class Sampler:

@@ -12,9 +12,11 @@ from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from elvis.converters.arrays import from_arrays
+    from elvis.converters.handing import to_meshio, to_pyvista
     from elvis.converters.live import from_mfem, from_ngsolve
     from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
     from elvis.core.errors import ElvisError, FormatError
+    from elvis.core.gridding import to_xarray
     from elvis.core.mesh import Composite, Curves, Entities, Mesh
     from elvis.core.norms import norms
     from elvis.core.polynomials.bases import Basis
@@ -49,6 +51,9 @@ __all__ = [
     "points_on_plane",
     "read",
     "sample",
+    "to_meshio",
+    "to_pyvista",
+    "to_xarray",
     "write",
 ]
 
@@ -56,9 +61,11 @@ __getattr__ = lazy_names(
     __name__,
     {
         "elvis.converters.arrays": ("from_arrays",),
+        "elvis.converters.handing": ("to_meshio", "to_pyvista"),
         "elvis.converters.live": ("from_mfem", "from_ngsolve"),
         "elvis.core.dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
         "elvis.core.errors": ("ElvisError", "FormatError"),
+        "elvis.core.gridding": ("to_xarray",),
         "elvis.core.mesh": ("Composite", "Curves", "Entities", "Mesh"),
         "elvis.core.norms": ("norms",),
         "elvis.core.polynomials.bases": ("Basis",),

@@ -10,6 +10,7 @@ from typing import Protocol, cast
 
 import numpy as np
 
+from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.relative import allowed, scale
@@ -44,6 +45,16 @@ class Loss:
     def relative(self) -> float:
         """The error as a share of the range, or of the magnitude where the range is rounding."""
         return self.error / scale(self.spread, self.magnitude)
+
+    def note(self, element_ids: Ints, exact: Floats, found: Floats) -> None:
+        """Take in exact and other values (n, k) on elements with these ids (n,)."""
+        errors = np.abs(exact - found).max(axis=1, initial=0.0)
+        first = int(np.nanargmax(errors)) if np.isfinite(errors).any() else 0
+        if len(errors) and (errors[first] > self.error or self.element < 0):
+            self.error, self.element = float(errors[first]), int(element_ids[first])
+        finite = exact[np.isfinite(exact)]
+        if finite.size:
+            self.low, self.high = min(self.low, float(finite.min())), max(self.high, float(finite.max()))
 
     def is_within(self, bound: float) -> bool:
         """Whether the relative error is at most ``bound``, or rounding of the magnitude."""

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.cutting import template
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, margins
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.core.polynomials.interpolation import modified
 from elvis.plugins.host_evaluation import HostEvaluation
-from elvis.reference.baseline.templates import template
 
 #: cuts of elements in the search for points, and how many radii of a small cell a point may be away from its middle
 _LEVEL, _RADII = 2, 1.5

@@ -12,13 +12,13 @@ from functools import cache
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.cutting import Template, drawn_out, template
 from elvis.core.mapping.margins import facets
 from elvis.core.mapping.orientation import face_shape
 from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.shapes import Shape
-from elvis.reference.baseline.templates import Template, drawn_out, template
 from elvis.reference.host_patch import HostPatch
 from elvis.scene.time_limit import check_time
 

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.cutting import Template
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch
-from elvis.reference.baseline.templates import Template, pulling
+from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.quantities import Corners
 from elvis.reference.solids import cells_of, spread
 
@@ -85,7 +86,7 @@ def estimate(patches: Sequence[Patch], level: int, quantities: int = 1) -> tuple
     for patch in patches:
         own, more = cells_of(patch, min(level, 3)), max(0, level - 3)
         growth = 2 ** (patch.dimension * more)
-        simplices += len(patch) * own.simplices * growth
+        simplices += len(patch) * simplices_of(own) * growth
         points += len(patch) * len(own.points) * growth
 
     # corners, ids and the distances that sections need; twice, for the parts and the whole

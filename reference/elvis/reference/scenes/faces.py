@@ -11,9 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.cutting import template
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.patch import Patch
-from elvis.reference.baseline.templates import pulling, template
+from elvis.reference.baseline.templates import pulling
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
 from elvis.reference.scenes.rasters import among, covered, on_screen

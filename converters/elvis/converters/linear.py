@@ -1,0 +1,137 @@
+"""Linear cells in place of elements, for programs that know no others, with the error that they make.
+
+Every element is cut uniformly; corners of cells have the exact places and values, and belong to one element, so that
+jumps stay.  What cells interpolate between is compared with the data inside of every cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.cutting import Template, template
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping import pointwise
+from elvis.core.patch import Patch
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.shapes import Shape
+from elvis.plugins.exporting import Loss
+
+#: places in every cell at which it is compared with the data
+_CHECKS = 3
+#: points that are evaluated together
+_AT_ONCE = 1 << 18
+#: most times that elements are halved
+HIGHEST = 8
+
+
+@dataclass(eq=False)
+class LinearCells:
+    """Cells by shape, their corners in the order of `Shape.vertices`.
+
+    points   (n, 3)   world coordinates
+    values   (n,)     of each quantity at the points
+    cells    (m, v)   points of the cells of each shape
+    element  (m,)     id of the element that each of these is of
+    losses   of the coordinates, then of each quantity
+    """
+
+    points: Floats
+    values: Mapping[str, Floats]
+    cells: Mapping[Shape, Ints]
+    element: Mapping[Shape, Ints]
+    losses: Sequence[Loss]
+
+
+@dataclass(eq=False)
+class _Parts:
+    """What becomes of patches, one after another."""
+
+    count: int = 0
+    points: list[Floats] = field(default_factory=list)
+    values: list[list[Floats]] = field(default_factory=list)
+    cells: dict[Shape, list[Ints]] = field(default_factory=dict)
+    element: dict[Shape, list[Ints]] = field(default_factory=dict)
+
+
+def linear_cells(dataset: Dataset, quantities: str | Sequence[str] | None, refinement: int) -> LinearCells:
+    """The dataset as linear cells, every element cut so often that it has 2^refinement cells along an edge.
+
+    quantities  as `sample` takes them
+    ElvisError for what names no quantity, and for data with Fourier directions.
+    """
+    if not 0 <= refinement <= HIGHEST:
+        raise ElvisError(f"expected a refinement from 0 to {HIGHEST}, found {refinement}")
+    names = Names.of(dataset)
+    if names.dimension != dataset.mesh.space:
+        raise ElvisError("expected data without Fourier directions, found some with")
+    texts = names.fields if quantities is None else [quantities] if isinstance(quantities, str) else list(quantities)
+    evaluator = Evaluator(dataset, [Expression.parse(text, names) for text in texts])
+    parts, losses = _Parts(values=[[] for _ in texts]), [Loss("coordinates", 1), *(Loss(text, 1) for text in texts)]
+    for patch in evaluator.patches:
+        _add(parts, losses, evaluator, patch, template(patch.shape, refinement))
+    return LinearCells(
+        np.concatenate([np.empty((0, 3)), *parts.points]),
+        {text: np.concatenate([np.empty(0), *own]) for text, own in zip(texts, parts.values, strict=True)},
+        {shape: np.concatenate(own) for shape, own in parts.cells.items()},
+        {shape: np.concatenate(own) for shape, own in parts.element.items()},
+        losses,
+    )
+
+
+def _add(parts: _Parts, losses: Sequence[Loss], evaluator: Evaluator, patch: Patch, cut: Template) -> None:
+    """The elements of a patch as cells, some at a time, and their errors."""
+    for rows in _batches(len(patch), max(len(cut.points), _CHECKS * sum(map(len, cut.cells.values())))):
+        own = _evaluated(evaluator, patch, rows, cut.points)
+        for shape, cells in cut.cells.items():
+            starts = parts.count + np.arange(len(rows))[:, None, None] * len(cut.points)
+            parts.cells.setdefault(shape, []).append((starts + cells).reshape(-1, cells.shape[1]))
+            ids = np.repeat(patch.element_ids[rows], len(cells))
+            parts.element.setdefault(shape, []).append(ids)
+            weights = _weights(shape)
+            inside = np.einsum("sv,cvd->csd", weights, cut.points[cells]).reshape(-1, patch.shape.dimension)
+            exact = _evaluated(evaluator, patch, rows, inside)
+            for loss, table, true in zip(losses, own, exact, strict=True):
+                found = np.einsum("sv,ncvk->ncsk", weights, table[:, cells])
+                loss.note(patch.element_ids[rows], true.reshape(len(rows), -1), found.reshape(len(rows), -1))
+        parts.count += len(rows) * len(cut.points)
+        parts.points.append(own[0].reshape(-1, 3))
+        for column, table in zip(parts.values, own[1:], strict=True):
+            column.append(table.reshape(-1))
+
+
+def _evaluated(evaluator: Evaluator, patch: Patch, rows: Ints, points: Floats) -> list[Floats]:
+    """Places (n, m, 3), and values (n, m, 1) of each quantity, at reference points (m, d) of elements (n,)."""
+    every, where = np.repeat(rows, len(points)), np.tile(points, (len(rows), 1))
+    shape = (len(rows), len(points), -1)
+    values = [evaluator.values(each, patch, every, where).reshape(shape) for each in evaluator.expressions]
+    return [pointwise.positions(patch, every, where).reshape(shape), *values]
+
+
+def _weights(shape: Shape) -> Floats:
+    """(_CHECKS, v) values of the functions of a cell's corners at places inside of it."""
+    rng = np.random.default_rng(0)
+    if len(shape.vertices) == shape.dimension + 1:
+        return rng.dirichlet(np.ones(shape.dimension + 1), _CHECKS)
+    x = rng.uniform(-0.9, 0.9, (_CHECKS, shape.dimension))
+    if shape is Shape.PYRAMID:
+        base = np.prod((1 + x[:, None, :2] * shape.vertices[:4, :2]) / 2, axis=2)
+        low = (1 - x[:, 2:]) / 2
+        return np.column_stack([low * base, 1 - low])
+    if shape is Shape.PRISM:
+        # a triangle in the first and third coordinate, along the second
+        corners = rng.dirichlet(np.ones(3), _CHECKS)
+        which = 1 * (shape.vertices[:, 0] > 0) + 2 * (shape.vertices[:, 2] > 0)
+        return np.asarray(corners[:, which] * (1 + x[:, 1:2] * shape.vertices[:, 1]) / 2)
+    return np.asarray(np.prod((1 + x[:, None] * shape.vertices) / 2, axis=2))
+
+
+def _batches(count: int, points: int) -> Iterator[Ints]:
+    step = max(1, _AT_ONCE // points)
+    for first in range(0, count, step):
+        yield np.arange(first, min(first + step, count))
