@@ -109,6 +109,12 @@ def note(sentence: str) -> None:
     print("elvis: note:", one_line(sentence), file=sys.stderr)
 
 
+def announce(sentence: str) -> None:
+    """Say on a terminal what takes a while; silent in a pipe."""
+    if sys.stderr.isatty():
+        print("elvis:", one_line(sentence), file=sys.stderr, flush=True)
+
+
 def _is_number(cell: str) -> bool:
     try:
         float(cell.replace(",", ""))

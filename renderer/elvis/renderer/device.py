@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 from zlib import crc32
@@ -14,6 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.adapters import choose, opened
+from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
@@ -75,7 +77,8 @@ class Device:
         self.adapter = choose(name)
         self._opened: slangpy.Device | None = opened(self.adapter)
         self.cache = kernel_cache()
-        self.watch = Watch(self._opened.wait_for_idle, _keeping(self._opened, self.cache))
+        self._announcement = Announcement(self.cache, self.adapter.software)
+        self.watch = Watch(self._opened.wait_for_idle, _keeping(self._opened, self.cache, self._announcement))
         self._folders = [*SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
@@ -172,6 +175,7 @@ class Device:
             source += f"export static const int line_degree = {line_degree or STAND_IN};"
         key = (str(self._folders[-1]), stage, source)
         if key not in self._kernels:
+            self._announcement.expect()
             with compiling():
                 self._kernels[key] = self._link(stage, source)
         return self._kernels[key]
@@ -247,13 +251,13 @@ class Kernel:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
         bound = {name: self._given(name, buffers[name]) for name in self._globals if name != OFFSET}
         total = count if groups else -(-count // self._group)
-        fresh = not self._pace.compiled
+        fresh, start = not self._pace.compiled, perf_counter()
         with working():
             for first, end in self._pace.batches(total, GROUPS_IN_ROW, work):
                 self._dispatch(first, end - first, bound)
                 self._watch.after_dispatch()
         if fresh:
-            self._watch.compiled()
+            self._watch.compiled(perf_counter() - start)
 
     def _given(self, name: str, buffer: Buffer) -> slangpy.Buffer | int:
         """What stands for a buffer: its address where the module reads it through a pointer, else itself."""
@@ -272,15 +276,16 @@ class Kernel:
         self._kernel.dispatch(threads, vars={**bound, OFFSET: first})
 
 
-def _keeping(device: slangpy.Device, cache: KernelCache) -> Callable[[], None]:
-    """Keeps what a device has compiled since the last call."""
+def _keeping(device: slangpy.Device, cache: KernelCache, announcement: Announcement) -> Callable[[float], None]:
+    """Keeps what a device has compiled since the last call; is told how many seconds that took."""
     kept = 0
 
-    def keep() -> None:
+    def keep(seconds: float) -> None:
         nonlocal kept
         compiled = device.shader_cache_stats.miss_count
         if compiled > kept:
             kept = compiled
+            announcement.note(seconds)
             cache.keep()
 
     return keep

@@ -43,6 +43,16 @@ class KernelCache:
         else:
             self._fill(self.private)
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no kernel was ever kept, so that whatever is needed must be compiled."""
+        return not self._known
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether kernels are there for the next process."""
+        return self.private is not None and self._store is not None
+
     def keep(self) -> None:
         """Write the kernels that are new to files, and note which others were used; nobody may compile meanwhile."""
         if self.private is None or self._store is None:

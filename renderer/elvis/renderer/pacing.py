@@ -65,16 +65,16 @@ def _end(ends: Floats, first: int, limit: float, row: int) -> int:
 class Watch:
     """What is done between dispatches: waiting for the device, and a look at the time.
 
-    compiled  is to be called when a kernel has run for the first time
+    compiled  is to be called when a kernel has run for the first time, with the seconds that it took
     """
 
-    def __init__(self, wait: Callable[[], object], compiled: Callable[[], object]) -> None:
+    def __init__(self, wait: Callable[[], object], compiled: Callable[[float], object]) -> None:
         self._wait, self.compiled = wait, compiled
 
     @staticmethod
     def none() -> Watch:
         """That of a closed device."""
-        return Watch(_nothing, _nothing)
+        return Watch(_nothing, lambda seconds: None)
 
     def after_dispatch(self) -> None:
         """Wait until the device has done all that it was given; SceneError where a time limit has passed."""

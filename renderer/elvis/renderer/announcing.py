@@ -1,0 +1,43 @@
+"""What a person at a terminal is told while kernels are compiled, which takes seconds and happens once."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from elvis.core.terminal import announce
+from elvis.renderer.kernel_cache import KernelCache
+
+#: seconds of compiling that nobody wonders about
+MOMENT = 1.0
+
+
+class Announcement:
+    """Says at most once in a process that kernels are compiled.
+
+    While the compiler and the driver work no thread of Python runs, so it is said before the first kernel where none
+    was ever kept, and else after the first ones that were compiled anew and took longer than a moment.
+    """
+
+    _is_said: ClassVar[bool] = False
+
+    def __init__(self, cache: KernelCache, is_slow: bool) -> None:
+        """``is_slow``: the device is one that compiles for seconds whatever the kernel."""
+        self._cache, self._is_slow = cache, is_slow
+        self._seconds = 0.0
+
+    def expect(self) -> None:
+        """Kernels are about to be needed."""
+        if self._is_slow and self._cache.is_empty:
+            self._say()
+
+    def note(self, seconds: float) -> None:
+        """A kernel was compiled and run for the first time, in so many seconds."""
+        self._seconds += seconds
+        if self._seconds > MOMENT:
+            self._say()
+
+    def _say(self) -> None:
+        if Announcement._is_said:
+            return
+        Announcement._is_said = True
+        announce("compiling kernels, once; they are kept" if self._cache.is_kept else "compiling kernels")

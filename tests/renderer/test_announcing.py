@@ -1,0 +1,77 @@
+"""That kernels are compiled is said while it lasts, once, and to people at a terminal alone."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from elvis.core.testing import approximated, grid
+from elvis.formats import Dataset, Shape, write
+from elvis.renderer import announcing
+from elvis.renderer.announcing import MOMENT, Announcement
+from elvis.renderer.kernel_cache import KernelCache
+
+
+@pytest.fixture
+def said(monkeypatch):
+    """What is announced by a process that begins now."""
+    sentences = []
+    monkeypatch.setattr(Announcement, "_is_said", False)
+    monkeypatch.setattr(announcing, "announce", sentences.append)
+    return sentences
+
+
+def test_it_is_said_at_once_where_nothing_was_ever_kept(said, tmp_path):
+    announcement = Announcement(KernelCache(tmp_path), is_slow=True)
+    announcement.expect()
+    announcement.note(9 * MOMENT)
+    announcement.expect()
+    assert said == ["compiling kernels, once; they are kept"]
+
+
+def test_nothing_is_said_of_a_moment(said, tmp_path):
+    announcement = Announcement(KernelCache(tmp_path), is_slow=False)
+    announcement.expect()
+    announcement.note(0.4 * MOMENT)
+    assert said == []
+    announcement.note(0.7 * MOMENT)
+    assert said == ["compiling kernels, once; they are kept"]
+
+
+def test_it_is_not_once_where_kernels_can_not_be_kept(said):
+    announcement = Announcement(KernelCache(None), is_slow=True)
+    announcement.expect()
+    assert said == ["compiling kernels"]
+
+
+@pytest.fixture(scope="module")
+def square(tmp_path_factory):
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    field = approximated(bare, "u", lambda x: x[:, 0], modes=3)
+    return write(Dataset(bare.mesh, (field,)), tmp_path_factory.mktemp("square") / "square.xml")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="terminals are made by pty")
+def test_a_terminal_is_told_the_first_time_and_a_pipe_never(square, tmp_path, renderer):
+    import pty
+
+    renderer("vulkan")
+    command = [sys.executable, "-c", "from elvis.plugins.command import main; main()", "render", *map(str, square)]
+    command += ["--size", "16x12", "--device", "vulkan", "--overwrite", "-o", str(tmp_path / "a.png")]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+
+    def at_terminal():
+        terminal, end = pty.openpty()
+        done = subprocess.run(command, env=environment, stderr=end, stdout=subprocess.PIPE, check=True)
+        os.close(end)
+        heard = os.read(terminal, 1 << 16)
+        os.close(terminal)
+        assert done.stdout == b""
+        return heard
+
+    assert b"elvis: compiling kernels, once" in at_terminal()
+    assert b"compiling" not in at_terminal()
+    fresh = {**environment, "XDG_CACHE_HOME": str(tmp_path / "other")}
+    piped = subprocess.run(command, env=fresh, capture_output=True, check=True)
+    assert (piped.stdout, piped.stderr) == (b"", b"")
