@@ -35,7 +35,7 @@ COMPACT = ("line_draw",)
 ROWS = {True: 8, False: 1}
 #: groups of a row, as in dispatch.slang
 GROUPS_IN_ROW = 32768
-#: degree of the polynomials that stand for what isn't one, over a piece of an element
+#: degree of the polynomials that stand for what isn't one, over a sub-element
 STAND_IN = 4
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16

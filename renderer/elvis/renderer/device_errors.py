@@ -10,4 +10,4 @@ class DeviceError(ElvisError):
 
 
 class DeviceLostError(DeviceError):
-    """A device that failed while it worked; smaller pieces of work may go well on a new one."""
+    """A device that failed while it worked; smaller batches of work may go well on a new one."""

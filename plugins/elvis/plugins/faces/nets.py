@@ -1,4 +1,4 @@
-"""Bernstein nets of face maps: how they are found, bounded, differentiated and cut into pieces.
+"""Bernstein nets of face maps: how they are found, bounded, differentiated and subdivided.
 
 A net holds homogeneous control points (w x, w y, w z, w) in the order of `elvis.core.polynomials.bernstein`, over
 the reference triangle or the reference square.
