@@ -1,7 +1,12 @@
+import os
 import time
 from pathlib import Path
 
 import pytest
+
+# NumPy reads this once, when it is first imported: beside other workers, threads of its matrix products wait for each
+# other at a cost of milliseconds per product
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nektar"
 #: processor seconds of ``job`` on the machine for which limits were chosen

@@ -44,13 +44,18 @@ def degrees_of(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
 @cache
 def lattice(degrees: tuple[int, ...]) -> tuple[Floats, float]:
     """Points (k, d) of [-1, 1]^d for polynomials of these degrees, and how much greater than there they may be."""
-    lines, divisor = [], 1.0
+    divisor = 1.0
     for degree in degrees:
-        count = max(1, SAMPLES * degree)
-        lines.append(chebyshev.chebpts1(count))
-        divisor *= np.cos(np.pi * degree / (2 * count))
+        divisor *= np.cos(np.pi * degree / (2 * max(1, SAMPLES * degree)))
+    lines = lattice_lines(degrees)
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
     return frozen_floats(points.reshape(-1, len(lines))), float(divisor)
+
+
+@cache
+def lattice_lines(degrees: tuple[int, ...]) -> tuple[Floats, ...]:
+    """For each direction the coordinates (k_i,) in [-1, 1] of the points of `lattice`; the last one is fastest there."""
+    return tuple(frozen_floats(chebyshev.chebpts1(max(1, SAMPLES * degree))) for degree in degrees)
 
 
 def bounds_of(values: Floats, divisor: float) -> tuple[Floats, Floats]:

@@ -9,6 +9,7 @@ dual tangents at c, is not the image of a point of B.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 
@@ -22,9 +23,9 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
-from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.expansion import line_values
 from elvis.core.shapes import Shape
-from elvis.reference.chebyshev import bounds_of, lattice, map_degrees
+from elvis.reference.chebyshev import bounds_of, lattice, lattice_lines, map_degrees
 from elvis.scene.time_limit import check_time
 
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -39,6 +40,8 @@ _STEPS, _SHORT, _SLACK = 40, 1e-15, 0.25
 _HALVINGS, _TRIED, _PAIRS = 48, 9, 1 << 20
 #: numbers in an intermediate array
 _AT_ONCE = 1 << 22
+#: numbers at a point of a lattice: offsets and places, coordinates, and these along the directions of bounds
+_AT_A_POINT = 18
 
 
 class Inverter:
@@ -69,12 +72,27 @@ class Inverter:
         """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d)."""
         return evaluate_at_with_gradients(self.patch.geometry, self.patch.geometry_coefficients, rows, points)
 
-    def spread(self, rows: Ints, boxes: Floats, points: Floats) -> Floats:
-        """(n, k, 3) world coordinates at reference points (n, k, d), which are the same in equal boxes (n, 2, d)."""
-        _, first, own = np.unique(boxes.reshape(len(boxes), -1), axis=0, return_index=True, return_inverse=True)
-        some = points[first]
-        modes = values(self.patch.geometry, some.reshape(-1, some.shape[2])).reshape(*some.shape[:2], -1)
-        return np.asarray(modes[own.reshape(-1)] @ self.patch.geometry_coefficients[rows].transpose(0, 2, 1))
+    def spread(self, rows: Ints, boxes: Floats, lines: Sequence[Floats]) -> Floats:
+        """(n, k, 3) world coordinates on lattices in boxes (n, 2, d) of collapsed coordinates, those along the last fastest.
+
+        lines  for each direction the lattice's coordinates (k_i,) in [-1, 1]
+        Sum factorisation (Orszag 1980) for the last direction: modes are products of factors along each one, and those
+        of the other directions are shared by the three coordinates and by equal boxes.
+        """
+        distinct, own = np.unique(boxes.reshape(len(boxes), -1), axis=0, return_inverse=True)
+        low, high = np.split(distinct, 2, axis=1)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        eta = [middle[:, i, None] + half[:, i, None] * line for i, line in enumerate(lines)]
+        tables = line_values(self.patch.geometry, [line.reshape(-1) for line in eta])
+        *others, last = (table.reshape(*line.shape, -1) for table, line in zip(tables, eta, strict=True))
+
+        first = np.ones((len(distinct), 1, last.shape[2]))
+        for table in others:
+            first = (first[:, :, None] * table[:, None]).reshape(len(distinct), -1, last.shape[2])
+        own = own.reshape(-1)
+        weighted = last[own][:, :, None] * self.patch.geometry_coefficients[rows][:, None]
+        world = first[own] @ weighted.reshape(len(rows), -1, last.shape[2]).transpose(0, 2, 1)
+        return np.asarray(world.reshape(len(rows), -1, 3))
 
     def solved(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
         """Reference points (n, d) and `Status` (n,) of world points (n, 3): UNCERTAIN where absence is not proved."""
@@ -190,7 +208,7 @@ class _Bounds:
         self._low, self._high = np.empty((2, len(rows), 3 + dimension))
         unit, divisor = lattice(inverter._degrees)
         corners = np.array(list(product((-1.0, 1.0), repeat=dimension)))
-        step = max(1, _AT_ONCE // (len(unit) * inverter.patch.geometry_coefficients.shape[2]))
+        step = max(1, _AT_ONCE // (len(unit) * _AT_A_POINT))
         for first in range(0, len(rows), step):
             part = slice(first, first + step)
             self._fill(inverter, rows[part], boxes[part], part, unit, divisor, corners)
@@ -212,7 +230,7 @@ class _Bounds:
         eta = middle[:, None] + half[:, None] * every
         places = uncollapse(shape, eta.reshape(-1, dimension)).reshape(len(rows), len(every), dimension)
         offsets = places - centre[:, None]
-        world = inverter.spread(rows, boxes, places[:, : len(unit)]) - origin[:, None]
+        world = inverter.spread(rows, boxes, lattice_lines(inverter._degrees)) - origin[:, None]
 
         # coordinates xi are multilinear in eta, so that the linear part is extreme at the corners
         linear = np.einsum("ncw,nci->nwi", ways, jacobians)

@@ -228,6 +228,16 @@ def values(expansion: Expansion, points: Floats) -> Floats:
     return _outer(_product(*waves), spatial)
 
 
+def line_values(expansion: Expansion, lines: Sequence[Floats]) -> list[Floats]:
+    """For each direction i of the shape, the factors (n_i, m) of all modes at collapsed coordinates (n_i,).
+
+    On the lattice of such lines modes are their products.
+    """
+    plan = product_plan(expansion)
+    tables = [part.tables(line).values for part, line in zip(plan.factors, lines, strict=True)]
+    return [_take(table, index) for table, index in zip(tables, plan.index, strict=True)]
+
+
 def values_and_gradients(expansion: Expansion, points: Floats) -> tuple[Floats, Floats]:
     """(n, m) values and (n, d, m) gradients in xi of all modes at the reference points xi (n, d)."""
     plan, xi, zeta = _split(expansion, points)
