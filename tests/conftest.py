@@ -10,10 +10,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def set_vector_width(kernels):
-    """Let software Vulkan work with vectors of 128 bits, for which it compiles kernels in half the time.
+    """Let software Vulkan work with vectors of 128 bits, for which it compiles kernels in two thirds of the time.
 
-    Pictures are the same at any width (tests/renderer/test_vector_width.py).  Its own cache takes kernels of one width for
-    those of another, so these tests have a folder ``kernels`` for theirs.
+    Pictures are the same at any width (tests/renderer/test_vector_width.py).  Its own cache takes kernels of one width
+    for those of another, so these tests have a folder ``kernels`` for theirs.
     """
     if "LP_NATIVE_VECTOR_WIDTH" not in os.environ:
         kernels.mkdir(parents=True, exist_ok=True)

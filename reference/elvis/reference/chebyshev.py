@@ -54,7 +54,7 @@ def lattice(degrees: tuple[int, ...]) -> tuple[Floats, float]:
 
 @cache
 def lattice_lines(degrees: tuple[int, ...]) -> tuple[Floats, ...]:
-    """For each direction the coordinates (k_i,) in [-1, 1] of the points of `lattice`; the last one is fastest there."""
+    """For each direction the coordinates (k_i,) of the points of `lattice`, where the last one is fastest."""
     return tuple(frozen_floats(chebyshev.chebpts1(max(1, SAMPLES * degree))) for degree in degrees)
 
 

@@ -73,7 +73,7 @@ class Inverter:
         return evaluate_at_with_gradients(self.patch.geometry, self.patch.geometry_coefficients, rows, points)
 
     def spread(self, rows: Ints, boxes: Floats, lines: Sequence[Floats]) -> Floats:
-        """(n, k, 3) world coordinates on lattices in boxes (n, 2, d) of collapsed coordinates, those along the last fastest.
+        """(n, k, 3) world coordinates on lattices in boxes (n, 2, d) of collapsed coordinates, the last one fastest.
 
         lines  for each direction the lattice's coordinates (k_i,) in [-1, 1]
         Sum factorisation (Orszag 1980) for the last direction: modes are products of factors along each one, and those
