@@ -181,6 +181,7 @@ class PyFR(NodalConverter):
         time = stats.get("solver-time-integrator", "tcurr", fallback=None)
         self.time = None if time is None else float(time)
         self.metadata = {"Program": _text(file, "creator") if "creator" in file else "PyFR"}
+        self.metadata |= _constants(config)
         self.notes = [f"{missing} elements without a solution were left out"] if missing else []
 
     def _take(self, file: h5py.File, found: Values, index: int) -> NodalValues:
@@ -320,6 +321,12 @@ def _primitive(names: Sequence[str], orders: Sequence[int | None], file: str) ->
         raise FormatError(f"expected rho, rhou, ..., E to derive from, found {', '.join(names)}", file=file)
     raised = [None if order is None else order + _DERIVED for order in orders]
     return [SourceField(name, raised, is_polynomial=False, key=name) for name in (*velocities, "p")]
+
+
+def _constants(config: configparser.ConfigParser) -> dict[str, str]:
+    """The constants of the flow that predefined quantities take, by the names that metadata have for them."""
+    known = dict(config.items("constants")) if config.has_section("constants") else {}
+    return {key.capitalize(): known[key] for key in ("gamma", "mu", "nu") if key in known}
 
 
 def _derive(name: str, conserved: dict[str, Any], gamma: float) -> Floats:
