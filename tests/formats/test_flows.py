@@ -135,6 +135,8 @@ def test_numbers_in_parentheses_outdo_those_of_the_data():
         ("lambda2", ("p",), 3, "the data lack a velocity: u, v, w, or velocity_x, …, or rho with rhou, …"),
         ("helicity", ("u", "v"), 2, "helicity needs 3 coordinates, and the data have 2"),
         ("2*mach(gama=1.3)", GAS, 3, "character 3: mach takes gamma of these data, found 'gama'"),
+        ("total_pressure(desnity=2)", PLAIN, 3, "total_pressure takes density of these data, found 'desnity' (perhaps"),
+        ("total_pressure(density=2)", GAS, 3, "total_pressure takes gamma of these data, found 'density'"),
         ("vorticity(mu=1)", PLAIN, 3, "vorticity takes no parameters of these data, found 'mu'"),
         ("mach(1.3)", GAS, 3, "expected the name of a parameter, found '1.3'"),
         ("mach()", GAS, 3, "expected the name of a parameter, found ')'"),

@@ -10,7 +10,7 @@ import sympy
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, mixed_plane, mixed_volume, scattered
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
 from elvis.formats import Dataset
 from elvis.plugins.serving import volume_of
 
@@ -113,6 +113,52 @@ def test_quantities_are_what_sympy_gives_on_bent_elements(dimension):
             swirling += [truth > 0.1] if name == "swirl" else []
     assert shapes == set(Shape.of_dimension(dimension))
     assert np.concatenate(swirling).mean() > 0.2
+
+
+def burgers():
+    """A vortex along z in a strain of rate 1, of circulation 2 pi: plane eigenvalues meet where it only turns."""
+    x, y, z = X
+    r2 = x**2 + y**2
+    turn = (1 - sympy.exp(-r2)) / r2
+    return -x / 2 - y * turn, -y / 2 + x * turn, z
+
+
+VORTICES = {
+    "taylor_green": (
+        sympy.sin(X[0]) * sympy.cos(X[1]) * sympy.cos(X[2]),
+        -sympy.cos(X[0]) * sympy.sin(X[1]) * sympy.cos(X[2]),
+        0,
+    ),
+    "abc": (
+        sympy.sin(X[2]) + 2 * sympy.cos(X[1]),
+        sympy.sin(X[0]) + sympy.cos(X[2]),
+        2 * sympy.sin(X[1]) + sympy.cos(X[0]),
+    ),
+    "burgers": burgers(),
+}
+
+
+@pytest.mark.parametrize("vortex", VORTICES)
+def test_vortices_that_are_known_have_their_closed_forms(monkeypatch, vortex):
+    """Approximated to 1e-9 on one box, off the axis; ABC flows are their own rotation."""
+    velocity = [sympy.sympify(part) for part in VORTICES[vortex]]
+    monkeypatch.setitem(FLOWS, 3, tuple(map(str, velocity)))
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    dataset = Dataset(replace(mesh, vertices=0.5 * mesh.vertices + [0.3, 0.2, 0.1]))
+    rules = {name: sympy.lambdify(X, part, "numpy") for name, part in zip("uvw", velocity, strict=True)}
+    fields = [approximated(dataset, name, lambda p, r=rule: r(*p.T) + 0 * p[:, 0], 12) for name, rule in rules.items()]
+    dataset = replace(dataset, fields=tuple(fields))
+    names = ("lambda2", "swirl", "q_criterion", "vorticity", "strain_rate", "normalised_helicity")
+    evaluator = Evaluator(dataset, [Expression.of(dataset, name) for name in names])
+    (patch,) = evaluator.patches
+    rows, reference, world = places(patch)
+    truth = truths(3, world)
+    if vortex == "abc":
+        assert np.abs(truth["normalised_helicity"] - 1).max() < 1e-12
+    for expression in evaluator.expressions:
+        found = evaluator.values(expression, patch, rows, reference)
+        assert np.abs(found - truth[expression.text]).max() < 1e-6, expression.text
+    assert vortex != "burgers" or (truth["swirl"] > 0.1).all()
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -147,7 +147,7 @@ def test_quasi_3d_data_have_expressions_of_all_their_fields(renderer):
     if not NEKTAR.is_dir():
         pytest.skip(f"there is no {NEKTAR}")
     dataset = read(*(NEKTAR / "chan3dh1d" / name for name in ("chan3DH1D.xml", "chan3DH1D_zVariation.fld")))
-    texts = ("u", "speed", "d(u,z) + d(v,x)*z", "vorticity")
+    texts = ("u", "speed", "d(u,z) + d(v,x)*z", "vorticity", "lambda2 + strain_xz")
     volume, drawing = volume_of(dataset, texts), renderer("vulkan")
     drawing.show(volume)
     for number, part in enumerate(volume.parts):

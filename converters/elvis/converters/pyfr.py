@@ -324,9 +324,14 @@ def _primitive(names: Sequence[str], orders: Sequence[int | None], file: str) ->
 
 
 def _constants(config: configparser.ConfigParser) -> dict[str, str]:
-    """The constants of the flow that predefined quantities take, by the names that metadata have for them."""
+    """The constants of the flow that predefined quantities take, by the names that metadata have for them.
+
+    Not the viscosity where it changes with the temperature.
+    """
     known = dict(config.items("constants")) if config.has_section("constants") else {}
-    return {key.capitalize(): known[key] for key in ("gamma", "mu", "nu") if key in known}
+    is_constant = config.get("solver", "viscosity-correction", fallback="none") == "none"
+    wanted = ("gamma", "mu", "nu") if is_constant else ("gamma",)
+    return {key.capitalize(): known[key] for key in wanted if key in known}
 
 
 def _derive(name: str, conserved: dict[str, Any], gamma: float) -> Floats:

@@ -104,7 +104,7 @@ class Flow:
         for name in self._suited:
             entry, lack = self._entry(name), self._missing(name)
             assert entry is not None
-            text = next((text for text in entry.formulas if not self._lacking(text).fields), entry.formulas[0])
+            text = self._suitable(name)[0]
             facts = {"name": name, "formula": text, "meaning": entry.meaning, "source": entry.source or None}
             found.append({**facts, "lacks": self._sentence(name, lack) if lack else None})
         return found
@@ -157,7 +157,7 @@ class Flow:
         raise AssertionError(f"a distance to {target} in a formula")
 
     def used(self, name: str) -> tuple[str, ...]:
-        """The parameters that a quantity may need, in any of its formulas."""
+        """The parameters that a quantity may need of these data."""
         found: dict[str, None] = {}
         waiting, seen = [name], set[str]()
         while waiting:
@@ -168,7 +168,7 @@ class Flow:
             if own in PARAMETERS:
                 found[own] = None
             elif own not in SIDES:
-                waiting += [word for text in self._formulas(own) for word in _words(text)]
+                waiting += [word for text in self._suitable(own) for word in _words(text)]
         known = {"density"} if "rho" in self._found else set()
         return tuple(key for key in PARAMETERS if key in found and key not in known)
 
@@ -213,6 +213,11 @@ class Flow:
         """Those of a step or a quantity, in flows of fewer dimensions too, where others are made of it."""
         entry = self._entry(name) or next((own for own in QUANTITIES if own.name == name), None)
         return STEPS.get(name, entry.formulas if entry else ())
+
+    def _suitable(self, name: str) -> list[str]:
+        """The formulas that the fields suffice for, all where they suffice for none."""
+        every = list(self._formulas(name))
+        return [text for text in every if not self._lacking(text).fields] or every
 
     def _missing(self, name: str) -> Missing:
         """What a name in a formula lacks; of several formulas those count that lack nothing but parameters."""
