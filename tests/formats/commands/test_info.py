@@ -91,6 +91,24 @@ def test_tables_name_what_there_is(elvis, pipe):
     assert all(line == line.rstrip() for line in text.splitlines())
 
 
+def test_predefined_quantities_are_listed_with_what_the_data_lack(nektar, elvis, elvis_json):
+    files = nektar / "tet_small" / "smallmesh.xml", nektar / "tet_small" / "smallmesh.fld"
+    found = {each["name"]: each for each in elvis_json("info", "--quantities", *files)["quantities"]}
+    assert found["q_criterion"]["lacks"] is None
+    assert found["q_criterion"]["source"].startswith("Hunt, Wray and Moin 1988")
+    assert found["y_plus"]["lacks"] is None  # Kinvis is among the metadata
+    assert (
+        found["skin_friction"]["lacks"] == "skin_friction needs u_ref (reference speed): write skin_friction(u_ref=…)"
+    )
+    assert "the data lack a density: rho" in found["mach"]["lacks"]
+    assert elvis("info", "--quantities", *files).splitlines()[0].split() == ["quantity", "meaning", "lacks"]
+    with pytest.raises(click.UsageError, match="found several"):
+        elvis("info", "--quantities", "--strict", *files)
+    y_plus = elvis_json("info", "--field", "y_plus", *files)["quantities"]["y_plus"]
+    assert 0 < y_plus["least"] < y_plus["greatest"]
+    assert y_plus["upper"] is None
+
+
 def test_long_tables_are_cut_with_a_word(nektar, elvis):
     case = nektar / "gen_allelem_var_h5"
     files = case / "CubeAllElements.xml", case / "gen_allelem_var_h5.fld"
