@@ -12,6 +12,7 @@ from elvis.converters.cgns import Cgns
 from elvis.converters.gmf_files import KEYWORDS, GmfFile
 from elvis.converters.gmsh_binary import check
 from elvis.converters.hopr import Hopr
+from elvis.converters.mfem import Mfem
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
 from elvis.core.distances.triangle_files import triangles_of
@@ -144,3 +145,68 @@ def test_triangles_in_no_space(tmp_path, read):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n")
     with pytest.raises(FormatError, match=r"a\.obj: expected"):
         read(str(tmp_path / "a.obj"))
+
+
+MFEM = """MFEM mesh v1.0
+dimension
+3
+elements
+1
+1 4 0 1 2 3
+boundary
+1
+3 2 0 1 2
+vertices
+4
+3
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+"""
+MFEM_NC = """MFEM NC mesh v1.0
+dimension
+2
+elements
+1
+0 1 3 0 0 1 2 3
+boundary
+0
+coordinates
+4
+2
+0 0
+1 0
+1 1
+0 1
+mfem_mesh_end
+"""
+OTHER_DIMENSIONS = [
+    (MFEM, "dimension\n3", "dimension\n0", "dimension: expected a dimension from 1 to 3, found 0"),
+    (MFEM, "dimension\n3", "dimension\n4", "dimension: expected a dimension from 1 to 3, found 4"),
+    (MFEM, "dimension\n3", "dimension\n2", "elements 0: expected a geometry of dimension 2, found geometry 4, of"),
+    (MFEM, "1 4 0 1 2 3", "1 2 0 1 2", "elements 0: expected a geometry of dimension 3, found geometry 2, of"),
+    (MFEM, "3 2 0 1 2", "3 0 0", "boundary 0: expected a geometry of dimension 2, found geometry 0, of dimension 0"),
+    (MFEM, "4\n3\n", "4\n2\n", "vertices: expected vertices with 3 coordinates, found 2"),
+    (MFEM, "4\n3\n", "4\n0\n", "vertices: expected vertices with 3 coordinates, found 0"),
+    (MFEM, "4\n3\n", "4\n4\n", "vertices: expected vertices with 3 coordinates, found 4"),
+    (MFEM_NC, "dimension\n2", "dimension\n1", "elements: expected elements of dimension 1, found some with 4 vertices"),
+    (
+        MFEM_NC,
+        "4\n2\n0 0\n1 0\n1 1\n0 1",
+        "4\n1\n0\n1\n1\n0",
+        "vertices: expected vertices with 2 to 3 coordinates, found 1",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "old", "new", "message"), OTHER_DIMENSIONS)
+def test_mfem_elements_of_another_dimension_than_the_mesh_are_refused(tmp_path, text, old, new, message):
+    pytest.importorskip("mfem")
+    path = tmp_path / "a.mesh"
+    path.write_text(text)
+    assert len(Mfem([path]).blocks) == 1
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+    with pytest.raises(FormatError, match=rf"a\.mesh: {message}"):
+        Mfem([path])

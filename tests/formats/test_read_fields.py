@@ -161,7 +161,7 @@ def test_fourier_directions(case_files):
 
 
 def two_fourier_directions(case_files, tmp_path):
-    mesh = read(case_files("line_1d")[0]).mesh
+    mesh = replace(read(case_files("line_1d")[0]).mesh, space=1)
     ids = mesh.of(Shape.SEGMENT).ids
     lines = [(y, z) for z in (0, 1, 2, 3) for y in (0, 1)]
     homogeneous = Homogeneous(

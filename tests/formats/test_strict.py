@@ -98,6 +98,10 @@ MESH_DAMAGE = {
     "no domain": (lambda t: re.sub(r"<DOMAIN>.*?</DOMAIN>", "", t, flags=re.S), "expected a DOMAIN"),
     "text of the domain": (lambda t: t.replace("<DOMAIN> C[", "<DOMAIN> D["), "expected C[ids]"),
     "unknown composite": (lambda t: t.replace("<DOMAIN> C[0-3]", "<DOMAIN> C[0-3,77]"), "composites of the mesh"),
+    "more composites than any mesh has": (
+        lambda t: t.replace("<DOMAIN> C[0-3]", "<DOMAIN> C[0-1,3,0-999999999999]"),
+        "composites of the mesh, found 5",
+    ),
     "shapes mixed": (
         lambda t: re.sub(r'(<C ID="0"[^>]*>)([^<]*)(</C>)', r"\1\2 H[0] A[0]\3", t),
         "elements of one shape",

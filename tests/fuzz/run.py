@@ -18,6 +18,9 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 
+# one thread a library: those that wait for others spin, so that on a busy machine their processor time says nothing
+os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
 import corpus
 import work
 

@@ -16,7 +16,15 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.apart import Apart, LibraryError
-from elvis.converters.mfem_files import check_mesh, is_field, is_mesh, named_attributes, rounding, values_after_header
+from elvis.converters.mfem_files import (
+    check_mesh,
+    check_space,
+    is_field,
+    is_mesh,
+    named_attributes,
+    rounding,
+    values_after_header,
+)
 from elvis.converters.mfem_pieces import Piece, is_stream, pieces
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
@@ -141,6 +149,7 @@ class _Part:
         check_mesh(self.path, text)
         found = self._asked.read("mesh", str(piece.mesh.file(folder)), size=len(text), path=self.path)
         self.vertices, self.attributes = found["vertices"], found["attributes"]
+        check_space(self.path, found["map"]["count"], found["dimension"])
         self.is_rational = found["has_weights"] and not _has_unit_weights(text)
         self.is_conforming = found["is_conforming"]
         self._dimension, self._faces = found["dimension"], found["faces"]
@@ -155,6 +164,14 @@ class _Part:
             self.functions.append(_Function(self._asked, at, own))
         self.precision = rounding(text)
         self._regions, self._borders = (named_attributes(text, f"{w}attribute_sets") for w in ("", "bdr_"))
+
+    def _shape(self, corners: int) -> Shape:
+        """The shape of elements with this many corners; FormatError where none of the mesh's dimension has."""
+        try:
+            return _SHAPES[self._dimension, corners]
+        except KeyError:
+            sentence = f"expected elements of dimension {self._dimension}, found some with {corners} vertices"
+            raise FormatError(sentence, file=self.path, place="elements") from None
 
     def blocks(self, numbers: Ints, first: int) -> Iterator[tuple[Elements, Ints]]:
         """Elements by shape, region and the orders of all functions on them, with their rows.
@@ -175,7 +192,7 @@ class _Part:
         kinds, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
         for number, kind in enumerate(kinds):
             rows = np.flatnonzero(which.reshape(-1) == number)
-            shape = _SHAPES[self._dimension, int(kind[0])]
+            shape = self._shape(int(kind[0]))
             block = Elements(
                 shape,
                 len(rows),

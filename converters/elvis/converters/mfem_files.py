@@ -17,8 +17,9 @@ from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, leading
 from elvis.plugins.conversion import DOUBLE, EIGHT_DIGITS
 
-#: number of vertices by the number of a geometry
+#: number of vertices, and dimension, by the number of a geometry
 _CORNERS = (1, 2, 3, 4, 4, 8, 6, 5)
+_DIMENSIONS = (0, 1, 2, 2, 3, 3, 3, 3)
 
 #: numbers with as few digits as streams write where nothing else is asked for, and how many of them are looked at
 _FEW_DIGITS, _LOOKED_AT = 9, 500
@@ -50,17 +51,28 @@ def load(path: Path) -> str:
 
 
 def check_mesh(path: Path, text: str) -> None:
-    """FormatError, naming ``path``, where the elements of a mesh name vertices that aren't there."""
+    """FormatError, naming ``path``, where elements are not of the mesh's dimension, or name vertices that it lacks."""
     if not text.startswith(("MFEM mesh", "MFEM NURBS mesh")) or "\npatches" in text:
         return
     vertices = _words(text, "vertices")
     if not vertices or not vertices[0].isdigit():
         raise FormatError("expected a number of vertices, found none", file=path, place="vertices")
-    for section in ("elements", "boundary"):
-        _check_elements(path, text, section, int(vertices[0]))
-    if "FiniteElementCollection:" not in text and len(vertices) > 1:
-        count = int(vertices[0]) * (int(vertices[1]) if vertices[1].isdigit() else 0)
+    dimension = (_words(text, "dimension") or ["none"])[0]
+    if dimension not in ("1", "2", "3"):
+        raise FormatError(f"expected a dimension from 1 to 3, found {dimension[:40]}", file=path, place="dimension")
+    for section, own in (("elements", int(dimension)), ("boundary", int(dimension) - 1)):
+        _check_elements(path, text, section, own, int(vertices[0]))
+    if "FiniteElementCollection:" not in text and len(vertices) > 1 and vertices[1].isdigit():
+        check_space(path, int(vertices[1]), int(dimension))
+        count = int(vertices[0]) * int(vertices[1])
         _numbers(path, vertices[2 : 2 + count], count, "vertices")
+
+
+def check_space(path: Path, space: int, dimension: int) -> None:
+    """FormatError where elements of this dimension have vertices with fewer coordinates, or with more than three."""
+    if not dimension <= space <= 3:
+        expected = "3" if dimension == 3 else f"{dimension} to 3"
+        raise FormatError(f"expected vertices with {expected} coordinates, found {space}", file=path, place="vertices")
 
 
 def values_after_header(path: Path, text: str, count: int, is_last: bool) -> Floats:
@@ -103,7 +115,8 @@ def _words(text: str, section: str) -> list[str]:
     return text[found.end() :].split() if found else []
 
 
-def _check_elements(path: Path, text: str, section: str, limit: int) -> None:
+def _check_elements(path: Path, text: str, section: str, dimension: int, limit: int) -> None:
+    """FormatError where the elements of a section are not of this dimension, or name vertices from ``limit`` up."""
     words = _words(text, section)
     if not words or not words[0].isdigit():
         raise FormatError(f"expected a number of {section}, found none", file=path, place=section)
@@ -115,6 +128,10 @@ def _check_elements(path: Path, text: str, section: str, limit: int) -> None:
         if not corners or len(own) < corners or not all(word.isdigit() for word in own):
             found = "unknown geometry " + kind if not corners else "no whole list of vertices"
             raise FormatError(f"expected an element, found {found}", file=path, place=f"{section} {number}")
+        if _DIMENSIONS[int(kind)] != dimension:
+            found = f"geometry {kind}, of dimension {_DIMENSIONS[int(kind)]}"
+            sentence = f"expected a geometry of dimension {dimension}, found {found}"
+            raise FormatError(sentence, file=path, place=f"{section} {number}")
         named += own
         at += 2 + corners
     highest = int(np.array(named, np.int64).max(initial=-1))

@@ -21,7 +21,7 @@ from elvis.formats.nektar import hdf5, numbers
 from elvis.formats.nektar.assembly import Lookup, first_rows
 from elvis.formats.nektar.geometry_xml import is_compressed
 from elvis.formats.nektar.numbers import split
-from elvis.formats.nektar.payload import decode_exactly, possible_bytes
+from elvis.formats.nektar.payload import decode_exactly
 from elvis.formats.nektar.sections import (
     TODAY,
     Numbering,
@@ -51,13 +51,10 @@ def read_section(element: Element) -> Section:
         ids = numbers.parse_ids(element.required("ID"))
         space.check_elements(ids.count)
 
-        # the least that the section must hold is compared with what its text can hold, before any list is expanded
-        least = ids.count * len(space.names)
-        if 8 * least > possible_bytes(element.content):
-            raise FormatError(f"expected {least} coefficients at least, found {len(element.content)} characters")
-        element_ids = ids.expand(least)
-        items = space.total(len(element_ids))
+        # a list of ids is expanded once the coefficients of all its elements are there, which are at least as many
+        items = space.total(ids.count)
         values: Floats = decode_exactly(element.content, items).view("<f8").astype(np.float64, copy=False)
+        element_ids = ids.expand(items)
         return Section(space, element_ids, values, element.file, f"<ELEMENTS ID={element.attributes['ID'][:40]}>")
 
 
@@ -278,10 +275,12 @@ class _OnMesh:
 
     def __init__(self, mesh: Mesh) -> None:
         self._lookups = {shape: Lookup(entities.ids, "element") for shape, entities in mesh.elements.items()}
+        self._space = mesh.space
 
     def pieces(self, section: Section) -> Iterable[Piece]:
         """The pieces of a section, without the elements that the mesh lacks."""
         shape = section.space.shape
+        self._check_directions(section)
         known = self._present(shape, section.element_ids)
         others = [other for other in self._lookups if other is not shape]
         for other in others:
@@ -293,6 +292,14 @@ class _OnMesh:
             kept = known if piece.element_ids is section.element_ids else self._present(shape, piece.element_ids)
             if kept.any():
                 yield _keep(piece, kept)
+
+    def _check_directions(self, section: Section) -> None:
+        """FormatError where Fourier directions have no coordinates left beyond those of the mesh."""
+        planes = section.space.homogeneous
+        directions = len(planes.bases) if planes else 0
+        if self._space + directions > 3:
+            expected = f"a mesh of SPACE {3 - directions} at most for {directions} Fourier directions"
+            raise FormatError(f"expected {expected}, found {self._space}", file=section.file, place=section.place)
 
     def _present(self, shape: Shape, ids: Ints) -> Bools:
         return self._lookups[shape].present(ids) if shape in self._lookups else np.zeros(len(ids), bool)

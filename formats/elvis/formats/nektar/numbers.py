@@ -176,6 +176,18 @@ class IdList:
             raise FormatError(f"expected at most {limit} ids, found a list of {self.count}")
         return _ranges(self.first, self.last - self.first + 1)
 
+    def first_outside(self, present: Ints) -> int | None:
+        """The first id of the list that is not in ``present`` (sorted, each once), None where there is none."""
+        start = np.searchsorted(present, self.first, "left")
+        stop = np.searchsorted(present, self.last, "right")
+        gaps = np.flatnonzero(stop - start <= self.last - self.first)
+        if not len(gaps):
+            return None
+        own = present[start[gaps[0]] : stop[gaps[0]]]
+        first = int(self.first[gaps[0]])
+        differ = np.flatnonzero(own - first != np.arange(len(own)))
+        return first + int(differ[0] if len(differ) else len(own))
+
     def existing(self, present: Ints) -> Ints:
         """The ids that are in ``present`` (sorted), in the order of the list, whatever its ranges claim.
 

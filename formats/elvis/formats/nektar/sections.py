@@ -44,16 +44,24 @@ class Space:
 
     def counts(self, elements: int) -> Ints:
         """(elements,) coefficients of each element and field, all planes or lines together."""
-        planes = 1 if self.homogeneous is None else len(self.homogeneous.z_ids)
-        return np.broadcast_to(coefficient_counts(self.shape, self.modes) * planes, elements)
+        return np.broadcast_to(self._counts_of_orders(), elements)
 
     def total(self, elements: int) -> int:
-        """Coefficients of all elements and fields; FormatError where no file could hold them."""
-        counts = self.counts(elements)
-        roughly = len(self.names) * float(counts.sum(dtype=np.float64))
+        """Coefficients of all elements and fields, with nothing as long as there are elements where all agree.
+
+        FormatError where no file could hold them.
+        """
+        counts = self._counts_of_orders()
+        repeats = len(self.names) * (elements if len(counts) == 1 else 1)
+        roughly = repeats * float(counts.sum(dtype=np.float64))
         if roughly > _MOST_COEFFICIENTS:
             raise FormatError(f"expected coefficients that a file can hold, found {roughly:.3g} declared")
-        return len(self.names) * int(counts.sum())
+        return repeats * int(counts.sum())
+
+    def _counts_of_orders(self) -> Ints:
+        """(1,) or (n,) as the numbers of modes are given."""
+        planes = 1 if self.homogeneous is None else len(self.homogeneous.z_ids)
+        return coefficient_counts(self.shape, self.modes) * planes
 
     def check_elements(self, elements: int) -> None:
         """FormatError where orders are given element by element for another number of elements."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+import numpy as np
+
 from elvis.formats.nektar.composites import composite_ids
 from elvis.formats.nektar.payload import ENCODING
 from elvis.formats.nektar.xml import Element
@@ -12,15 +14,13 @@ from elvis.formats.strict.finding import Finding, advised, required
 
 _ATTRIBUTES = frozenset({"DIM", "SPACE", "PARTITION", "HDF5FILE"})
 _NUMBER = re.compile(rb"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_ID = re.compile(r"\s*[0-9]{1,18}\s*")
 _TOKENS = re.compile(rb"\s*(?:[VESFTQAPRH]\[[0-9]+(?:-[0-9]+)?(?:,[0-9]+(?:-[0-9]+)?)*\]\s*)*")
 _DOMAIN = re.compile(rb"\s*C\[[0-9]+(?:-[0-9]+)?(?:,[0-9]+(?:-[0-9]+)?)*\]\s*")
 
 #: numbers with more digits than a hand writes, but fewer than a double needs, were cut
 _FEWEST, _ENOUGH = 5, 16
 _SAMPLE = 1 << 18
-
-#: composites of a domain
-_MOST = 1 << 20
 
 
 def geometry_findings(geometry: Element) -> Iterator[Finding]:
@@ -109,9 +109,10 @@ def _composites(sections: dict[str, Element], is_piece: bool) -> Iterator[Findin
 
     is_piece  whether this is a part of a mesh, which may lack composites that others have
     """
-    present = set()
+    present: list[int] = []
     for child in sections["COMPOSITE"].children() if "COMPOSITE" in sections else ():
-        present.add(child.attributes.get("ID", "").strip())
+        if _ID.fullmatch(child.attributes.get("ID", "")):
+            present.append(int(child.attributes["ID"]))
         if not _TOKENS.fullmatch(bytes(child.content)):
             yield required(child.place, f"expected TAG[ids] without blanks in brackets, found {child.text[:40]!r}")
     domain = sections.get("DOMAIN")
@@ -124,7 +125,7 @@ def _composites(sections: dict[str, Element], is_piece: bool) -> Iterator[Findin
             yield required(entry.place, f"expected C[ids], found {entry.text[:40]!r}")
             continue
         ids = composite_ids(bytes(entry.content))
-        unknown = next((id for id in ids.expand(_MOST).tolist() if str(id) not in present), None)
+        unknown = ids.first_outside(np.unique(np.array(present, np.int64)))
         if unknown is not None:
             kind = advised if is_piece else required
             yield kind(entry.place, f"expected composites of the mesh, found {unknown}")
