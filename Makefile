@@ -11,7 +11,7 @@ help:
 	@echo "make test    set up, then lint, check the types and run every test"
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff and mypy alone"
-	@echo "make pages   docs/scene.md, docs/scene.schema.json and docs/quantities.md again, from what they are about"
+	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md and elvis.1 again, from what they are about"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
 	@echo "make fuzz        a hundred thousand damaged files through every reader, 500 broken runs: an hour"
@@ -37,6 +37,7 @@ lint: $(READY)
 
 pages: $(READY)
 	@$(RUN) tools/scene_page.py
+	@$(RUN) tools/manual.py
 	@$(RUN) tools/quantities_page.py
 
 bench: $(READY)

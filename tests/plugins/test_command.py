@@ -256,3 +256,21 @@ def _read(leader):
         return os.read(leader, 65536)
     except OSError:  # the other end is closed
         return b""
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("elvis ren", {"render"}),
+        ("elvis render --cam", {"--camera"}),
+        ("elvis render --camera t", {"top"}),
+        ("elvis render --colormap turbo", {"turbo"}),
+        ("elvis compare --ax", set()),
+    ],
+)
+def test_shells_complete_commands_options_and_names(words, offered):
+    asked = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" ")), "_ELVIS_COMPLETE": "bash_complete"}
+    program = "from elvis.plugins.command import main; main()"
+    environment = {**os.environ, **asked}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert {line.partition(",")[2] for line in done.stdout.splitlines() if line} == offered

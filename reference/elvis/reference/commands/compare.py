@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import cache_option, overwrite_option
-from elvis.scene.commandline.command import SceneCommand
+from elvis.scene.commandline.command import FIGURE, SceneCommand
 
 if TYPE_CHECKING:
     from elvis.reference.study import Study
@@ -61,7 +61,7 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
 
 @click.command(
     cls=SceneCommand,
-    leaving=("outputs", "stats", "plain", "samples"),
+    leaving=("outputs", "stats", "plain", "samples", *FIGURE),
     epilog=EPILOG,
     short_help="Report how accurate pictures are, and what linear ones would show.",
 )

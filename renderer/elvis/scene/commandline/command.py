@@ -10,6 +10,8 @@ import click
 
 from elvis.core.arguments import Parsed
 
+#: what a figure has around and over its pixels, by keys of a scene
+FIGURE = ("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi", "panels")
 OUTPUT = click.Path(path_type=Path, dir_okay=False)
 
 

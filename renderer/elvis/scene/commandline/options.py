@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import is_dataclass
+from functools import partial
 from typing import Any, get_args
 
 import click
 
-from elvis.scene.commandline.command import parsed
+from elvis.scene.commandline.command import FIGURE, parsed
 from elvis.scene.objects import SceneObject, Style
 from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.whole import Scene
@@ -26,7 +27,7 @@ CHAPTERS = {
     "Objects": ("plane", *OBJECTS, "clip"),
     "Colours and lines": ("palette", "range", "bar", *STYLES, "background", "lights", "ambient"),
     "Camera": ("camera", "region", "zoom", "size", "samples"),
-    "Figure": ("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi", "panels", "plain"),
+    "Figure": (*FIGURE, "plain"),
     "Output": (),
 }
 
@@ -55,6 +56,8 @@ def _option(name: str, setting: Setting, hint: Any) -> click.Option:
     text = text_of(hint)
     is_file = text is not None and text.kind == "file"
     rest: dict[str, Any] = {"help": setting.option_words, "metavar": setting.metavar, "multiple": setting.repeatable}
+    if setting.names or name == "palette":
+        rest["shell_complete"] = partial(_completions, setting.names)
     if setting.parse:
         rest["type"] = parsed(setting.parse)
     elif only is bool:
@@ -67,3 +70,12 @@ def _option(name: str, setting: Setting, hint: Any) -> click.Option:
     else:
         rest["type"] = only if only in (int, float) else str
     return click.Option([*setting.option.split(), name], **rest)
+
+
+def _completions(names: tuple[str, ...], context: Any, parameter: Any, incomplete: str) -> list[str]:
+    """What a shell offers in place of the beginning of a name: that of a setting, or of a colour map."""
+    if not names:
+        import cmap
+
+        names = tuple(sorted(cmap.Colormap.catalog().short_keys()))
+    return [name for name in names if name.startswith(incomplete)]
