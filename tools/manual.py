@@ -56,7 +56,7 @@ def _command(context: click.Context) -> Iterator[str]:
     yield from _prose(command.help)
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
-        if record is not None and isinstance(parameter, click.Option) and parameter.name != "help":
+        if record is not None and isinstance(parameter, click.Option) and "--help" not in parameter.opts:
             yield from (".TP", f".B {_roff(record[0])}", _roff(record[1]))
     if command.epilog:
         yield from _prose(command.epilog)
