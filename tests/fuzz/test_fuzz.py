@@ -92,6 +92,18 @@ def test_each_kind_of_failure_is_noticed(tmp_path, body, kind):
     assert b"ColorMap" in kept[0].read_bytes()
 
 
+def test_time_is_that_of_one_thread(tmp_path):
+    (tmp_path / "a.py").write_text(
+        f"import os, sys\nsys.path.insert(0, {str(HERE)!r})\nimport run\nimport numpy as np\n"
+        "np.ones((500, 500)) @ np.ones((500, 500))\nprint(len(os.listdir('/proc/self/task')))\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
+    command = [sys.executable, str(tmp_path / "a.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.stdout == "1\n", done.stderr
+
+
 def test_a_case_is_damaged_alike_each_time(tmp_path):
     mutations = loaded("mutations")
     sound = "".join(f"<V ID='{i}'>{i / 7} 0 1</V>\n" for i in range(50)).encode()
