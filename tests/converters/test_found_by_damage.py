@@ -2,6 +2,7 @@
 
 import shutil
 import struct
+import tracemalloc
 from contextlib import suppress
 
 import h5py
@@ -13,6 +14,7 @@ from elvis.converters.gmf_files import KEYWORDS, GmfFile
 from elvis.converters.gmsh_binary import check
 from elvis.converters.hopr import Hopr
 from elvis.converters.mfem import Mfem
+from elvis.converters.nek import Nek
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
 from elvis.core.distances.triangle_files import triangles_of
@@ -210,3 +212,14 @@ def test_mfem_elements_of_another_dimension_than_the_mesh_are_refused(tmp_path, 
     path.write_text(text.replace(old, new))
     with pytest.raises(FormatError, match=rf"a\.mesh: {message}"):
         Mfem([path])
+
+
+@pytest.mark.parametrize("width", ["099999999", "*", "-0999", "9999999999999999999"])
+def test_nek_templates_of_names_longer_than_any(tmp_path, width):
+    path = tmp_path / "run.nek5000"
+    path.write_text(f"filetemplate: run%01d.f%{width}d\nfirsttimestep: 1\nnumtimesteps: 2\n")
+    tracemalloc.start()
+    with pytest.raises(FormatError, match=r"run\.nek5000: expected filetemplate, firsttimestep and numtimesteps"):
+        Nek([path])
+    assert tracemalloc.get_traced_memory()[1] < 1 << 24
+    tracemalloc.stop()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from elvis.formats import Shape, read
+from elvis.formats.strict import findings
 
 MEBIBYTE = 1 << 20
 
@@ -193,6 +194,14 @@ def test_lists_of_ids_are_expanded_once_their_data_are_there(copied, refused):
     change(field, (payload, bomb(8) + " " * (count // 100)))
     megabytes = 1.5 * 8 * count / MEBIBYTE  # the numbers that are asked for, not the ids too
     refused(folder / "interpfield_4quad.xml", field, match=f"expected {count} numbers, found", megabytes=megabytes)
+
+
+@pytest.mark.parametrize("name", ["plane_h/>\n    <E\n COMPOSITE=", "a\u2028b\r\nc", "long" * 2000])
+def test_names_of_files_that_no_file_has(name, tmp_path, refused):
+    head = f'<NEKTAR><GEOMETRY DIM="2" SPACE="2" HDF5FILE="{name.replace(">", "&gt;").replace("<", "&lt;")}"/></NEKTAR>'
+    (tmp_path / "a.xml").write_text(head)
+    refused(tmp_path / "a.xml", match="^[^\n]*: expected the file [^\n\u2028]{5,1000} found none$")
+    assert all("\n" not in str(each) for each in findings(tmp_path / "a.xml"))
 
 
 def test_fourier_ids_that_old_files_lack_are_counted(copied):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -270,6 +271,6 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     with opened(states[0]) as file:
         name = text(attribute(file, "MeshFile"))
     mesh = states[0].parent / Path(name).name
-    if not mesh.is_file():
+    if not isfile(mesh):
         raise FormatError(f"expected its mesh {name} next to it, found none; give the mesh file too", file=states[0])
     return mesh, states[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,9 @@ _SIDES = {2: np.array([0, 1, 2, 3]), 3: np.array([1, 2, 3, 4, 0, 5])}
 
 #: the name of a file of a series: what precedes, the number of the file in its step, the number of the step
 _NAME = re.compile(r"(.*?)(\d+)(\.f)(\d{5})$")
+
+#: a number of a template that would have a hundred digits or more
+_WIDE = re.compile(r"%[^A-Za-z]*[0-9]{3}")
 
 
 class Nek(NodalConverter):
@@ -169,12 +173,15 @@ def _member(index: Path, step: int) -> Path:
     try:
         first, count = int(words["firsttimestep"]), int(words["numtimesteps"])
         number = count - 1 if step < 0 else step
-        path = Path(index.parent, words["filetemplate"] % (0, first + number))
+        template = words["filetemplate"]
+        if _WIDE.search(template):
+            raise ValueError
+        path = Path(index.parent, template % (0, first + number))
     except (KeyError, ValueError, TypeError):
         raise FormatError("expected filetemplate, firsttimestep and numtimesteps", file=index) from None
     if not 0 <= number < count:
         raise FormatError(f"expected a step {number}, found {count} steps", file=index)
-    if not path.is_file():
+    if not isfile(path):
         raise FormatError(f"expected {path.name} next to it, found none", file=index)
     return path
 

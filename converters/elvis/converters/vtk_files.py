@@ -6,6 +6,7 @@ import mmap
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from os.path import exists, isfile
 from pathlib import Path
 from typing import Any
 
@@ -165,9 +166,9 @@ def _pieces(path: Path) -> list[Path]:
     names = re.findall(rb"""\b(?:Source|file)\s*=\s*["']([^"'\0]*)["']""", content(path))
     found = [path.parent / name.decode("utf-8", "replace") for name in names]
     for each in found:
-        if each.exists():
+        if exists(each):
             check_plain(each)
-    return [each for each in found if each.is_file()]
+    return [each for each in found if isfile(each)]
 
 
 def _members(path: Path, step: int) -> tuple[float, list[Path]]:

@@ -9,16 +9,28 @@ class ElvisError(Exception):
     """Anything that stops a command for a reason that a user can act on; the message is one sentence."""
 
 
+#: characters of a sentence about a file; what is longer quotes more of it than anybody reads
+_LONGEST = 1000
+
+
 class FormatError(ElvisError):
     """A file that does not hold what its format promises.
 
-    The message reads ``file: place: expected …, found …``; parts that are unknown are left out.
+    The message reads ``file: place: expected …, found …``; parts that are unknown are left out.  Whatever words of the
+    file it quotes, it is one line, and has an end.
     """
 
     def __init__(self, message: str, *, file: str | Path | None = None, place: str | None = None) -> None:
-        self.message, self.file, self.place = message, file, place
-        super().__init__(": ".join(str(part) for part in (file, place, message) if part))
+        self.message, self.file, self.place = _in_a_line(message), file, place and _in_a_line(place)
+        super().__init__(": ".join(str(part) for part in (file, self.place, self.message) if part))
 
     def within(self, file: str | Path | None = None, place: str | None = None) -> FormatError:
         """The same error with the file or place filled in where they were missing."""
         return FormatError(self.message, file=self.file or file, place=self.place or place)
+
+
+def _in_a_line(text: str) -> str:
+    """The text without ends of lines; of a long one the beginning and the end."""
+    line = " ".join(part.strip() for part in text.splitlines())
+    half = _LONGEST // 2
+    return line if len(line) <= _LONGEST else f"{line[:half]} … {line[-half:]}"

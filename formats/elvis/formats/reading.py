@@ -7,6 +7,7 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from os.path import isfile
 from pathlib import Path
 
 from elvis.core.dataset import Dataset
@@ -221,7 +222,7 @@ class _Reader:
         name = element.attributes["HDF5FILE"]
         given = [path for path in self._bare if path.name == Path(name).name] or self._bare
         for path in (Path(element.file).parent / name, Path(name), *given):
-            if path.is_file():
+            if isfile(path):  # also where the name is longer than names can be
                 return path
         raise element.error(f"expected the file {name} next to it or in the working folder, found none")
 

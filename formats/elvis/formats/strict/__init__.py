@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from os.path import isfile
 from pathlib import Path
 
 from elvis.core.dataset import Dataset
@@ -92,7 +93,7 @@ class _Review:
     def _stub(self, path: Path, child: Element) -> None:
         name = child.attributes["HDF5FILE"]
         companion = path.parent / name
-        if companion.is_file():
+        if isfile(companion):
             self.guarded(companion.name, lambda: self._hdf5(companion))
         else:
             self.found.append(
