@@ -11,6 +11,7 @@ import pytest
 
 from elvis.converters.cgns import Cgns
 from elvis.converters.gmf_files import KEYWORDS, GmfFile
+from elvis.converters.gmsh import Gmsh
 from elvis.converters.gmsh_binary import check
 from elvis.converters.hopr import Hopr
 from elvis.converters.mfem import Mfem
@@ -223,3 +224,38 @@ def test_nek_templates_of_names_longer_than_any(tmp_path, width):
         Nek([path])
     assert tracemalloc.get_traced_memory()[1] < 1 << 24
     tracemalloc.stop()
+
+
+@pytest.mark.parametrize("digits", [20, 5000])
+@pytest.mark.parametrize("old", ["15 54 53 2", " 54 53 2 -1", "3 15 54 53"])
+def test_netgen_meshes_of_points_beyond_any_number(solvers, tmp_path, old, digits):
+    pytest.importorskip("ngsolve")
+    text = (solvers / "ngsolve" / "ballbox_p4.vol").read_text()
+    assert text.count(old) == 1
+    (tmp_path / "a.vol").write_text(text.replace(old, "9" * digits + old.lstrip("0123456789"), 1))
+    with pytest.raises(FormatError, match=r"a\.vol: surfaceelements.*: expected an element and its points, found"):
+        NGSolve([tmp_path / "a.vol"])
+
+
+@pytest.mark.parametrize("digits", [20, 5000])
+@pytest.mark.parametrize(("old", "place"), [("1 4 0 1 2 3", "elements 0"), ("\n4\n3\n", "vertices")])
+def test_mfem_meshes_of_vertices_beyond_any_number(tmp_path, old, place, digits):
+    (tmp_path / "a.mesh").write_text(MFEM.replace(old, old.replace("4", "9" * digits, 1)))
+    with pytest.raises(FormatError, match=rf"a\.mesh: {place}: expected"):
+        Mfem([tmp_path / "a.mesh"])
+
+
+def test_gmsh_schemes_of_no_polynomials(solvers, tmp_path, monkeypatch):
+    pytest.importorskip("gmsh")
+
+    def squares(table, wanted, rcond):
+        assert np.isfinite(wanted).all()  # of others the library's may never end
+        return original(table, wanted, rcond=rcond)
+
+    original = np.linalg.lstsq
+    monkeypatch.setattr(np.linalg, "lstsq", squares)
+    raw = (solvers / "gmsh" / "mixed_o2_v22.msh").read_bytes()
+    assert b"\n2 1 1 \n" in raw
+    (tmp_path / "a.msh").write_bytes(raw.replace(b"\n2 1 1 \n", b"\n2 1 1.5 \n"))
+    with pytest.raises(FormatError, match="expected a scheme of polynomials for a "):
+        Gmsh([tmp_path / "a.msh"])

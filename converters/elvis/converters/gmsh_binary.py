@@ -11,6 +11,7 @@ from collections.abc import Callable
 from mmap import mmap
 from pathlib import Path
 
+from elvis.converters.inputs import is_count
 from elvis.core.errors import FormatError
 
 #: the integers that begin a section of version 4.1, and those that begin its blocks
@@ -70,14 +71,14 @@ def _old_nodes(raw: bytes | mmap, at: int, order: str, width: Callable[[int], in
     """Where the nodes of version 2 end."""
     line = raw.find(b"\n", at, stop)
     text = raw[at:line].strip() if line >= 0 else b""
-    return line + 1 + int(text) * 28 if text.isdigit() else -1
+    return line + 1 + int(text) * 28 if is_count(text) else -1
 
 
 def _old_elements(raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int) -> int:
     """Where the elements of version 2 end."""
     line = raw.find(b"\n", at, stop)
     text = raw[at:line].strip() if line >= 0 else b""
-    left, at = int(text) if text.isdigit() else -1, line + 1
+    left, at = int(text) if is_count(text) else -1, line + 1
     while left > 0:
         kind, count, tags = struct.unpack_from(f"{order}3i", raw, at)
         if count < 1 or tags < 0:

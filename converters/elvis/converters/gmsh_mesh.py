@@ -102,7 +102,10 @@ class Functions(ShapeFunctions):
             own = uncollapse(shape, eta)
             points = np.zeros((len(own), 3))
             points[:, : shape.dimension] = moved(own, shape.vertices, frame)
-            table, wanted = space_values(shape, order, own, PyramidSpace.RATIONAL), evaluate(points)
+            with np.errstate(over="ignore", invalid="ignore"):
+                table, wanted = space_values(shape, order, own, PyramidSpace.RATIONAL), evaluate(points)
+            if not np.isfinite(wanted).all():  # of which least squares may never end
+                return None
             coefficients = np.asarray(np.linalg.lstsq(table, wanted, rcond=None)[0], np.float64)
             if np.abs(table @ coefficients - wanted).max() <= _ROUNDING * np.abs(wanted).max():
                 return cls(shape, order, frame, coefficients)

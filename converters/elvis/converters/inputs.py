@@ -9,6 +9,9 @@ from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.plugins.conversion import Option
 
+#: digits that every number of 64 bits may have
+_DIGITS = 18
+
 #: the option of converters of series
 STEP = Option("step", "Which step of a series in one file or of its index, counted from 0; the last by default.")
 
@@ -21,6 +24,11 @@ def step_number(step: str | None, may_be_negative: bool = True) -> int:
     if not digits.isdigit():
         raise ElvisError(f"expected a number for the option step, found {step!r}")
     return int(step)
+
+
+def is_count(word: str | bytes) -> bool:
+    """Whether a word is a whole number from 0 up that an array of numbers holds."""
+    return word.isdigit() and len(word) <= _DIGITS
 
 
 def single(paths: Sequence[Path]) -> Path:

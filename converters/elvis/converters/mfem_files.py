@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis.converters.inputs import is_count
 from elvis.core.arrays import Floats
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, leading
@@ -55,14 +56,14 @@ def check_mesh(path: Path, text: str) -> None:
     if not text.startswith(("MFEM mesh", "MFEM NURBS mesh")) or "\npatches" in text:
         return
     vertices = _words(text, "vertices")
-    if not vertices or not vertices[0].isdigit():
+    if not vertices or not is_count(vertices[0]):
         raise FormatError("expected a number of vertices, found none", file=path, place="vertices")
     dimension = (_words(text, "dimension") or ["none"])[0]
     if dimension not in ("1", "2", "3"):
         raise FormatError(f"expected a dimension from 1 to 3, found {dimension[:40]}", file=path, place="dimension")
     for section, own in (("elements", int(dimension)), ("boundary", int(dimension) - 1)):
         _check_elements(path, text, section, own, int(vertices[0]))
-    if "FiniteElementCollection:" not in text and len(vertices) > 1 and vertices[1].isdigit():
+    if "FiniteElementCollection:" not in text and len(vertices) > 1 and is_count(vertices[1]):
         check_space(path, int(vertices[1]), int(dimension))
         count = int(vertices[0]) * int(vertices[1])
         _numbers(path, vertices[2 : 2 + count], count, "vertices")
@@ -118,14 +119,14 @@ def _words(text: str, section: str) -> list[str]:
 def _check_elements(path: Path, text: str, section: str, dimension: int, limit: int) -> None:
     """FormatError where the elements of a section are not of this dimension, or name vertices from ``limit`` up."""
     words = _words(text, section)
-    if not words or not words[0].isdigit():
+    if not words or not is_count(words[0]):
         raise FormatError(f"expected a number of {section}, found none", file=path, place=section)
     at, named = 1, []
     for number in range(int(words[0])):
         kind = words[at + 1] if at + 1 < len(words) else "the end"
-        corners = _CORNERS[int(kind)] if kind.isdigit() and int(kind) < len(_CORNERS) else 0
+        corners = _CORNERS[int(kind)] if is_count(kind) and int(kind) < len(_CORNERS) else 0
         own = words[at + 2 : at + 2 + corners]
-        if not corners or len(own) < corners or not all(word.isdigit() for word in own):
+        if not corners or len(own) < corners or not all(is_count(word) for word in own):
             found = "unknown geometry " + kind if not corners else "no whole list of vertices"
             raise FormatError(f"expected an element, found {found}", file=path, place=f"{section} {number}")
         if _DIMENSIONS[int(kind)] != dimension:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.apart import Apart, LibraryError
+from elvis.converters.inputs import is_count
 from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import content, leading
@@ -179,7 +180,7 @@ def _count(path: Path, lines: Sequence[str], starts: dict[str, int], section: st
     """How many lines a section has; FormatError where it has fewer than it says."""
     at = starts.get(section, len(lines))
     text = lines[at + 1].strip() if at + 1 < len(lines) else ""
-    if not text.isdigit() or at + 1 + int(text) >= len(lines):
+    if not is_count(text) or at + 1 + int(text) >= len(lines):
         raise FormatError(f"expected a number of {section} and as many lines, found {text!r}", file=path, place=section)
     return int(text)
 
@@ -189,9 +190,9 @@ def _check_elements(path: Path, section: str, lines: Sequence[str], column: int,
     named: list[Ints] = []
     for number, line in enumerate(lines):
         words = line.split()
-        corners = int(words[column]) if len(words) > column and words[column].isdigit() else 0
+        corners = int(words[column]) if len(words) > column and is_count(words[column]) else 0
         own = words[column + 1 : column + 1 + corners]
-        if not corners or len(own) < corners or not all(word.isdigit() for word in own):
+        if not corners or len(own) < corners or not all(is_count(word) for word in own):
             raise FormatError(
                 "expected an element and its points, found others", file=path, place=f"{section} {number}"
             )
