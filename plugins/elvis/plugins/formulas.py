@@ -55,6 +55,10 @@ struct Given : IFormula
     {{
         {gradient}
     }}
+    static Disc within(Leaves leaves)
+    {{
+        {within}
+    }}
 }}
 """
 
@@ -90,8 +94,8 @@ class Formula:
         parts = len(ordered(self.expression.root))
         if parts > _MOST:
             raise ElvisError(f"expected an expression of at most {_MOST} parts in pictures, found {parts}")
-        value, gradient = self._value(), self._gradient()
-        text = _SOURCE.format(value="\n        ".join(value), gradient="\n        ".join(gradient))
+        bodies = {"value": self._value(), "gradient": self._gradient(), "within": self._within()}
+        text = _SOURCE.format(**{name: "\n        ".join(lines) for name, lines in bodies.items()})
         return f"import distances; {text}" if self.targets else text
 
     def _value(self) -> Iterator[str]:
@@ -99,6 +103,45 @@ class Formula:
         yield from self._ingredients(leaves(root), ())
         yield from self._statements(root)
         yield f"return {_name(root, _numbers(root))};"
+
+    @property
+    def is_enclosed(self) -> bool:
+        """Whether discs of its values follow from those of fields, first derivatives, coordinates and constants."""
+        return all(
+            is_constant(leaf.name) if leaf.op == "attribute" else len(leaf.axes) <= 1
+            for leaf in leaves(self.expression.root)
+        )
+
+    def _within(self) -> Iterator[str]:
+        """The same of discs: one for each part of the expression, after those of its operands."""
+        if not self.is_enclosed:
+            yield "return anything();"
+            return
+        root = self.expression.root
+        for m in self._rows([leaf.name for leaf in leaves(root) if leaf.op == "field" and leaf.axes]):
+            yield f"Disc3 gradient{m} = leaves.gradient({m});"
+        numbers = _numbers(root)
+        for node in ordered(root):
+            yield f"Disc v{numbers[node]} = {self._disc(node, numbers)};"
+        yield f"return v{numbers[root]};"
+
+    def _disc(self, node: Node, numbers: Mapping[Node, int]) -> str:
+        """A part of the expression as a disc."""
+        if node.op == "number":
+            return f"Disc({_name(node, numbers)})"
+        if node.op == "coordinate":
+            return f"leaves.coordinate({node.axes[0]})"
+        if node.op == "attribute":
+            return f"Disc({self._constant(node.name, 'leaves.element')})"
+        if node.op == "field":
+            m = self.fields.index(node.name)
+            return f"gradient{m}.{'xyz'[node.axes[0]]}" if node.axes else f"leaves.values[{m}]"
+        operands = [f"v{numbers[operand]}" for operand in node.operands]
+        if _is_whole_power(node):
+            return f"whole_power({operands[0]}, {int(node.operands[-1].value)})"
+        if node.op in "+-*":
+            return f"{operands[0]} {node.op} {operands[1]}"
+        return f"{'absolute' if node.op == 'abs' else _FUNCTIONS[node.op]}({', '.join(operands)})"
 
     def _gradient(self) -> Iterator[str]:
         """The chain rule over the leaves; by differences where their own gradients aren't at hand."""
@@ -178,9 +221,8 @@ class Formula:
         if node.op in LEAVES:
             return self._leaf(node)
         operands = [_name(operand, numbers) for operand in node.operands]
-        exponent = node.operands[-1].value
-        if node.op == "^" and node.operands[-1].op == "number" and exponent.is_integer() and abs(exponent) <= 1024:
-            return f"whole_power({operands[0]}, {int(exponent)})"
+        if _is_whole_power(node):
+            return f"whole_power({operands[0]}, {int(node.operands[-1].value)})"
         if node.op in "+-*":
             return f"{operands[0]} {node.op} {operands[1]}"
         return f"{_FUNCTIONS[node.op]}({', '.join(operands)})"
@@ -198,8 +240,7 @@ class Formula:
         if target is not None:
             return f"nears[{self.targets.index(target)}].distance"
         if is_constant(name):
-            names = self.constants
-            return f"element_constants[element * {len(names)}u + {names.index(name)}u]"
+            return self._constant(name, "element")
         if name == "quality":
             columns = (f"double3({', '.join(f'{x!r}lf' for x in column)})" for column in self.ideal.T.tolist())
             return f"quality(frame, {', '.join(columns)}, {self.dimension})"
@@ -207,6 +248,20 @@ class Formula:
             length = "sqrt(dot(inward, inward))"
             return f"1.0lf / {length}" if name == "face_height" else f"-inward.{name[1]} / {length}"
         return "frame.determinant()" if name == "jacobian" else "scaled_jacobian(frame)"
+
+
+    def _constant(self, name: str, element: str) -> str:
+        """One of an element's numbers."""
+        names = self.constants
+        return f"element_constants[{element} * {len(names)}u + {names.index(name)}u]"
+
+
+def _is_whole_power(node: Node) -> bool:
+    """Whether a part of an expression is a power whose exponent is a whole number, none of the greatest."""
+    exponent = node.operands[-1]
+    if node.op != "^" or exponent.op != "number":
+        return False
+    return exponent.value.is_integer() and abs(exponent.value) <= 1024
 
 
 def facets_of(shape: Shape | None, unit: bool = False) -> Floats:

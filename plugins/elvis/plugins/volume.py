@@ -34,6 +34,26 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
+class Enclosure:
+    """What a quantity that is no polynomial is made of, so that isosurfaces of it are proved (``shaders/enclosures.slang``).
+
+    type        the type that implements ILeaves
+    fields      number of fields among the leaves
+    degree      greatest degree of the leaves, the map among them, in any one coordinate that ``Part.degree`` speaks of
+    map_degree  of the map
+    is_total    whether ``degree`` is that of all coordinates together
+    errors      (n, fields + 3) how far computed values of the leaves may be from the true ones in each element
+    """
+
+    type: str
+    fields: int
+    degree: int
+    map_degree: int
+    is_total: bool
+    errors: Callable[[], Floats]
+
+
+@dataclass(frozen=True, eq=False)
 class Quantity:
     """Another field on the elements of a part: the same map and the same numbers, other values and gradients.
 
@@ -47,6 +67,7 @@ class Quantity:
              places, but for poles; None where none is known
     rounding optional: how far computed values may be from the true ones anywhere in each element, (n,), 0 where the
              field is constant; by default 1e-13 of the greatest value
+    enclosure optional, where degree is 0: what it is made of
     """
 
     type: str
@@ -57,6 +78,7 @@ class Quantity:
     is_distance: bool = False
     level: Callable[[float], tuple[Quantity, float] | None] | None = None
     rounding: Callable[[], Floats] | None = None
+    enclosure: Enclosure | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +107,7 @@ class Part:
                  coordinates; their hull points are these corners
     shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy
                  (`host_evaluation`)
-    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level`` and ``rounding``
+    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``, ``rounding`` and ``enclosure``
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
 
@@ -108,6 +130,7 @@ class Part:
     is_distance: bool = False
     level: Callable[[float], tuple[Quantity, float] | None] | None = None
     rounding: Callable[[], Floats] | None = None
+    enclosure: Enclosure | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -28,7 +28,7 @@ _HERE = Path(__file__).parent
 #: where kernels are: those of a pass stand beside its Python, what passes share in shaders
 SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdir() if any(path.glob("*.slang")))]
 #: stages whose waves work on one element at a time
-TOGETHER = ("cut_draw", "face_draw", "iso_split", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
+TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
 #: stages that hold many copies of an element's code, as formulas do: loops compile sooner
 COMPACT = ("line_draw",)
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
@@ -37,6 +37,8 @@ ROWS = {True: 8, False: 1}
 GROUPS_IN_ROW = 32768
 #: degree of the polynomials that stand for what isn't one, over a sub-element
 STAND_IN = 4
+#: the same where it is known how far from them it may be
+ENCLOSED = 8
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
 #: the number of a dispatch's first group, as in dispatch.slang
@@ -302,14 +304,34 @@ def working() -> Iterator[None]:
 
 def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) -> str:
     """Slang text that makes a type a stage's ``TheVolume``."""
+    chosen_leaves = _leaves(chosen) if stage.startswith("iso_") else ""
     together, compact = stage in TOGETHER, stage in COMPACT or chosen.type.startswith("Expressed<")
     return (
         f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
         f"export static const bool lanes_together = {str(together).lower()};"
         f"export static const bool compact = {str(compact).lower()};"
-        f"export static const int cube_degree = {chosen.degree or STAND_IN};"
+        f"export static const int cube_degree = {chosen.degree or stand_in(chosen)};"
         f"export static const int line_degree = {line_degree or chosen.degree or STAND_IN};"
-        f"export static const bool cube_collapsed = {str(part.collapsed).lower()};"
+        f"export static const bool cube_collapsed = {str(part.collapsed).lower()};{chosen_leaves}"
+    )
+
+
+def stand_in(chosen: Part | Quantity) -> int:
+    """Degree of the polynomials that stand for a quantity that is none, over a piece of an element."""
+    return STAND_IN if chosen.enclosure is None else max(ENCLOSED, chosen.enclosure.map_degree)
+
+
+def _leaves(chosen: Part | Quantity) -> str:
+    """Slang text that says what a quantity is made of where it is no polynomial, but enclosed."""
+    enclosure = chosen.enclosure
+    if chosen.degree or enclosure is None:
+        return ""
+    return (
+        f"export struct TheLeaves : ILeaves = {enclosure.type};"
+        f"export static const bool analytic = true;"
+        f"export static const int leaf_fields = {enclosure.fields};"
+        f"export static const int leaf_degree = {enclosure.degree};"
+        f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
     )
 
 

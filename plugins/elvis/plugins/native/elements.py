@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import Homogeneous
+from elvis.core.dataset import Expansion, Homogeneous
 from elvis.core.mapping.boxes import element_boxes
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
@@ -25,11 +25,11 @@ from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
-from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations
+from elvis.plugins.native.rounding import UNIT, basis_rounding, expression_rounding, field_rounding, operations
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
-from elvis.plugins.volume import Part, Quantity
+from elvis.plugins.volume import Enclosure, Part, Quantity
 
 #: highest degree of expressions whose isosurfaces are found as those of polynomials
 HIGHEST = 8
@@ -91,6 +91,7 @@ class Elements:
             is_distance=own.is_distance,
             level=own.level,
             rounding=own.rounding,
+            enclosure=own.enclosure,
         )
 
     @cached_property
@@ -128,8 +129,39 @@ class Elements:
         plain = expression.root.op == "attribute" and bool(formula.targets)
         level = None if known or plain else partial(self._level, expression)
         rounding = cache(partial(self._rounding_of, expression)) if known else None
+        enclosure = None if known or self.series or plain else self._enclosure(formula, type, space)
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
-        return Quantity(type, source, buffers, known, bounds, plain, level, rounding)
+        return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure)
+
+    def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
+        """What a formula is made of, on solid elements."""
+        shape, names = self.geometry.shape, tuple(formula.fields)
+        if shape.dimension < 3 or not names or not formula.is_enclosed:
+            return None
+        return Enclosure(
+            type=f"LeavesOf<{type}, Given>",
+            fields=len(names),
+            degree=max(*self.geometry.degrees, *space.degrees),
+            map_degree=max(self.geometry.degrees),
+            is_total=shape is Shape.TETRAHEDRON,
+            errors=cache(partial(self._leaf_errors, names)),
+        )
+
+    def _leaf_errors(self, names: tuple[str, ...]) -> Floats:
+        """(n, fields + 3) how far computed values of fields, x, y and z may be from the true ones in each element."""
+        space, found = self._net(names)[0], []
+        for patch in self.patches:
+            coordinates = [_rounding_of(patch.geometry, patch.geometry_coefficients[:, axis], self.geometry) for axis in range(3)]
+            fields = [self._leaf_error(patch, self.names.index(name), space) for name in names]
+            found.append(np.stack([*fields, *coordinates], axis=1))
+        return frozen_floats(np.concatenate(found))
+
+    def _leaf_error(self, patch: Patch, number: int, space: BernsteinSpace) -> Floats:
+        """(n,) that of one of a patch's fields; not a number where its elements lack it."""
+        expansion, modal = patch.fields[number], patch.coefficients[number]
+        if expansion is None or modal is None:
+            return np.full(len(patch), np.nan)
+        return _rounding_of(expansion, modal, space)
 
     def _of_net(self, net: Net) -> Quantity:
         """The quantity that polynomials are: a field like any other, whatever expression they are of."""
@@ -287,6 +319,13 @@ class Elements:
         if not self.series:
             return {}
         return {"waves": waves(self.series), "period": np.array(self.series.lengths)}
+
+
+def _rounding_of(expansion: Expansion, modal: Floats, space: BernsteinSpace) -> Floats:
+    """(n,) how far computed values of polynomials may be from the true ones."""
+    with np.errstate(invalid="ignore"):
+        greatest = np.abs(bernstein_coefficients(expansion, modal, space)).max(axis=1, initial=0.0)
+        return basis_rounding(expansion, modal, space) + UNIT * operations(space) * greatest
 
 
 def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) -> tuple[Floats, Floats]:

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import STAND_IN, Buffer, Kernel
+from elvis.plugins.volume import Part, Quantity
+from elvis.renderer.device import Buffer, Kernel, stand_in
 from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
 from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import binned
@@ -103,7 +105,7 @@ class IsosurfaceDrawer:
 
     def _unproved(self, view: View, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) pixels that may see elements with the value, of which nothing is proved as they are no polynomials."""
-        if self.traversal.degree(number, quantity) > 0:
+        if self._certified(number, quantity):
             return np.zeros(view.count, bool)
         low, high = self.loaded.bounds(number, quantity)
         boxes = self.loaded.parts[number].boxes.astype(np.float64)
@@ -163,18 +165,16 @@ class IsosurfaceDrawer:
     def _sub_elements(self, level: _Level, unfinished: NDArray[Any] | None = None) -> NDArray[Any]:
         """What is to be drawn of a part, in order of depth: of all its elements, or parts of the sub-elements given."""
         number, quantity, value = level.number, level.quantity, level.value
-        start, split = (self._kernel(stage, number, quantity) for stage in ("iso_start", "iso_split"))
+        split = self._kernel("iso_split", number, quantity)
         parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
-        degree = self.traversal.degree(number, quantity) or STAND_IN
-        nodes, transform = (self.device.buffer(array) for array in _series(degree))
-        buffers = {**self.loaded.bound(number, quantity), "nodes": nodes, "transform": transform}
+        buffers = {**self.loaded.bound(number, quantity), **self._constants(number, quantity)}
         done = [parents[:0]]
         for iteration in range(_ROUNDS):
             last = len(parents) > MOST_SUB_ELEMENTS or iteration == _ROUNDS - 1
             ask = partial(self._ask, split, level, last=last)
             halved = iteration > 0 or unfinished is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
-            found = [self._keep(split if halved else start, batch, halved, buffers, ask) for batch in batches]
+            found = [self._keep(split, batch, halved, buffers, ask) for batch in batches]
             done += [sub_elements[sub_elements["fate"] != SPLIT] for sub_elements in found]
             parents = _join([parents[:0], *(sub_elements[sub_elements["fate"] == SPLIT] for sub_elements in found)])
             if not len(parents):
@@ -191,12 +191,12 @@ class IsosurfaceDrawer:
     ) -> NDArray[Any]:
         """What is left of some sub-elements, halved thrice or as they are."""
         lists = {
-            "ask": ask(count=len(parents)),
+            "ask": ask(count=len(parents), whole=not halved),
             "parents": self.device.buffer(parents),
             "sub_elements": self.device.empty(parents.dtype, (8 if halved else 1) * len(parents)),
             "count": self.device.buffer(np.zeros(1, np.uint32)),
         }
-        kernel(len(parents), {**buffers, **lists}, groups=halved)
+        kernel(len(parents) if halved else -(-len(parents) // 8), {**buffers, **lists}, groups=True)
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
@@ -210,7 +210,7 @@ class IsosurfaceDrawer:
     def _draw_sub_elements(self, draw: Kernel, level: _Level) -> None:
         """The other elements of a part, in sub-elements, and in parts of those in which rays take too many steps."""
         self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
-        certified = self.traversal.degree(level.number, level.quantity) > 0
+        certified = self._certified(level.number, level.quantity)
         ask = partial(self._ask, draw, level, certified=certified)
         unfinished = None
         for draft in range(_DRAFTS):
@@ -218,12 +218,51 @@ class IsosurfaceDrawer:
             if not len(sub_elements):
                 return
             last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
-            unfinished = sub_elements[self._draft(draw, level.buffers, sub_elements, partial(ask, last=last))]
+            unfinished = sub_elements[self._draft(draw, level, sub_elements, partial(ask, last=last))]
             if not len(unfinished):
                 return
 
+    def _certified(self, number: int, quantity: str | None) -> bool:
+        """Whether map and quantity are polynomials, or enclosed, so that proofs hold."""
+        return self.traversal.degree(number, quantity) > 0 or self._of(number, quantity).enclosure is not None
+
+    def _of(self, number: int, quantity: str | None) -> Part | Quantity:
+        part = self.loaded.parts[number]
+        return part if quantity is None else part.quantities[quantity]
+
+    def _constants(self, number: int, quantity: str | None) -> dict[str, Buffer]:
+        """What the stages before the drawing read beside a part's own buffers."""
+        own = self._of(number, quantity)
+        degree = own.degree or stand_in(own)
+        enclosure = None if own.degree else own.enclosure
+        nodes, transform = _series(degree)
+        leaf_nodes, leaf_transform = _series(1 if enclosure is None else enclosure.degree)
+        arrays = {
+            "nodes": nodes,
+            "transform": transform,
+            "leaf_nodes": leaf_nodes,
+            "leaf_transform": leaf_transform,
+            "leaf_errors": np.zeros(1) if enclosure is None else enclosure.errors(),
+            "axes": np.array(AXES),
+            "box_sizes": np.array(BOXES),
+            "tails": tails(degree),
+        }
+        return {name: self.device.buffer(array) for name, array in arrays.items()}
+
+    def _fits(self, level: _Level, sub_elements: NDArray[Any]) -> Buffer:
+        """The series that stand for a quantity that is no polynomial over sub-elements."""
+        number, quantity = level.number, level.quantity
+        own = self._of(number, quantity)
+        if own.degree or own.enclosure is None:
+            return self.device.empty(np.float64, 1)
+        kernel, count = self._kernel("iso_fit", number, quantity), len(sub_elements)
+        fits = self.device.empty(np.float64, (stand_in(own) + 1) ** 3 * count)
+        lists = {"ask": self._ask(kernel, level, count=count), "sub_elements": self.device.buffer(sub_elements), "fits": fits}
+        kernel(count, {**level.buffers, **self._constants(number, quantity), **lists})
+        return fits
+
     def _draft(
-        self, draw: Kernel, buffers: dict[str, Buffer], sub_elements: NDArray[Any], ask: Callable[..., Buffer]
+        self, draw: Kernel, level: _Level, sub_elements: NDArray[Any], ask: Callable[..., Buffer]
     ) -> Bools:
         """Draws sub-elements; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
         least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
@@ -234,9 +273,10 @@ class IsosurfaceDrawer:
             "tiles": self.device.buffer(tiles),
             "order": self.device.buffer(order),
             "sub_elements": self.device.buffer(sub_elements),
+            "fits": self._fits(level, sub_elements),
             "unfinished": self.device.buffer(np.zeros(len(sub_elements), np.uint32)),
         }
-        draw(len(tiles), {**buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
+        draw(len(tiles), {**level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
         return np.asarray(self.device.read(lists["unfinished"], np.uint32)[: len(sub_elements)] > 0)
 
     def _ask(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:

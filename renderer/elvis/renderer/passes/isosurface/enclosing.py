@@ -1,0 +1,57 @@
+"""Quantities that are no polynomials, enclosed: what the kernels read of them (iso_enclose.slang)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from elvis.core.arrays import Floats, frozen_floats
+
+#: long half axes of the ellipses that are tried, as in iso_enclose.slang: the first is the real box
+AXES = (1.0, 1.6, 2.2, 3.2, 5.0, 8.0, 13.0)
+#: half sides of boxes that errors are known on
+BOXES = (1.0, 1.02, 1.1, 1.42)
+#: terms of the sums, and the greatest ratio of one to the one before
+_TERMS, _SLOWEST = 400, 0.85
+
+
+@lru_cache(maxsize=16)
+def tails(degree: int) -> Floats:
+    """(ellipses, boxes, 4) how far a function may be from its series of a degree, in parts of M (iso_enclose.slang).
+
+    Values, first derivatives, second ones along one direction, and across two.  Infinite where the sums don't converge.
+
+    A term T_k that the series lacks stands for T_j, j <= degree, at the Chebyshev points: both count.  With the sums of
+    w_k r^-k T_k and of derivatives, w_0 = 1, else 2, over all k (``whole``) and those beyond the degree (``rest``), terms
+    beyond the degree in one direction at least sum to `rest` of that direction times `whole` of the others.
+    """
+    found = np.full((len(AXES), len(BOXES), 4), np.inf)
+    for e, axis in enumerate(AXES):
+        for b, box in enumerate(BOXES):
+            ratio = axis + np.sqrt(axis * axis - 1.0)
+            if (box + np.sqrt(box * box - 1.0)) / ratio <= _SLOWEST:
+                found[e, b] = _tails(degree, ratio, box)
+    return frozen_floats(found)
+
+
+def _tails(degree: int, ratio: float, box: float) -> Floats:
+    terms = _growth(box) * (2.0 * ratio ** -np.arange(_TERMS, dtype=float))
+    terms[:, 0] /= 2.0
+    whole, rest = terms.sum(axis=1), terms[:, degree + 1 :].sum(axis=1)
+    value = 3.0 * rest[0] * whole[0] ** 2
+    first = rest[1] * whole[0] ** 2 + 2.0 * rest[0] * whole[0] * whole[1]
+    pure = rest[2] * whole[0] ** 2 + 2.0 * rest[0] * whole[0] * whole[2]
+    mixed = 2.0 * rest[1] * whole[1] * whole[0] + rest[0] * whole[1] ** 2
+    return 2.0 * (1.0 + 1e-9) * np.array([value, first, pure, mixed])
+
+
+def _growth(box: float) -> Floats:
+    """(3, terms) the greatest values of T_k and of its first and second derivative on [-box, box]."""
+    found = np.zeros((3, _TERMS))
+    found[0, 0], found[:2, 1] = 1.0, (box, 1.0)
+    for k in range(2, _TERMS):
+        found[:, k] = 2.0 * box * found[:, k - 1] - found[:, k - 2]
+        found[1, k] += 2.0 * found[0, k - 1]
+        found[2, k] += 4.0 * found[1, k - 1]
+    return found
