@@ -135,7 +135,7 @@ class Formula:
             return f"Disc({self._constant(node.name, 'leaves.element')})"
         if node.op == "field":
             m = self.fields.index(node.name)
-            return f"gradient{m}.{'xyz'[node.axes[0]]}" if node.axes else f"leaves.values[{m}]"
+            return f"gradient{m}.{'xyz'[node.axes[0]]}" if node.axes else f"leaves.field({m})"
         operands = [f"v{numbers[operand]}" for operand in node.operands]
         if _is_whole_power(node):
             return f"whole_power({operands[0]}, {int(node.operands[-1].value)})"

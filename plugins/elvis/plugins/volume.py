@@ -42,7 +42,7 @@ class Enclosure:
     degree      greatest degree of the leaves, the map among them, in any one coordinate that ``Part.degree`` speaks of
     map_degree  of the map
     is_total    whether ``degree`` is that of all coordinates together
-    errors      (n, fields + 3) how far computed values of the leaves may be from the true ones in each element
+    errors      (n, 3 + fields) how far computed values of the leaves may be from the true ones in each element
     """
 
     type: str

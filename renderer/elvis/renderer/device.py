@@ -38,7 +38,7 @@ GROUPS_IN_ROW = 32768
 #: degree of the polynomials that stand for what isn't one, over a sub-element
 STAND_IN = 4
 #: the same where it is known how far from them it may be
-ENCLOSED = 8
+ENCLOSED = 7
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
 #: the number of a dispatch's first group, as in dispatch.slang

@@ -148,12 +148,12 @@ class Elements:
         )
 
     def _leaf_errors(self, names: tuple[str, ...]) -> Floats:
-        """(n, fields + 3) how far computed values of fields, x, y and z may be from the true ones in each element."""
+        """(n, 3 + fields) how far computed values of x, y, z and fields may be from the true ones in each element."""
         space, found = self._net(names)[0], []
         for patch in self.patches:
             coordinates = [_rounding_of(patch.geometry, patch.geometry_coefficients[:, axis], self.geometry) for axis in range(3)]
             fields = [self._leaf_error(patch, self.names.index(name), space) for name in names]
-            found.append(np.stack([*fields, *coordinates], axis=1))
+            found.append(np.stack([*coordinates, *fields], axis=1))
         return frozen_floats(np.concatenate(found))
 
     def _leaf_error(self, patch: Patch, number: int, space: BernsteinSpace) -> Floats:
