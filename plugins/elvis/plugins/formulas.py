@@ -41,6 +41,9 @@ _FUNCTIONS: Mapping[str, str] = {
     "middle_eigenvalue": "middle_eigenvalue",
 }
 
+#: functions that are not enclosed
+_WITHOUT_DISCS = ("imaginary_root", "middle_eigenvalue")
+
 #: parts of an expression that a kernel evaluates
 _MOST = 1000
 
@@ -107,10 +110,12 @@ class Formula:
     @property
     def is_enclosed(self) -> bool:
         """Whether discs of its values follow from those of fields, first derivatives, coordinates and constants."""
-        return all(
-            is_constant(leaf.name) if leaf.op == "attribute" else len(leaf.axes) <= 1
-            for leaf in leaves(self.expression.root)
-        )
+        known = (is_constant(leaf.name) if leaf.op == "attribute" else len(leaf.axes) <= 1 for leaf in self._leaves)
+        return all(known) and not any(node.op in _WITHOUT_DISCS for node in ordered(self.expression.root))
+
+    @property
+    def _leaves(self) -> Sequence[Node]:
+        return leaves(self.expression.root)
 
     def _within(self) -> Iterator[str]:
         """The same of discs: one for each part of the expression, after those of its operands."""

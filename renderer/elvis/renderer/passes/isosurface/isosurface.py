@@ -30,6 +30,8 @@ from elvis.scene.view import View
 SPLIT, UNDEFINED = 0, 4
 #: sub-elements that are halved at once; beyond it nothing more is proved
 MOST_SUB_ELEMENTS = 1 << 19
+#: the same of quantities that are no polynomials, which are sampled longer
+MOST_ENCLOSED = 1 << 16
 #: rounds of halving, and sub-elements that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
 #: what of the hit buffer the device holds
@@ -166,11 +168,12 @@ class IsosurfaceDrawer:
         """What is to be drawn of a part, in order of depth: of all its elements, or parts of the sub-elements given."""
         number, quantity, value = level.number, level.quantity, level.value
         split = self._kernel("iso_split", number, quantity)
+        most = MOST_SUB_ELEMENTS if self.traversal.degree(number, quantity) else MOST_ENCLOSED
         parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
         buffers = {**self.loaded.bound(number, quantity), **self._constants(number, quantity)}
         done = [parents[:0]]
         for iteration in range(_ROUNDS):
-            last = len(parents) > MOST_SUB_ELEMENTS or iteration == _ROUNDS - 1
+            last = len(parents) > most or iteration == _ROUNDS - 1
             ask = partial(self._ask, split, level, last=last)
             halved = iteration > 0 or unfinished is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
