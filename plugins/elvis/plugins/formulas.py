@@ -254,7 +254,6 @@ class Formula:
             return f"1.0lf / {length}" if name == "face_height" else f"-inward.{name[1]} / {length}"
         return "frame.determinant()" if name == "jacobian" else "scaled_jacobian(frame)"
 
-
     def _constant(self, name: str, element: str) -> str:
         """One of an element's numbers."""
         names = self.constants

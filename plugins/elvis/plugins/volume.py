@@ -35,7 +35,7 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Enclosure:
-    """What a quantity that is no polynomial is made of, so that isosurfaces of it are proved (``shaders/enclosures.slang``).
+    """What a quantity that is no polynomial is made of, so that its isosurfaces are proved (``enclosures.slang``).
 
     type        the type that implements ILeaves
     fields      number of fields among the leaves

@@ -134,9 +134,12 @@ class Elements:
         return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure)
 
     def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
-        """What a formula is made of, on solid elements."""
+        """What a formula is made of, on solid elements.
+
+        Not on pyramids: derivatives have no limit at the apex, next to which halving would not end.
+        """
         shape, names = self.geometry.shape, tuple(formula.fields)
-        if shape.dimension < 3 or not names or not formula.is_enclosed:
+        if shape.dimension < 3 or shape is Shape.PYRAMID or not names or not formula.is_enclosed:
             return None
         return Enclosure(
             type=f"LeavesOf<{type}, Given>",
@@ -151,7 +154,9 @@ class Elements:
         """(n, 3 + fields) how far computed values of x, y, z and fields may be from the true ones in each element."""
         space, found = self._net(names)[0], []
         for patch in self.patches:
-            coordinates = [_rounding_of(patch.geometry, patch.geometry_coefficients[:, axis], self.geometry) for axis in range(3)]
+            coordinates = [
+                _rounding_of(patch.geometry, patch.geometry_coefficients[:, axis], self.geometry) for axis in range(3)
+            ]
             fields = [self._leaf_error(patch, self.names.index(name), space) for name in names]
             found.append(np.stack([*coordinates, *fields], axis=1))
         return frozen_floats(np.concatenate(found))

@@ -23,8 +23,8 @@ def tails(degree: int) -> Floats:
     Values, first derivatives, second ones along one direction, and across two.  Infinite where the sums don't converge.
 
     A term T_k that the series lacks stands for T_j, j <= degree, at the Chebyshev points: both count.  With the sums of
-    w_k r^-k T_k and of derivatives, w_0 = 1, else 2, over all k (``whole``) and those beyond the degree (``rest``), terms
-    beyond the degree in one direction at least sum to `rest` of that direction times `whole` of the others.
+    w_k r^-k T_k and of derivatives, w_0 = 1, else 2, over all k (``whole``) and those beyond the degree (``rest``),
+    terms beyond the degree in one direction at least sum to `rest` of that direction times `whole` of the others.
     """
     found = np.full((len(AXES), len(BOXES), 4), np.inf)
     for e, axis in enumerate(AXES):

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.camera import record_of
 from elvis.plugins.volume import Part, Quantity
+from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel, stand_in
 from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
@@ -260,13 +260,15 @@ class IsosurfaceDrawer:
             return self.device.empty(np.float64, 1)
         kernel, count = self._kernel("iso_fit", number, quantity), len(sub_elements)
         fits = self.device.empty(np.float64, (stand_in(own) + 1) ** 3 * count)
-        lists = {"ask": self._ask(kernel, level, count=count), "sub_elements": self.device.buffer(sub_elements), "fits": fits}
+        lists = {
+            "ask": self._ask(kernel, level, count=count),
+            "sub_elements": self.device.buffer(sub_elements),
+            "fits": fits,
+        }
         kernel(count, {**level.buffers, **self._constants(number, quantity), **lists})
         return fits
 
-    def _draft(
-        self, draw: Kernel, level: _Level, sub_elements: NDArray[Any], ask: Callable[..., Buffer]
-    ) -> Bools:
+    def _draft(self, draw: Kernel, level: _Level, sub_elements: NDArray[Any], ask: Callable[..., Buffer]) -> Bools:
         """Draws sub-elements; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
         least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
         least[:, :2], most[:, :2] = sub_elements["bounds"][:, :2], sub_elements["bounds"][:, 2:]

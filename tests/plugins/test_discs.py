@@ -1,0 +1,143 @@
+"""Discs hold what functions make of complex numbers in them, and of real ones that are computed with errors."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+FUNCTIONS = {
+    "plus": lambda a, b: a + b,
+    "minus": lambda a, b: a - b,
+    "times": lambda a, b: a * b,
+    "over": lambda a, b: a / b,
+    "cube": lambda a, b: a**3,
+    "inverse square": lambda a, b: a**-2,
+    "power": lambda a, b: np.exp(b * np.log(a)),
+    "sqrt": lambda a, b: np.sqrt(a),
+    "exp": lambda a, b: np.exp(a),
+    "log": lambda a, b: np.log(a),
+    "sin": lambda a, b: np.sin(a),
+    "cos": lambda a, b: np.cos(a),
+    "tan": lambda a, b: np.tan(a),
+    "asin": lambda a, b: np.arcsin(a),
+    "acos": lambda a, b: np.arccos(a),
+    "atan": lambda a, b: np.arctan(a),
+    "atan2": None,
+    "sinh": lambda a, b: np.sinh(a),
+    "cosh": lambda a, b: np.cosh(a),
+    "tanh": lambda a, b: np.tanh(a),
+    "abs": None,
+    "min": None,
+    "max": None,
+    "sign": None,
+    "step": None,
+}
+REAL = {
+    "atan2": np.arctan2,
+    "abs": lambda a, b: np.abs(a),
+    "min": np.minimum,
+    "max": np.maximum,
+    "sign": lambda a, b: np.sign(a),
+    "step": lambda a, b: np.where(a < b, 1.0, 0.0),
+}
+COUNT, POINTS = 400, 40
+NAMES = list(FUNCTIONS)
+
+
+@pytest.fixture(scope="module")
+def made(renderer):
+    """Random pairs of discs, and what the device makes of them: (n, 4) middle, radius, error and whether smooth."""
+    device = renderer("vulkan").device
+    folders = list(device._folders)
+    device.include(Path(__file__).parent / "shaders")
+    kernel = device.kernel("discs_check")
+    device.include(folders[-1])
+
+    def make(name, first, second):
+        pairs = np.zeros(len(first), kernel.dtype("pairs"))
+        pairs["first"][:, :3], pairs["second"][:, :3] = first, second
+        pairs["function"] = NAMES.index(name)
+        found = device.empty(np.float64, 4 * len(first))
+        kernel(len(first), {"pairs": device.buffer(pairs), "found": found})
+        return device.read(found, np.float64)[: 4 * len(first)].reshape(-1, 4)
+
+    return make
+
+
+def random_discs(rng, error=0.0):
+    middle = rng.uniform(-2.0, 3.0, COUNT)
+    radius = 10.0 ** rng.uniform(-6.0, 0.3, COUNT)
+    return np.stack([middle, radius, np.full(COUNT, error)], axis=1)
+
+
+def inside(rng, discs, real):
+    """(n, points) random points of discs, on their borders mostly."""
+    angle = rng.uniform(0.0, 2.0 * np.pi, (len(discs), POINTS))
+    part = np.minimum(1.0, rng.uniform(0.0, 2.0, angle.shape))
+    offset = part * np.where(rng.random(angle.shape) < 0.5, -1.0, 1.0) if real else part * np.exp(1j * angle)
+    return discs[:, :1] + discs[:, 1:2] * offset
+
+
+def check(rows, values, known):
+    """Values (n, points) lie in discs, whose radius is something where ``known``."""
+    tiny = 1e-13 * (1.0 + np.abs(values))
+    room = np.where(np.isfinite(rows[:, 1:2]), rows[:, 1:2], np.inf)
+    assert (np.abs(values - rows[:, :1]) <= room + tiny)[known].all()
+    assert known.mean() > 0.1
+
+
+@pytest.mark.parametrize("name", [name for name, function in FUNCTIONS.items() if function])
+def test_complex_values_lie_in_the_discs_of_analytic_functions(made, name):
+    """Of functions that are analytic on their operands' discs."""
+    rng = np.random.default_rng(NAMES.index(name))
+    first, second = random_discs(rng), random_discs(rng)
+    if name in ("asin", "acos"):
+        first[:, 0] *= 0.3
+    rows = made(name, first, second)
+    smooth = (rows[:, 3] != 0) & np.isfinite(rows[:, 1])
+    with np.errstate(all="ignore"):
+        values = FUNCTIONS[name](inside(rng, first, False).astype(complex), inside(rng, second, False).astype(complex))
+    check(rows, values, smooth)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("power",)])
+def test_real_values_lie_in_the_discs_of_all_functions(made, name):
+    """Also where they have kinks, jumps or other branches; where a function isn't defined nothing is said."""
+    rng = np.random.default_rng(100 + NAMES.index(name))
+    first, second = random_discs(rng), random_discs(rng)
+    rows = made(name, first, second)
+    function = FUNCTIONS[name] or REAL[name]
+    with np.errstate(all="ignore"):
+        values = function(inside(rng, first, True), inside(rng, second, True))
+    defined = np.isfinite(values).all(axis=1) & np.isfinite(rows[:, 1])
+    check(rows, values, defined)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("sign", "step")])
+def test_errors_of_operands_become_errors_of_results(made, name):
+    """Operands that are off by as much as they say make values that are off by no more than the result says."""
+    rng = np.random.default_rng(200 + NAMES.index(name))
+    error = 1e-6
+    first, second = random_discs(rng, error), random_discs(rng, error)
+    first[:, 1], second[:, 1] = 1e-2, 1e-2
+    rows = made(name, first, second)
+    function = FUNCTIONS[name] or REAL[name]
+    a, b = inside(rng, first, True), inside(rng, second, True)
+    shift, other = (rng.choice([-error, error], a.shape) for _ in range(2))
+    with np.errstate(all="ignore"):
+        moved = np.abs(function(a + shift, b + other) - function(a, b))
+    known = np.isfinite(moved).all(axis=1) & np.isfinite(rows[:, 2])
+    assert (moved <= 1.001 * rows[:, 2:3] + 1e-13)[known].all()
+    assert known.mean() > 0.1
+
+
+def test_radii_are_those_of_the_derivative_where_discs_are_small(made):
+    """Tight: a disc's radius is at most 1.01 times that of the linear map."""
+    rng = np.random.default_rng(5)
+    first = random_discs(rng)
+    first[:, 0], first[:, 1] = rng.uniform(0.2, 0.8, COUNT), 1e-6
+    steep = {"sqrt": lambda a: 0.5 / np.sqrt(a), "exp": np.exp, "log": lambda a: 1 / a, "sinh": np.cosh}
+    for name, derivative in steep.items():
+        rows = made(name, first, first)
+        bound = 1e-6 * derivative(first[:, 0])
+        assert (rows[:, 1] <= (1.01 if name != "sinh" else 1.5) * bound).all(), name

@@ -1,0 +1,142 @@
+"""Isosurfaces of expressions on bent elements: what they call certain, against dense samples; errors of series."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.polynomial import chebyshev
+
+from elvis.core.dataset import Dataset
+from elvis.core.sampling import sample
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid
+from elvis.plugins.native import NativeVolume
+from elvis.renderer import Camera, Status
+from elvis.renderer.loaded import Loaded
+from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
+from elvis.scene.view import View
+
+CAMERA = Camera((1.7, -1.2, 1.4), (0.5, 0.5, 0.5), fov=45.0)
+#: samples of a ray, between these depths
+COUNT, DEPTHS = 300, (0.9, 3.4)
+WAVES = {
+    "u": lambda p: np.sin(3 * p[:, 0]) * np.cos(2 * p[:, 1]),
+    "v": lambda p: -np.cos(3 * p[:, 0]) * np.sin(2 * p[:, 1] + p[:, 2]),
+    "w": lambda p: np.sin(3 * p[:, 2] + p[:, 0] * p[:, 1]),
+}
+
+
+def bent(points):
+    """Bends that no element of three nodes an edge follows: its own map is what counts."""
+    x, y, z = points.T
+    return points + 0.05 * np.stack([np.sin(4 * y), np.sin(5 * z), np.sin(3 * x + 2 * y)], axis=1)
+
+
+def flow(shape, cells=1):
+    """Velocities on bent elements, each with random coefficients of its own around waves."""
+    rng = np.random.default_rng(7)
+    dataset = Dataset(curved(grid(shape, cells), bent, 3))
+    fields = []
+    for name, wave in WAVES.items():
+        field = approximated(dataset, name, wave, 4)
+        blocks = [
+            replace(b, coefficients=b.coefficients + 0.02 * rng.normal(size=b.coefficients.shape)) for b in field.blocks
+        ]
+        fields.append(replace(field, blocks=tuple(blocks)))
+    return Dataset(dataset.mesh, tuple(fields))
+
+
+@pytest.fixture(scope="module")
+def iso(renderer):
+    """The hits of an isosurface of a quantity."""
+
+    def draw(dataset, view, quantity, value):
+        drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, NativeVolume.of(dataset, quantity)))
+        return drawer.draw(view, None, value)
+
+    return draw
+
+
+def off_level(dataset, quantity, value, points):
+    """(n,) how far the quantity is from the value at each point, in the element where it is nearest to it."""
+    found = sample(dataset, [quantity], points, all=True)
+    away = np.full(len(points), np.inf)
+    np.minimum.at(away, found.location.point, np.abs(found.values[:, 0] - value))
+    return away
+
+
+def first_crossings(dataset, quantity, value, view):
+    """(n,) depths on rays where dense samples in one element have been on both sides of the value."""
+    origins, ways = view.every_ray()
+    depths = np.linspace(*DEPTHS, COUNT)
+    dense = sample(dataset, [quantity], (origins[:, None] + depths[:, None] * ways[:, None]).reshape(-1, 3))
+    values, element = np.full(view.count * COUNT, np.nan), np.full(view.count * COUNT, -1)
+    values[dense.location.point], element[dense.location.point] = dense.values[:, 0] - value, dense.location.element_id
+    values, element = values.reshape(-1, COUNT), element.reshape(-1, COUNT)
+    crosses = (values[:, 1:] * values[:, :-1] < 0) & (element[:, 1:] == element[:, :-1]) & (element[:, 1:] >= 0)
+    return np.where(crosses.any(axis=1), depths[1 + crosses.argmax(axis=1)], np.inf)
+
+
+def refute(iso, dataset, quantity, value, size, share):
+    """Certain hits lie on the level, nothing lies before them nor on certain misses; ``share`` are certain."""
+    view = View.through(CAMERA, size)
+    hits = iso(dataset, view, quantity, value)
+    hit, sure = np.isfinite(hits.depth), hits.status != Status.AMBIGUOUS
+    assert (hit & sure).mean() > 0.02
+    assert sure.mean() > share
+    origins, ways = view.every_ray()
+    proved = hit & sure
+    away = off_level(dataset, quantity, value, (origins + hits.depth[:, None] * ways)[proved])
+    assert away.max() < 1e-9
+    crossings = first_crossings(dataset, quantity, value, view)
+    assert np.isfinite(crossings).any()
+    assert (hits.depth[sure] <= crossings[sure]).all()
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
+def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
+    """The Q criterion on bent elements is a fraction."""
+    refute(iso, flow(shape), "q_criterion", 1.0, (20, 16), 0.99)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "share"),
+    [
+        ("sqrt(u^2 + v^2 + w^2) * exp(u)", 0.8, 0.9),
+        ("sin(2 * u) + x * y", 0.4, 0.99),
+        ("max(u, v) + abs(w)", 0.9, 0.8),
+        ("atan2(w, 2 + u) + tanh(v)", 0.3, 0.99),
+    ],
+)
+def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value, share):
+    """Where a function has a kink, doubts stay."""
+    refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), share)
+
+
+@pytest.mark.parametrize("degree", [3, 7])
+def test_tails_bound_the_errors_of_series(degree):
+    """1 / (a - x) along one direction, which is at most 1 / (a - c) on the ellipse through c; derivatives as well."""
+    nodes = np.cos(np.pi * (2 * np.arange(degree + 1) + 1) / (2 * degree + 2))
+    for pole in (1.2, 1.7, 3.0, 9.0):
+        series = chebyshev.chebfit(nodes, 1 / (pole - nodes), degree)
+        for e, axis in enumerate(AXES):
+            for b, box in enumerate(BOXES):
+                if not 1.0 < axis < pole or box >= axis:
+                    continue
+                x = np.linspace(-box, box, 501)
+                greatest = 1 / (pole - axis)
+                for order, row in enumerate((0, 1, 2)):
+                    true = (1, 1, 2)[order] / (pole - x) ** (order + 1)
+                    found = chebyshev.chebval(x, chebyshev.chebder(series, order) if order else series)
+                    assert np.abs(found - true).max() <= tails(degree)[e, b, row] * greatest
+
+
+def test_tails_are_no_greater_than_they_must_be():
+    """The error of 1 / (a - x) is at least a hundredth of what one direction's part of the bound says."""
+    degree, pole = 7, 2.0
+    nodes = np.cos(np.pi * (2 * np.arange(degree + 1) + 1) / (2 * degree + 2))
+    x = np.linspace(-1.0, 1.0, 501)
+    off = np.abs(chebyshev.chebval(x, chebyshev.chebfit(nodes, 1 / (pole - nodes), degree)) - 1 / (pole - x)).max()
+    best = min(tails(degree)[e, 0, 0] / (pole - axis) for e, axis in enumerate(AXES) if 1.0 < axis < pole)
+    assert off > best / 3000
