@@ -101,17 +101,11 @@ def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
 
 
 @pytest.mark.parametrize(
-    ("quantity", "value", "share"),
-    [
-        ("sqrt(u^2 + v^2 + w^2) * exp(u)", 0.8, 0.9),
-        ("sin(2 * u) + x * y", 0.4, 0.99),
-        ("max(u, v) + abs(w)", 0.9, 0.8),
-        ("atan2(w, 2 + u) + tanh(v)", 0.3, 0.99),
-    ],
+    ("quantity", "value"), [("sin(2 * u) + x * y", 0.4), ("exp(u) * v + tanh(w)", 0.3), ("vorticity", 4.0)]
 )
-def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value, share):
-    """Where a function has a kink, doubts stay."""
-    refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), share)
+def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value):
+    """The size of the vorticity has its values where its square, without a kink, has theirs."""
+    refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), 0.98)
 
 
 @pytest.mark.parametrize("degree", [3, 7])

@@ -41,8 +41,8 @@ _FUNCTIONS: Mapping[str, str] = {
     "middle_eigenvalue": "middle_eigenvalue",
 }
 
-#: functions that are not enclosed
-_WITHOUT_DISCS = ("imaginary_root", "middle_eigenvalue")
+#: functions that are analytic wherever they are asked for
+_SMOOTH = ("+", "-", "*", "exp", "sin", "cos", "sinh", "cosh", "atan", "tanh")
 
 #: parts of an expression that a kernel evaluates
 _MOST = 1000
@@ -109,9 +109,12 @@ class Formula:
 
     @property
     def is_enclosed(self) -> bool:
-        """Whether discs of its values follow from those of fields, first derivatives, coordinates and constants."""
+        """Whether discs of its values follow from those of fields, first derivatives, coordinates and constants.
+
+        Only where it has no kinks, jumps and poles: sub-elements that hold one would be halved on and on.
+        """
         known = (is_constant(leaf.name) if leaf.op == "attribute" else len(leaf.axes) <= 1 for leaf in self._leaves)
-        return all(known) and not any(node.op in _WITHOUT_DISCS for node in ordered(self.expression.root))
+        return all(known) and all(map(_is_smooth, ordered(self.expression.root)))
 
     @property
     def _leaves(self) -> Sequence[Node]:
@@ -258,6 +261,15 @@ class Formula:
         """One of an element's numbers."""
         names = self.constants
         return f"element_constants[{element} * {len(names)}u + {names.index(name)}u]"
+
+
+def _is_smooth(node: Node) -> bool:
+    """Whether a part of an expression has neither kinks nor jumps nor poles, whatever its operands are."""
+    if node.op in LEAVES or node.op in _SMOOTH:
+        return True
+    if node.op == "/":
+        return node.operands[1].op == "number" and node.operands[1].value != 0
+    return _is_whole_power(node) and node.operands[1].value >= 0
 
 
 def _is_whole_power(node: Node) -> bool:

@@ -216,7 +216,7 @@ class Elements:
         root, level = found
         quantity = self._quantity(Expression(f"{expression.text} at {value!r}", root), bounded=True)
         if not quantity.degree:
-            return None
+            return None if quantity.enclosure is None else (quantity, level)
         rounding = quantity.rounding
         assert rounding is not None
         return replace(quantity, rounding=lambda: rounding() + LEVEL_ROUNDING * abs(level)), level

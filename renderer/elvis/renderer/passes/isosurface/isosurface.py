@@ -30,8 +30,10 @@ from elvis.scene.view import View
 SPLIT, UNDEFINED = 0, 4
 #: sub-elements that are halved at once; beyond it nothing more is proved
 MOST_SUB_ELEMENTS = 1 << 19
-#: the same of quantities that are no polynomials, which are sampled longer
-MOST_ENCLOSED = 1 << 16
+#: the same of quantities that are no polynomials, whose series may never do: for each element, and at least
+_OF_AN_ELEMENT, _AT_LEAST = 128, 1 << 13
+#: sub-elements whose series are on the device together
+_FITTED = 1 << 16
 #: rounds of halving, and sub-elements that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
 #: what of the hit buffer the device holds
@@ -168,10 +170,12 @@ class IsosurfaceDrawer:
         """What is to be drawn of a part, in order of depth: of all its elements, or parts of the sub-elements given."""
         number, quantity, value = level.number, level.quantity, level.value
         split = self._kernel("iso_split", number, quantity)
-        most = MOST_SUB_ELEMENTS if self.traversal.degree(number, quantity) else MOST_ENCLOSED
+        of_polynomials = self.traversal.degree(number, quantity) > 0
         parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
         buffers = {**self.loaded.bound(number, quantity), **self._constants(number, quantity)}
         done = [parents[:0]]
+        enclosed = max(_OF_AN_ELEMENT * len(parents), _AT_LEAST)
+        most = MOST_SUB_ELEMENTS if of_polynomials else min(enclosed, MOST_SUB_ELEMENTS)
         for iteration in range(_ROUNDS):
             last = len(parents) > most or iteration == _ROUNDS - 1
             ask = partial(self._ask, split, level, last=last)
@@ -221,9 +225,16 @@ class IsosurfaceDrawer:
             if not len(sub_elements):
                 return
             last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
-            unfinished = sub_elements[self._draft(draw, level, sub_elements, partial(ask, last=last))]
+            drawn = partial(self._draft, draw, level, ask=partial(ask, last=last))
+            unfinished = sub_elements[np.concatenate([drawn(some) for some in self._fitted(level, sub_elements)])]
             if not len(unfinished):
                 return
+
+    def _fitted(self, level: _Level, sub_elements: NDArray[Any]) -> list[NDArray[Any]]:
+        """Sub-elements that are drawn together: as many as the device has room for the series of."""
+        if self.traversal.degree(level.number, level.quantity) > 0:
+            return [sub_elements]
+        return np.array_split(sub_elements, -(-len(sub_elements) // _FITTED))
 
     def _certified(self, number: int, quantity: str | None) -> bool:
         """Whether map and quantity are polynomials, or enclosed, so that proofs hold."""
