@@ -153,7 +153,7 @@ def test_elements_whose_jacobian_fails_are_listed_with_a_place(tmp_path):
 
 
 def test_two_checks_at_once_are_a_usage_error(elvis, pipe):
-    with pytest.raises(click.UsageError, match="found both"):
+    with pytest.raises(click.UsageError, match="found several"):
         elvis("info", "--jacobian", "--strict", *pipe[0])
 
 
