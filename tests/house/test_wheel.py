@@ -14,7 +14,7 @@ AGAINST_THE_WHEEL = (
     "tests/formats/test_points.py",
     "tests/plugins/test_command.py",
     "tests/plugins/test_registry.py",
-    "tests/plugins/test_conversion.py",
+    "tests/plugins/test_kept_conversions.py",
     "tests/plugins/test_runtime_tutorial.py",
 )
 
