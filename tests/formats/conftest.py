@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from elvis.formats import FormatError, read
+from elvis.formats import FormatError
+from elvis.formats.reading import read
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 MESH_SUFFIXES, FIELD_SUFFIXES = (".xml", "_xml"), (".fld", ".rst", ".chk")

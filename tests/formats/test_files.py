@@ -10,7 +10,8 @@ from elvis.core.distances.triangle_files import triangles_of
 from elvis.core.files.archives import names_in
 from elvis.core.files.plain import leading
 from elvis.core.queries import points_in_table
-from elvis.formats import ElvisError, read
+from elvis.formats import ElvisError
+from elvis.formats.reading import read
 from elvis.formats.strict import findings
 from elvis.plugins.discovery import chosen, installed
 from elvis.plugins.opening import open_files

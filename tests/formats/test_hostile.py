@@ -9,7 +9,8 @@ import zlib
 import numpy as np
 import pytest
 
-from elvis.formats import Shape, read
+from elvis.formats import Shape
+from elvis.formats.reading import read
 from elvis.formats.strict import findings
 
 MEBIBYTE = 1 << 20

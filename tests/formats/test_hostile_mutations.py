@@ -13,7 +13,8 @@ import pytest
 
 from elvis.core.patch import patches
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.formats import ElvisError, read
+from elvis.formats import ElvisError
+from elvis.formats.reading import read
 
 ROUNDS = 200
 SECONDS_EACH = 10.0

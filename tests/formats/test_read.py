@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from elvis.core.polynomials.expansion import mode_count
-from elvis.formats import ElvisError, FormatError, Shape, read, write
+from elvis.formats import ElvisError, FormatError, Shape, write
+from elvis.formats.reading import read
 
 SQUARE = """<?xml version="1.0" encoding="utf-8" ?>
 <NEKTAR>
