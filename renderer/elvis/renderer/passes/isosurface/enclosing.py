@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, frozen_floats
 
@@ -33,6 +34,18 @@ def tails(degree: int) -> Floats:
             if (box + np.sqrt(box * box - 1.0)) / ratio <= _SLOWEST:
                 found[e, b] = _tails(degree, ratio, box)
     return frozen_floats(found)
+
+
+def powers(nodes: Floats, transform: Floats) -> tuple[Floats, Floats]:
+    """Chebyshev points (n,), and the matrix (n, n) from values there to coefficients of powers.
+
+    transform  the matrix to coefficients of a series
+    """
+    count = len(nodes)
+    monomials = np.zeros((count, count))
+    for k in range(count):
+        monomials[: k + 1, k] = chebyshev.cheb2poly(np.eye(count)[k, : k + 1])
+    return nodes, np.ascontiguousarray(monomials @ transform)
 
 
 def _tails(degree: int, ratio: float, box: float) -> Floats:

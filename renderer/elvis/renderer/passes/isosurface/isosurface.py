@@ -16,7 +16,7 @@ from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel, stand_in
 from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
-from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
+from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 from elvis.renderer.passes.solids.solids import sampled
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import binned
@@ -250,12 +250,13 @@ class IsosurfaceDrawer:
         degree = own.degree or stand_in(own)
         enclosure = None if own.degree else own.enclosure
         nodes, transform = _series(degree)
-        leaf_nodes, leaf_transform = _series(1 if enclosure is None else enclosure.degree)
+        leaf_nodes, leaf_transform = powers(*_series(1 if enclosure is None else enclosure.degree))
         arrays = {
             "nodes": nodes,
             "transform": transform,
             "leaf_nodes": leaf_nodes,
             "leaf_transform": leaf_transform,
+            "leaf_sums": np.abs(leaf_transform).sum(axis=1),
             "leaf_errors": np.zeros(1) if enclosure is None else enclosure.errors(),
             "axes": np.array(AXES),
             "box_sizes": np.array(BOXES),
