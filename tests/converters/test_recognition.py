@@ -8,7 +8,7 @@ import pytest
 
 from elvis.converters.vtk import Vtk
 from elvis.core.errors import ElvisError, FormatError
-from elvis.formats import read
+from elvis.formats.reading import read
 from elvis.plugins.discovery import chosen, installed
 
 
