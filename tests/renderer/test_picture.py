@@ -101,7 +101,9 @@ def test_colours_go_through_the_table_in_equal_steps():
 
 
 def test_unknown_colour_maps_are_refused():
-    with pytest.raises(SceneError, match=r"colour map 'rainbowish' \(perhaps rainbow\): expected an \.xml file or a name of"):
+    with pytest.raises(
+        SceneError, match=r"colour map 'rainbowish' \(perhaps rainbow\): expected an \.xml file or a name of"
+    ):
         Palette.named("rainbowish", 0, 1)
 
 
