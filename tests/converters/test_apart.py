@@ -2,6 +2,7 @@ import gc
 import io
 import os
 import signal
+import subprocess
 import sys
 import threading
 from importlib.machinery import ModuleSpec
@@ -205,3 +206,22 @@ def test_a_time_limit_is_told_from_other_signals():
     assert apart._OUT_OF_TIME == -signal.SIGPROF
     assert "too long" in LibraryError(True).reason
     assert "too long" not in LibraryError().reason
+
+
+def test_closed_pipes_are_exceptions_though_gmsh_has_begun():
+    """Gmsh's library makes them end the process: a question to a library that has died would have ended ours."""
+    pytest.importorskip("gmsh")
+    code = """
+import gmsh
+from elvis.converters.apart import Apart, LibraryError
+apart = Apart("elvis.converters.gmsh_library:Library", 0)
+gmsh.initialize(["test"], readConfigFiles=False, interruptible=False)
+apart._process.kill()
+apart._process.wait()
+try:
+    apart.ask("mesh", "none", "none", False, size=0)
+except LibraryError:
+    print("an exception")
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "an exception\n"

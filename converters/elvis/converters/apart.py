@@ -100,6 +100,7 @@ class Apart:
         late: list[bool] = []
         timer = Timer(self._patience + _PATIENCE * (seconds + 1), _give_up, (self._process, late))
         timer.start()
+        ignore_closed_pipes()
         try:
             assert self._process.stdin is not None
             assert self._process.stdout is not None
@@ -122,6 +123,17 @@ class Apart:
         if kind == "failed":
             raise LibraryError(False, *found)
         return found[0]
+
+
+def ignore_closed_pipes() -> None:
+    """Let writing to a pipe that is closed be an exception again, as Python has it.
+
+    Gmsh's library, at its beginning, makes it end the process, without a word and without Python's knowledge.
+    """
+    ours = getattr(signal, "SIGPIPE", None)
+    if ours is not None and signal.getsignal(ours) is signal.SIG_IGN:
+        with suppress(ValueError):  # threads other than the main one can't say
+            signal.signal(ours, signal.SIG_IGN)
 
 
 def launched(worker: str, memory: int) -> subprocess.Popen[bytes]:

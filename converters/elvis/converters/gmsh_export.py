@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from elvis.converters.apart import ignore_closed_pipes
 from elvis.converters.exporting import Cell, Export, Piece, Target, exported
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
@@ -76,6 +77,7 @@ def _session() -> Iterator[Any]:
     is_ours = not gmsh.isInitialized()
     if is_ours:
         gmsh.initialize(["elvis"], readConfigFiles=False, interruptible=False)
+        ignore_closed_pipes()
     options = ("General.Terminal", "General.AbortOnError")
     before = {name: gmsh.option.getNumber(name) for name in options}
     current = None if is_ours else gmsh.model.getCurrent()
