@@ -317,7 +317,7 @@ def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) 
 
 
 def stand_in(chosen: Part | Quantity) -> int:
-    """Degree of the polynomials that stand for a quantity that is none, over a piece of an element."""
+    """Degree of the polynomials that stand for a quantity that is none, over a sub-element."""
     return STAND_IN if chosen.enclosure is None else max(ENCLOSED, chosen.enclosure.map_degree)
 
 
@@ -328,7 +328,7 @@ def _leaves(chosen: Part | Quantity) -> str:
         return ""
     return (
         f"export struct TheLeaves : ILeaves = {enclosure.type};"
-        f"export static const bool analytic = true;"
+        "export static const bool analytic = true;"
         f"export static const int leaf_fields = {enclosure.fields};"
         f"export static const int leaf_degree = {enclosure.degree};"
         f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
-from elvis.plugins.volume import Part, Volume
+from elvis.plugins.volume import Part, Quantity, Volume
 from elvis.renderer.device import Buffer, Device
 from elvis.renderer.pixels import BORDER
 from elvis.scene.fitting import surrounding
@@ -61,10 +61,15 @@ class Loaded:
         own = {} if quantity is None else self._bring(self.parts[number].quantities[quantity].buffers)
         return {**self.buffers[number], **own}
 
+    def chosen(self, number: int, quantity: str | None) -> Part | Quantity:
+        """One of a part's quantities, or the part itself, for its own field."""
+        part = self.parts[number]
+        return part if quantity is None else part.quantities[quantity]
+
     def leveled(self, number: int, quantity: str | None, value: float) -> tuple[str | None, float]:
         """A quantity of a part and its value that are in the same places, those of a polynomial where one is known."""
         part, key = self.parts[number], (number, f"{quantity} at {value!r}")
-        own = part if quantity is None else part.quantities[quantity]
+        own = self.chosen(number, quantity)
         if key not in self._levels:
             self._levels[key] = quantity, value
             if own.level is not None and (found := own.level(value)) is not None:
@@ -78,7 +83,7 @@ class Loaded:
         They are asked of the part once: every stage has them from here.
         """
         part = self.parts[number]
-        known = part.bounds if quantity is None else part.quantities[quantity].bounds
+        known = self.chosen(number, quantity).bounds
         if (number, quantity) not in self._bounds:
             endless = np.full(len(part), np.inf)
             self._bounds[number, quantity] = (-endless, endless) if known is None else known()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import Expansion, Homogeneous
+from elvis.core.dataset import Homogeneous
 from elvis.core.mapping.boxes import element_boxes
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
@@ -25,7 +25,7 @@ from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
-from elvis.plugins.native.rounding import UNIT, basis_rounding, expression_rounding, field_rounding, operations
+from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations, polynomial_rounding
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
@@ -154,9 +154,8 @@ class Elements:
         """(n, 3 + fields) how far computed values of x, y, z and fields may be from the true ones in each element."""
         space, found = self._net(names)[0], []
         for patch in self.patches:
-            coordinates = [
-                _rounding_of(patch.geometry, patch.geometry_coefficients[:, axis], self.geometry) for axis in range(3)
-            ]
+            maps = [patch.geometry_coefficients[:, axis] for axis in range(3)]
+            coordinates = [polynomial_rounding(patch.geometry, modal, self.geometry) for modal in maps]
             fields = [self._leaf_error(patch, self.names.index(name), space) for name in names]
             found.append(np.stack([*coordinates, *fields], axis=1))
         return frozen_floats(np.concatenate(found))
@@ -166,7 +165,7 @@ class Elements:
         expansion, modal = patch.fields[number], patch.coefficients[number]
         if expansion is None or modal is None:
             return np.full(len(patch), np.nan)
-        return _rounding_of(expansion, modal, space)
+        return polynomial_rounding(expansion, modal, space)
 
     def _of_net(self, net: Net) -> Quantity:
         """The quantity that polynomials are: a field like any other, whatever expression they are of."""
@@ -324,13 +323,6 @@ class Elements:
         if not self.series:
             return {}
         return {"waves": waves(self.series), "period": np.array(self.series.lengths)}
-
-
-def _rounding_of(expansion: Expansion, modal: Floats, space: BernsteinSpace) -> Floats:
-    """(n,) how far computed values of polynomials may be from the true ones."""
-    with np.errstate(invalid="ignore"):
-        greatest = np.abs(bernstein_coefficients(expansion, modal, space)).max(axis=1, initial=0.0)
-        return basis_rounding(expansion, modal, space) + UNIT * operations(space) * greatest
 
 
 def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) -> tuple[Floats, Floats]:

@@ -66,6 +66,13 @@ def field_rounding(patch: Patch, field: int, space: BernsteinSpace, coefficients
     return np.where(alike & ~small, 0.0, rounding)
 
 
+def polynomial_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace) -> Floats:
+    """(n,) how far computed values of polynomials, constants too, may be from the true ones; as `field_rounding`."""
+    with np.errstate(invalid="ignore"):
+        greatest = np.abs(bernstein_coefficients(expansion, modal, space)).max(axis=1, initial=0.0)
+        return np.asarray(basis_rounding(expansion, modal, space) + UNIT * operations(space) * greatest)
+
+
 def basis_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace) -> Floats:
     """(n,) how far Bernstein coefficients may be from the true ones: in proportion to the magnitudes of the modes."""
     summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=1, initial=0.0)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.plugins.volume import Part, Quantity
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.hits import Hits
@@ -29,7 +28,7 @@ class DistanceDrawer:
 
     def knows(self, quantity: str | None) -> bool:
         """Whether a quantity is a distance, and nothing else."""
-        return bool(self.loaded.parts) and self._of(quantity).is_distance
+        return bool(self.loaded.parts) and self.loaded.chosen(0, quantity).is_distance
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface that some element holds, as IsosurfaceDrawer.draw.
@@ -40,10 +39,6 @@ class DistanceDrawer:
         key = (quantity, value)
         hits = self.solids.looked_up(view, key, partial(self._met, key=key), beyond)
         return hits.showing(np.where(hits.owner != NOBODY, value, np.nan))
-
-    def _of(self, quantity: str | None) -> Part | Quantity:
-        part = self.loaded.parts[0]
-        return part if quantity is None else part.quantities[quantity]
 
     def _met(self, view: View, key: tuple[str | None, float]) -> Hits:
         """All places on rays through the box of the volume."""

@@ -36,16 +36,13 @@ def tails(degree: int) -> Floats:
     return frozen_floats(found)
 
 
-def powers(nodes: Floats, transform: Floats) -> tuple[Floats, Floats]:
-    """Chebyshev points (n,), and the matrix (n, n) from values there to coefficients of powers.
-
-    transform  the matrix to coefficients of a series
-    """
-    count = len(nodes)
+def powers(transform: Floats) -> Floats:
+    """The matrix (n, n) from values at Chebyshev points to coefficients of powers, from that to those of a series."""
+    count = len(transform)
     monomials = np.zeros((count, count))
     for k in range(count):
         monomials[: k + 1, k] = chebyshev.cheb2poly(np.eye(count)[k, : k + 1])
-    return nodes, np.ascontiguousarray(monomials @ transform)
+    return np.ascontiguousarray(monomials @ transform)
 
 
 def _tails(degree: int, ratio: float, box: float) -> Floats:

@@ -69,6 +69,7 @@ class IsosurfaceDrawer:
         self.loaded, self.device = loaded, loaded.device
         self.traversal = Traversal(loaded)
         self.counts: dict[str, int] = {}
+        self._constants_on_device: dict[tuple[int, str | None], dict[str, Buffer]] = {}
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) where they are given.
@@ -238,20 +239,24 @@ class IsosurfaceDrawer:
 
     def _certified(self, number: int, quantity: str | None) -> bool:
         """Whether map and quantity are polynomials, or enclosed, so that proofs hold."""
-        return self.traversal.degree(number, quantity) > 0 or self._of(number, quantity).enclosure is not None
-
-    def _of(self, number: int, quantity: str | None) -> Part | Quantity:
-        part = self.loaded.parts[number]
-        return part if quantity is None else part.quantities[quantity]
+        return self.traversal.degree(number, quantity) > 0 or self.loaded.chosen(number, quantity).enclosure is not None
 
     def _constants(self, number: int, quantity: str | None) -> dict[str, Buffer]:
-        """What the stages before the drawing read beside a part's own buffers."""
-        own = self._of(number, quantity)
+        """What the stages before the drawing read beside a part's own buffers: on the device once."""
+        if (number, quantity) not in self._constants_on_device:
+            arrays = self._arrays(self.loaded.chosen(number, quantity))
+            buffers = {name: self.device.buffer(array) for name, array in arrays.items()}
+            self._constants_on_device[number, quantity] = buffers
+        return self._constants_on_device[number, quantity]
+
+    def _arrays(self, own: Part | Quantity) -> dict[str, Floats]:
+        """Chebyshev points and what belongs to them, for a quantity and for the leaves of one that is enclosed."""
         degree = own.degree or stand_in(own)
         enclosure = None if own.degree else own.enclosure
         nodes, transform = _series(degree)
-        leaf_nodes, leaf_transform = powers(*_series(1 if enclosure is None else enclosure.degree))
-        arrays = {
+        leaf_nodes, leaf_series = _series(1 if enclosure is None else enclosure.degree)
+        leaf_transform = powers(leaf_series)
+        return {
             "nodes": nodes,
             "transform": transform,
             "leaf_nodes": leaf_nodes,
@@ -262,12 +267,11 @@ class IsosurfaceDrawer:
             "box_sizes": np.array(BOXES),
             "tails": tails(degree),
         }
-        return {name: self.device.buffer(array) for name, array in arrays.items()}
 
     def _fits(self, level: _Level, sub_elements: NDArray[Any]) -> Buffer:
         """The series that stand for a quantity that is no polynomial over sub-elements."""
         number, quantity = level.number, level.quantity
-        own = self._of(number, quantity)
+        own = self.loaded.chosen(number, quantity)
         if own.degree or own.enclosure is None:
             return self.device.empty(np.float64, 1)
         kernel, count = self._kernel("iso_fit", number, quantity), len(sub_elements)
