@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from elvis.core.mapping.margins import facets
 from elvis.core.quantities.attributes import is_constant, target_of
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial
+from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial, whole_exponent
 from elvis.core.shapes import Shape
 
 _FUNCTIONS: Mapping[str, str] = {
@@ -33,7 +33,7 @@ _FUNCTIONS: Mapping[str, str] = {
     "sinh": "hyperbolic_sine",
     "cosh": "hyperbolic_cosine",
     "tanh": "hyperbolic_tangent",
-    "abs": "abs",
+    "abs": "absolute",
     "sign": "sign_of",
     "min": "least",
     "max": "greatest",
@@ -46,6 +46,8 @@ _SMOOTH = ("+", "-", "*", "exp", "sin", "cos", "sinh", "cosh", "atan", "tanh")
 
 #: parts of an expression that a kernel evaluates
 _MOST = 1000
+#: the greatest power that kernels take by products; see ``power`` in ``shaders/elementary.slang``
+_MOST_FACTORS = 1024
 
 _SOURCE = """import formula; import elementary;
 struct Given : IFormula
@@ -64,6 +66,20 @@ struct Given : IFormula
     }}
 }}
 """
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What the parts of an expression are in a kernel: numbers, or discs that hold all of their values.
+
+    type   in Slang
+    exact  makes it of the text of a number
+    leaf   the text of a leaf that is no number
+    """
+
+    type: str
+    exact: Callable[[str], str]
+    leaf: Callable[[Node], str]
 
 
 @dataclass(frozen=True)
@@ -104,8 +120,8 @@ class Formula:
     def _value(self) -> Iterator[str]:
         root = self.expression.root
         yield from self._ingredients(leaves(root), ())
-        yield from self._statements(root)
-        yield f"return {_name(root, _numbers(root))};"
+        names = yield from self._statements(self._numbers, root)
+        yield f"return {names[root]};"
 
     @property
     def is_enclosed(self) -> bool:
@@ -121,35 +137,15 @@ class Formula:
         return leaves(self.expression.root)
 
     def _within(self) -> Iterator[str]:
-        """The same of discs: one for each part of the expression, after those of its operands."""
+        """The same of discs."""
         if not self.is_enclosed:
             yield "return anything();"
             return
         root = self.expression.root
         for m in self._rows([leaf.name for leaf in leaves(root) if leaf.op == "field" and leaf.axes]):
             yield f"Disc3 gradient{m} = leaves.gradient({m});"
-        numbers = _numbers(root)
-        for node in ordered(root):
-            yield f"Disc v{numbers[node]} = {self._disc(node, numbers)};"
-        yield f"return v{numbers[root]};"
-
-    def _disc(self, node: Node, numbers: Mapping[Node, int]) -> str:
-        """A part of the expression as a disc."""
-        if node.op == "number":
-            return f"Disc({_name(node, numbers)})"
-        if node.op == "coordinate":
-            return f"leaves.coordinate({node.axes[0]})"
-        if node.op == "attribute":
-            return f"Disc({self._constant(node.name, 'leaves.element')})"
-        if node.op == "field":
-            m = self.fields.index(node.name)
-            return f"gradient{m}.{'xyz'[node.axes[0]]}" if node.axes else f"leaves.field({m})"
-        operands = [f"v{numbers[operand]}" for operand in node.operands]
-        if _is_whole_power(node):
-            return f"whole_power({operands[0]}, {int(node.operands[-1].value)})"
-        if node.op in "+-*":
-            return f"{operands[0]} {node.op} {operands[1]}"
-        return f"{'absolute' if node.op == 'abs' else _FUNCTIONS[node.op]}({', '.join(operands)})"
+        names = yield from self._statements(self._discs, root)
+        yield f"return {names[root]};"
 
     def _gradient(self) -> Iterator[str]:
         """The chain rule over the leaves; by differences where their own gradients aren't at hand."""
@@ -164,9 +160,8 @@ class Formula:
         parts = {leaf: partial(root, leaf) for leaf in varying}
         parts = {leaf: part for leaf, part in parts.items() if part is not ZERO}
         yield from self._ingredients(leaves(*parts.values()), list(parts))
-        yield from self._statements(*parts.values())
-        numbers = _numbers(*parts.values())
-        terms = [f"{_name(part, numbers)} * {self._gradient_of(leaf)}" for leaf, part in parts.items()]
+        names = yield from self._statements(self._numbers, *parts.values())
+        terms = [f"{names[part]} * {self._gradient_of(leaf)}" for leaf, part in parts.items()]
         yield f"return {' + '.join(terms) or 'double3(0.0lf, 0.0lf, 0.0lf)'};"
 
     def _ingredients(self, used: Sequence[Node], varying: Sequence[Node]) -> Iterator[str]:
@@ -218,24 +213,38 @@ class Formula:
             return f"in_reference(frame, nears[{self.targets.index(str(target_of(leaf.name)))}].gradient)"
         return f"reference_gradient{self.fields.index(leaf.name)}"
 
-    def _statements(self, *roots: Node) -> Iterator[str]:
-        """One for each part of the expressions, after those of its operands."""
-        numbers = _numbers(*roots)
-        for node in ordered(*roots):
-            if node.op != "number":
-                yield f"double {_name(node, numbers)} = {self._text(node, numbers)};"
+    @property
+    def _numbers(self) -> _Kind:
+        return _Kind("double", str, self._leaf)
 
-    def _text(self, node: Node, numbers: Mapping[Node, int]) -> str:
-        if node.op in LEAVES:
-            return self._leaf(node)
-        operands = [_name(operand, numbers) for operand in node.operands]
-        if _is_whole_power(node):
-            return f"whole_power({operands[0]}, {int(node.operands[-1].value)})"
-        if node.op in "+-*":
-            return f"{operands[0]} {node.op} {operands[1]}"
-        return f"{_FUNCTIONS[node.op]}({', '.join(operands)})"
+    @property
+    def _discs(self) -> _Kind:
+        return _Kind("Disc", "Disc({})".format, self._disc)
+
+    def _statements(self, kind: _Kind, *roots: Node) -> Generator[str, None, Mapping[Node, str]]:
+        """One for each part of the expressions, after those of its operands; the names of all parts are returned."""
+        names: dict[Node, str] = {}
+        for number, node in enumerate(ordered(*roots)):
+            if node.op == "number":
+                names[node] = kind.exact(_literal(node.value))
+                continue
+            names[node] = f"v{number}"
+            operands = [names[operand] for operand in node.operands]
+            text = kind.leaf(node) if node.op in LEAVES else _operation(node, operands)
+            yield f"{kind.type} {names[node]} = {text};"
+        return names
+
+    def _disc(self, node: Node) -> str:
+        """A leaf's disc."""
+        if node.op == "coordinate":
+            return f"leaves.coordinate({node.axes[0]})"
+        if node.op == "attribute":
+            return f"Disc({self._constant(node.name, 'leaves.element')})"
+        m = self.fields.index(node.name)
+        return f"gradient{m}.{'xyz'[node.axes[0]]}" if node.axes else f"leaves.field({m})"
 
     def _leaf(self, node: Node) -> str:
+        """A leaf's value."""
         if node.op == "coordinate":
             return f"frame.position.{'xyz'[node.axes[0]]}"
         if node.op == "attribute":
@@ -269,15 +278,18 @@ def _is_smooth(node: Node) -> bool:
         return True
     if node.op == "/":
         return node.operands[1].op == "number" and node.operands[1].value != 0
-    return _is_whole_power(node) and node.operands[1].value >= 0
+    exponent = whole_exponent(node)
+    return exponent is not None and 0 <= exponent <= _MOST_FACTORS
 
 
-def _is_whole_power(node: Node) -> bool:
-    """Whether a part of an expression is a power whose exponent is a whole number, none of the greatest."""
-    exponent = node.operands[-1]
-    if node.op != "^" or exponent.op != "number":
-        return False
-    return exponent.value.is_integer() and abs(exponent.value) <= 1024
+def _operation(node: Node, operands: Sequence[str]) -> str:
+    """An operator or function of the texts of its operands."""
+    exponent = whole_exponent(node)
+    if exponent is not None and abs(exponent) <= _MOST_FACTORS:
+        return f"whole_power({operands[0]}, {exponent})"
+    if node.op in "+-*":
+        return f"{operands[0]} {node.op} {operands[1]}"
+    return f"{_FUNCTIONS[node.op]}({', '.join(operands)})"
 
 
 def facets_of(shape: Shape | None, unit: bool = False) -> Floats:
@@ -292,13 +304,10 @@ def facets_of(shape: Shape | None, unit: bool = False) -> Floats:
     return found
 
 
-def _numbers(*roots: Node) -> dict[Node, int]:
-    return {node: number for number, node in enumerate(ordered(*roots))}
-
-
-def _name(node: Node, numbers: Mapping[Node, int]) -> str:
-    if node.op != "number":
-        return f"v{numbers[node]}"
-    if np.isfinite(node.value):
-        return f"{node.value!r}lf" if node.value >= 0 else f"({node.value!r}lf)"
-    return "not_a_number()" if np.isnan(node.value) else "infinity()" if node.value > 0 else "(-infinity())"
+def _literal(value: float) -> str:
+    """A number in Slang."""
+    if np.isfinite(value):
+        return f"{value!r}lf" if value >= 0 else f"({value!r}lf)"
+    if np.isnan(value):
+        return "not_a_number()"
+    return "infinity()" if value > 0 else "(-infinity())"

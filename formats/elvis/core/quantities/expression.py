@@ -9,7 +9,10 @@ from functools import cached_property
 from elvis.core.dataset import Dataset
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
-from elvis.core.quantities.tree import Node, field, folded, leaves
+from elvis.core.quantities.tree import Node, field, folded, leaves, whole_exponent
+
+#: the highest power of a polynomial that is taken for a polynomial
+_MOST_POWER = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +65,12 @@ class Expression:
             first, second = known[0], known[-1]
             if node.op in "+-*":
                 return first + second if node.op == "*" else max(first, second)
-            power = node.operands[-1]
-            if node.op == "^" and power.op == "number" and power.value.is_integer() and 0 <= power.value <= 64:
-                return first * int(power.value)
-            return first if node.op == "/" and power.op == "number" else 0 if max(known) == 0 else None
+            exponent = whole_exponent(node)
+            if exponent is not None and 0 <= exponent <= _MOST_POWER:
+                return first * exponent
+            if node.op == "/" and node.operands[1].op == "number":
+                return first
+            return 0 if max(known) == 0 else None
 
         return folded(self.root, lambda node: 0 if node.op == "number" else leaf(node), inner)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, folded, number
+from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, folded, number, whole_exponent
 
 Fraction = tuple[Node, Node]
 
@@ -85,14 +85,12 @@ def _fraction(root: Node) -> Fraction | None:
 
 def _power(node: Node, base: Fraction) -> Fraction | None:
     """A whole power of a fraction."""
-    power = node.operands[-1]
-    if node.op not in ("^", "pow") or power.op != "number" or not power.value.is_integer():
+    exponent = whole_exponent(node)
+    if exponent is None or abs(exponent) > _MOST_POWER:
         return None
-    times = number(abs(power.value))
-    if times.value > _MOST_POWER:
-        return None
+    times = number(abs(exponent))
     above, below = (each if each is ONE else call("^", each, times) for each in base)
-    return (above, below) if power.value >= 0 else (below, above)
+    return (above, below) if exponent >= 0 else (below, above)
 
 
 def _square(root: Node) -> tuple[Node, int] | None:

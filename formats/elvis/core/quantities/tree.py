@@ -122,6 +122,16 @@ _SIMPLER: Mapping[str, Callable[[Node, Node], Node | None]] = {
 }
 
 
+def whole_exponent(node: Node) -> int | None:
+    """The exponent of a power, where it is a whole number; None where it isn't, and of what is no power."""
+    if node.op != "^":
+        return None
+    exponent = node.operands[1]
+    if exponent.op != "number" or not exponent.value.is_integer():
+        return None
+    return int(exponent.value)
+
+
 def negative(a: Node) -> Node:
     """-a."""
     return number(-a.value) if a.op == "number" else call("-", ZERO, a)

@@ -19,7 +19,7 @@ from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficie
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval, number
-from elvis.core.quantities.tree import Node, folded
+from elvis.core.quantities.tree import Node, folded, whole_exponent
 from elvis.core.shapes import Shape
 
 #: unit roundoff of 64-bit floats
@@ -132,12 +132,8 @@ def _rounded(node: Node) -> int:
     """Roundings of an operation, its own."""
     if node.op in "+-*/":
         return 1
-    return 2 * abs(int(node.operands[-1].value)) + 1 if _is_whole_power(node) else 8
-
-
-def _is_whole_power(node: Node) -> bool:
-    power = node.operands[-1]
-    return node.op == "^" and power.op == "number" and power.value.is_integer()
+    exponent = whole_exponent(node)
+    return 8 if exponent is None else 2 * abs(exponent) + 1
 
 
 def _carried(node: Node, parts: list[_Computed]) -> Any:
@@ -149,9 +145,9 @@ def _carried(node: Node, parts: list[_Computed]) -> Any:
         return first.size * last.error + last.size * first.error + first.error * last.error
     if node.op == "/" and node.operands[1].op == "number":
         return first.error / last.size
-    if _is_whole_power(node) and node.operands[1].value >= 0:
-        count = int(node.operands[1].value)
-        return count * (first.size + first.error) ** max(count - 1, 0) * first.error
+    exponent = whole_exponent(node)
+    if exponent is not None and exponent >= 0:
+        return exponent * (first.size + first.error) ** max(exponent - 1, 0) * first.error
     exact = sum(part.error for part in parts) == 0
     return np.where(exact, 0.0, np.inf)
 

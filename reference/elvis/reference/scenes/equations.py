@@ -19,7 +19,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.quantities import intervals
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import ONE, Node, call, folded, leaves, number, partial
+from elvis.core.quantities.tree import ONE, Node, call, folded, leaves, number, partial, whole_exponent
 
 #: part of the greatest terms that rounding may change
 _ROUNDING = 1e-13
@@ -144,7 +144,6 @@ def _may_break(node: Node, parts: list[Interval]) -> Bools | bool:
         return np.asarray(low <= 0)
     if node.op in ("asin", "acos"):
         return np.asarray((low <= -1) | (high >= 1))
-    if node.op in ("^", "pow"):
-        power = node.operands[1]
-        return False if power.op == "number" and power.value.is_integer() else np.asarray(low <= 0)
+    if node.op == "^":
+        return False if whole_exponent(node) is not None else np.asarray(low <= 0)
     return False
