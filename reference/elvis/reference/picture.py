@@ -24,13 +24,12 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import values
 from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
-from elvis.core.quantities import Expression
-from elvis.core.quantities.bounding import quantity_range
 from elvis.plugins.opening import Opened
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
 from elvis.reference.settling import ranged, sampled
+from elvis.reference.sources import DatasetSource, Source
 from elvis.scene import Faces, Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding
@@ -39,7 +38,7 @@ from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, seen
 
 
-def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
+def render(data: Dataset | Opened, scene: Scene) -> Frame:
     """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene has a plane.
 
     Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
@@ -47,36 +46,31 @@ def render(dataset: Dataset | Opened, scene: Scene) -> Frame:
     of lowest id.  What a plugin has opened is drawn where it describes its elements in NumPy.
     Raises SceneError where nothing is seen or the scene's time has passed, ElvisError for data that can't be drawn.
     """
+    source = Source.of(data)
     with limited(scene.timeout):
-        frame = _render(dataset, scene)
+        frame = _render(source, scene)
         if scene.box or scene.axes:
-            frame = replace(frame, box=_domain(dataset))
+            frame = replace(frame, box=source.domain())
         check_time()
     return frame
 
 
-def _domain(data: Dataset | Opened) -> Floats:
-    """(2, 3) corners of the box around the domain; SceneError for what a plugin has opened."""
-    if isinstance(data, Opened):
-        raise SceneError("the device reference knows no box around what a plugin opens: leave out --box and --axes")
-    box = surrounding([element_boxes(patch) for patch in patches(data)])
-    for axis, name in enumerate("xyz"[: data.mesh.dimension]):
-        known = quantity_range(data, Expression.of(data, name))
-        if known is not None and np.isfinite((known.lower, known.upper)).all():
-            box[:, axis] = known.lower, known.upper
-    return box
-
-
-def _render(dataset: Dataset | Opened, scene: Scene) -> Frame:
+def _render(source: Source, scene: Scene) -> Frame:
     """As `render`, but for the time."""
-    scene = ranged(dataset, scene)
+    scene = ranged(source, scene)
     if scene.samples > 1:
-        return sampled(render, dataset, scene)
-    if isinstance(dataset, Opened):
-        return draw(dataset, scene)
+        return sampled(_render, source, scene)
+    if not isinstance(source, DatasetSource):
+        return draw(source, scene)
+    dataset = source.dataset
     _check(dataset, scene)
     if not scene.is_plain or scene.field not in [field.name for field in dataset.fields]:
-        return draw(dataset, scene)
+        return draw(source, scene)
+    return _plain(dataset, scene)
+
+
+def _plain(dataset: Dataset, scene: Scene) -> Frame:
+    """One of the dataset's fields on a plane, unlit: points are located, and the field is evaluated there."""
     start, chosen = perf_counter(), _patches(dataset, scene.field)
     boxes = [element_boxes(patch) for patch in chosen]
     locator = Locator(chosen)

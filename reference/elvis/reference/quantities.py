@@ -6,14 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
-from elvis.core.quantities.tree import Node
+from elvis.reference.scenes.equations import Equation
+from elvis.reference.selection import selected_faces
 from elvis.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
 from elvis.scene.frame import Frame
 from elvis.scene.time_limit import check_time
@@ -49,7 +50,7 @@ class Quantities:
 
     def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
         """Raises ElvisError for a name that means nothing of these data."""
-        self.names = tuple(names)
+        self.names, self._mesh = tuple(names), dataset.mesh
         self._expressions = {name: Expression.of(dataset, name) for name in names}
         self._evaluator = Evaluator(dataset, list(self._expressions.values()))
         every = range(len(self._evaluator.names))
@@ -71,15 +72,19 @@ class Quantities:
         number = self._number(name)
         return None if number is None else patch.fields[number]
 
-    def root(self, name: str) -> Node:
-        """What a quantity is made of."""
-        return self._expressions[name].root
+    def equation(self, name: str, value: float) -> Equation | None:
+        """Where a quantity has a value; None where what it is made of isn't known."""
+        return Equation.of(self._expressions[name].root, value)
 
     def modes(self, names: Sequence[str], patch: Patch) -> dict[str, int] | None:
         """The numbers of fields in a patch; None where map or fields are no polynomials there, or aren't known."""
         numbers = {name: self._evaluator.names.index(name) for name in names}
         waves = bool(patch.periods) or any(patch.fields[number] is None for number in numbers.values())
         return None if waves or not patch.geometry_coefficients.shape[2] else numbers
+
+    def selected_faces(self, number: int, select: Sequence[str]) -> Bools:
+        """(e, local faces) of the faces of a patch that a selection names; SceneError for a name that isn't known."""
+        return selected_faces(self._mesh, self.patches[number], select)
 
     def guessed_degree(self, name: str, patch: Patch) -> int:
         """The greatest degree of what an expression is made of, in any direction; 2 at least."""

@@ -17,7 +17,7 @@ from elvis.scene.errors import SceneError
 _FACES = {"T": Shape.TRIANGLE, "Q": Shape.QUADRILATERAL}
 
 
-def chosen_faces(mesh: Mesh, patch: Patch, select: Sequence[str]) -> Bools:
+def selected_faces(mesh: Mesh, patch: Patch, select: Sequence[str]) -> Bools:
     """(e, local faces) of the faces of a patch that a selection names; see scene.Faces.
 
     Raises SceneError for a name that the mesh doesn't know.

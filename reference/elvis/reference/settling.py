@@ -7,19 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.dataset import Dataset
-from elvis.core.quantities import Expression
-from elvis.core.quantities.bounding import quantity_range
-from elvis.plugins.opening import Opened
+from elvis.reference.sources import Source
 from elvis.scene import Scene, SceneObject, VolumeRendering
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Drawing, Frame
 from elvis.scene.palette import automatic_range
 
-Draw = Callable[[Dataset | Opened, Scene], Frame]
+Draw = Callable[[Source, Scene], Frame]
 
 
-def ranged(data: Dataset | Opened, scene: Scene) -> Scene:
+def ranged(source: Source, scene: Scene) -> Scene:
     """The scene with two values in place of the range ``all``: certified bounds; SceneError where there are none."""
     if scene.range != "all":
         return scene
@@ -27,24 +24,24 @@ def ranged(data: Dataset | Opened, scene: Scene) -> Scene:
     def styled(item: SceneObject) -> SceneObject:
         if isinstance(item, VolumeRendering) or item.style.quantity is None or item.style.range is not None:
             return item
-        return replace(item, style=replace(item.style, range=_bounds(data, item.style.quantity)))
+        return replace(item, style=replace(item.style, range=_bounds(source, item.style.quantity)))
 
-    return replace(scene, range=_bounds(data, scene.field), objects=tuple(map(styled, scene.objects)))
+    return replace(scene, range=_bounds(source, scene.field), objects=tuple(map(styled, scene.objects)))
 
 
-def _bounds(data: Dataset | Opened, name: str) -> tuple[float, float]:
-    found = None if isinstance(data, Opened) else quantity_range(data, Expression.of(data, name))
-    if found is None or not np.isfinite((found.lower, found.upper)).all():
+def _bounds(source: Source, name: str) -> tuple[float, float]:
+    found = source.bounds(name)
+    if found is None:
         raise SceneError(f"no bounds of {name!r} over all data are known: give two values for the range, or seen")
-    return automatic_range(np.array([found.lower, found.upper]))
+    return automatic_range(np.array(found))
 
 
-def sampled(draw: Draw, data: Dataset | Opened, scene: Scene) -> Frame:
+def sampled(draw: Draw, source: Source, scene: Scene) -> Frame:
     """The picture with colours that are means over n x n points of each pixel; records are those of its centre."""
-    frame, n = draw(data, replace(scene, samples=1)), scene.samples
+    frame, n = draw(source, replace(scene, samples=1)), scene.samples
     height, width = frame.status.shape
     fine = replace(_finer(frame.scene, n), camera=frame.view.camera, size=(n * width, n * height))
-    color = draw(data, replace(fine, range=frame.range)).color
+    color = draw(source, replace(fine, range=frame.range)).color
     mean = color.reshape(height, n, width, n, 3).mean(axis=(1, 3))
     told = frame.drawing.line_status if frame.drawing else None
     drawing = Drawing(frame.depth, frame.normal, mean, frame.legends, frame.uncertainty, told)

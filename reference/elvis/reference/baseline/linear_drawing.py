@@ -23,7 +23,7 @@ from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import Record
-from elvis.reference.selection import chosen_faces, on_faces
+from elvis.reference.selection import on_faces, selected_faces
 from elvis.reference.solids import cells_of
 from elvis.reference.surfaces import levels, triangles
 from elvis.scene import (
@@ -117,7 +117,7 @@ class Baseline:
     def _faces(self, number: int, select: Sequence[str]) -> LinearMesh:
         """The selected faces of a patch."""
         patch, part = self.patches[number], self.parts[number]
-        chosen = chosen_faces(self.dataset.mesh, patch, select)
+        chosen = selected_faces(self.dataset.mesh, patch, select)
         if patch.dimension == 2:
             return part.part(np.isin(part.element, patch.element_ids[chosen[:, 0]]))
         on = on_faces(patch, cells_of(patch, self.level).points)

@@ -11,8 +11,6 @@ from elvis.core.patch import Patch
 from elvis.reference.chebyshev import degrees_of, map_degrees
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.contour_search import Search
-from elvis.reference.scenes.equations import Equation
-from elvis.reference.scenes.host_quantities import HostQuantities
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.scene import Plane
 from elvis.scene.view import View
@@ -47,9 +45,9 @@ def _search(
     quantities: Quantities, name: str, value: float, plane: Plane, view: View, patch: Patch, half_width: float
 ) -> Search | None:
     """The search for one value in a patch; None where fields or map aren't polynomials."""
-    if isinstance(quantities, HostQuantities):
+    equation = quantities.equation(name, value)
+    if equation is None:
         return None
-    equation = Equation.of(quantities.root(name), value)
     constant = not equation.leaves and (equation.root.op != "number" or equation.root.value == 0.0)
     if constant or not equation.is_known:
         return None

@@ -12,10 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.patch import Patch
-from elvis.plugins.opening import Opened
 from elvis.reference.clipping import clipped, unsure
 from elvis.reference.composing import Fragments, SurfaceHits, colored, is_lit, record
 from elvis.reference.hits import Hits
@@ -26,11 +23,10 @@ from elvis.reference.scenes.contour_lines import plane_contours
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
-from elvis.reference.scenes.host_quantities import HostQuantities
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
 from elvis.reference.scenes.volumes import between_kinks, ray_integrals, visible
-from elvis.reference.selection import chosen_faces
+from elvis.reference.sources import Source
 from elvis.scene import (
     Camera,
     CutSurface,
@@ -56,15 +52,15 @@ Ranges = dict[str, tuple[float, float]]
 _DEEPEST, _FAINT = 64, 1e-3
 
 
-def render(data: Dataset | Opened, scene: Scene) -> Frame:
-    """A picture of a dataset, or of what a plugin has opened.
+def render(source: Source, scene: Scene) -> Frame:
+    """A picture of data of either kind.
 
     ElvisError or SceneError where nothing is seen or something can't be drawn.
     """
     start, names = perf_counter(), names_of(scene)
-    quantities = HostQuantities(data, names) if isinstance(data, Opened) else Quantities(data, names)
+    quantities = source.quantities(names)
     boxes = quantities.boxes
-    tracer = Scenery(data, quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
+    tracer = Scenery(quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
 
     def glance(small: Scene) -> Bools:
         view = _view(small)
@@ -94,12 +90,11 @@ def _view(scene: Scene) -> View:
 
 @dataclass(eq=False)
 class Scenery:
-    """A dataset, or what a plugin has opened, whose surfaces rays are sent against.
+    """Elements with quantities, whose surfaces rays are sent against.
 
     box  (2, 3) around all elements
     """
 
-    data: Dataset | Opened
     quantities: Quantities
     box: Floats
 
@@ -150,16 +145,9 @@ class Scenery:
         """Element faces."""
         found = []
         for number, patch in enumerate(self.quantities.patches):
-            chosen = self._chosen(number, patch, select)
+            chosen = self.quantities.selected_faces(number, select)
             found.append(face_crossings(number, patch, chosen, view, self.size))
         return Crossings.joined(found)
-
-    def _chosen(self, number: int, patch: Patch, select: Sequence[str]) -> Bools:
-        """(e, local faces) of the faces of a patch that a selection names."""
-        if isinstance(self.quantities, HostQuantities):
-            return self.quantities.chosen_faces(number, select)
-        assert isinstance(self.data, Dataset)
-        return chosen_faces(self.data.mesh, patch, select)
 
     def _check_solid(self, what: str) -> None:
         if any(patch.dimension != 3 for patch in self.quantities.patches):

@@ -67,6 +67,9 @@ class HostQuantities(Quantities):
 
         return values(rows, points), numerical_derivatives(values, rows, points)
 
+    def equation(self, name: str, value: float) -> None:
+        """None: nothing is known of plugins' functions but their values."""
+
     def outward(self, frame: Frame) -> Frame:
         """The frame with reference coordinates from 0 to 1 where the plugin has these."""
         for patch in self.hosts:
@@ -98,7 +101,7 @@ class HostQuantities(Quantities):
     def _faces(self) -> Faces:
         return faces_of(None, self.volume)
 
-    def chosen_faces(self, number: int, select: Sequence[str]) -> Bools:
+    def selected_faces(self, number: int, select: Sequence[str]) -> Bools:
         """(e, local faces) of the faces of a patch that a selection names."""
         patch = self.hosts[number]
         chosen = np.zeros((len(patch), len(patch.shape.faces)), bool)

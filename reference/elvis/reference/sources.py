@@ -1,0 +1,88 @@
+"""What pictures ask of their data, whether these are a dataset or what a runtime plugin has opened: decided once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.boxes import element_boxes
+from elvis.core.patch import patches
+from elvis.core.quantities import Expression
+from elvis.core.quantities.bounding import quantity_range
+from elvis.plugins.opening import Opened
+from elvis.reference.quantities import Quantities
+from elvis.reference.scenes.host_quantities import HostQuantities
+from elvis.scene.errors import SceneError
+from elvis.scene.fitting import surrounding
+
+
+class Source(ABC):
+    """Data of either kind."""
+
+    @staticmethod
+    def of(data: Dataset | Opened) -> Source:
+        """What answers for the data."""
+        return PluginSource(data) if isinstance(data, Opened) else DatasetSource(data)
+
+    @abstractmethod
+    def quantities(self, names: Sequence[str]) -> Quantities:
+        """The fields and expressions of these names; ElvisError for a name that means nothing of these data."""
+
+    @abstractmethod
+    def bounds(self, name: str) -> tuple[float, float] | None:
+        """Certified bounds of a quantity over all data; None where none are known."""
+
+    @abstractmethod
+    def domain(self) -> Floats:
+        """(2, 3) corners of the box around the domain; SceneError where none is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetSource(Source):
+    """A dataset."""
+
+    dataset: Dataset
+
+    def quantities(self, names: Sequence[str]) -> Quantities:
+        """See `Source`."""
+        return Quantities(self.dataset, names)
+
+    def bounds(self, name: str) -> tuple[float, float] | None:
+        """See `Source`."""
+        known = quantity_range(self.dataset, Expression.of(self.dataset, name))
+        if known is None or not np.isfinite((known.lower, known.upper)).all():
+            return None
+        return known.lower, known.upper
+
+    def domain(self) -> Floats:
+        """See `Source`: the bounds of the coordinates, where they are narrower than the elements' boxes."""
+        box = surrounding([element_boxes(patch) for patch in patches(self.dataset)])
+        for axis, name in enumerate("xyz"[: self.dataset.mesh.dimension]):
+            known = self.bounds(name)
+            if known is not None:
+                box[:, axis] = known
+        return box
+
+
+@dataclass(frozen=True, eq=False)
+class PluginSource(Source):
+    """What a runtime plugin has opened."""
+
+    opened: Opened
+
+    def quantities(self, names: Sequence[str]) -> Quantities:
+        """See `Source`; ElvisError, too, where the plugin describes its elements in no NumPy."""
+        return HostQuantities(self.opened, names)
+
+    def bounds(self, name: str) -> tuple[float, float] | None:
+        """See `Source`: none are known."""
+        return None
+
+    def domain(self) -> Floats:
+        """See `Source`: none is known."""
+        raise SceneError("the device reference knows no box around what a plugin opens: leave out --box and --axes")
