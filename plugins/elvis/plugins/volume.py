@@ -135,6 +135,10 @@ class Part:
     def __len__(self) -> int:
         return len(self.element_ids)
 
+    def quantity(self, name: str | None) -> Part | Quantity:
+        """One of the quantities; None is the part itself, for its own field."""
+        return self if name is None else self.quantities[name]
+
 
 def basis_part(
     module: str,

@@ -172,7 +172,7 @@ class Device:
         source = f"export static const int rows = {ROWS[self.adapter.software]};"
         source += f"export static const int media = {media};"
         if part is not None:
-            source += _of_type(stage, part, part if quantity is None else part.quantities[quantity], line_degree)
+            source += _of_type(stage, part, part.quantity(quantity), line_degree)
         else:
             source += f"export static const int line_degree = {line_degree or STAND_IN};"
         key = (str(self._folders[-1]), stage, source)

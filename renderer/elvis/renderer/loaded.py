@@ -61,15 +61,14 @@ class Loaded:
         own = {} if quantity is None else self._bring(self.parts[number].quantities[quantity].buffers)
         return {**self.buffers[number], **own}
 
-    def chosen(self, number: int, quantity: str | None) -> Part | Quantity:
-        """One of a part's quantities, or the part itself, for its own field."""
-        part = self.parts[number]
-        return part if quantity is None else part.quantities[quantity]
+    def quantity(self, number: int, name: str | None) -> Part | Quantity:
+        """One of a part's quantities; None is the part itself, for its own field."""
+        return self.parts[number].quantity(name)
 
     def leveled(self, number: int, quantity: str | None, value: float) -> tuple[str | None, float]:
         """A quantity of a part and its value that are in the same places, those of a polynomial where one is known."""
         part, key = self.parts[number], (number, f"{quantity} at {value!r}")
-        own = self.chosen(number, quantity)
+        own = self.quantity(number, quantity)
         if key not in self._levels:
             self._levels[key] = quantity, value
             if own.level is not None and (found := own.level(value)) is not None:
@@ -83,7 +82,7 @@ class Loaded:
         They are asked of the part once: every stage has them from here.
         """
         part = self.parts[number]
-        known = self.chosen(number, quantity).bounds
+        known = self.quantity(number, quantity).bounds
         if (number, quantity) not in self._bounds:
             endless = np.full(len(part), np.inf)
             self._bounds[number, quantity] = (-endless, endless) if known is None else known()

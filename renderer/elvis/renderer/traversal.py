@@ -32,7 +32,7 @@ class Traversal:
 
     def degree(self, number: int, quantity: str | None) -> int:
         """See Part.degree."""
-        return self.loaded.chosen(number, quantity).degree
+        return self.loaded.quantity(number, quantity).degree
 
     def is_straight(self, number: int, quantity: str | None) -> bool:
         """Whether rays are lines, and the quantity a polynomial along them."""
@@ -41,7 +41,7 @@ class Traversal:
     def rounding(self, number: int, quantity: str | None, value: float) -> Floats:
         """(n,) how far computed values in each element of a part may be from the true ones; by default in parts of the
         greatest value, or of ``value`` where no bounds are known."""
-        own = self.loaded.chosen(number, quantity)
+        own = self.loaded.quantity(number, quantity)
         if own.rounding is not None:
             return own.rounding()
         greatest = np.abs(np.stack(self.loaded.bounds(number, quantity))).max(axis=0)

@@ -28,7 +28,7 @@ class DistanceDrawer:
 
     def knows(self, quantity: str | None) -> bool:
         """Whether a quantity is a distance, and nothing else."""
-        return bool(self.loaded.parts) and self.loaded.chosen(0, quantity).is_distance
+        return bool(self.loaded.parts) and self.loaded.quantity(0, quantity).is_distance
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface that some element holds, as IsosurfaceDrawer.draw.

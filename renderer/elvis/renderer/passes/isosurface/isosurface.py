@@ -239,12 +239,14 @@ class IsosurfaceDrawer:
 
     def _certified(self, number: int, quantity: str | None) -> bool:
         """Whether map and quantity are polynomials, or enclosed, so that proofs hold."""
-        return self.traversal.degree(number, quantity) > 0 or self.loaded.chosen(number, quantity).enclosure is not None
+        return (
+            self.traversal.degree(number, quantity) > 0 or self.loaded.quantity(number, quantity).enclosure is not None
+        )
 
     def _constants(self, number: int, quantity: str | None) -> dict[str, Buffer]:
         """What the stages before the drawing read beside a part's own buffers: on the device once."""
         if (number, quantity) not in self._constants_on_device:
-            arrays = self._arrays(self.loaded.chosen(number, quantity))
+            arrays = self._arrays(self.loaded.quantity(number, quantity))
             buffers = {name: self.device.buffer(array) for name, array in arrays.items()}
             self._constants_on_device[number, quantity] = buffers
         return self._constants_on_device[number, quantity]
@@ -271,7 +273,7 @@ class IsosurfaceDrawer:
     def _fits(self, level: _Level, sub_elements: NDArray[Any]) -> Buffer:
         """The series that stand for a quantity that is no polynomial over sub-elements."""
         number, quantity = level.number, level.quantity
-        own = self.loaded.chosen(number, quantity)
+        own = self.loaded.quantity(number, quantity)
         if own.degree or own.enclosure is None:
             return self.device.empty(np.float64, 1)
         kernel, count = self._kernel("iso_fit", number, quantity), len(sub_elements)

@@ -160,7 +160,7 @@ class ContourProof:
     def _is_known(self, number: int) -> bool:
         """Whether map and field of a part are polynomials in its reference coordinates, from -1 to 1."""
         part = self._loaded.parts[number]
-        degree = part.degree if self._quantity is None else part.quantities[self._quantity].degree
+        degree = self._loaded.quantity(number, self._quantity).degree
         return degree > 0 and not part.collapsed and not part.unit
 
     def _bounds(self, number: int, elements: Ints) -> _Derivatives:
@@ -182,7 +182,7 @@ class ContourProof:
     def _space(self, number: int) -> BernsteinSpace:
         """The polynomials of a part's map and field: on the cube, where they are not on the shape itself."""
         part = self._loaded.parts[number]
-        degree = part.degree if self._quantity is None else part.quantities[self._quantity].degree
+        degree = self._loaded.quantity(number, self._quantity).degree
         facets = np.zeros((0, 4)) if part.affine else self._lines.facets(number)
         for shape, degrees in ((Shape.TETRAHEDRON, (degree,)), (Shape.PRISM, (degree, degree))):
             margins = shape.vertices @ facets[:, :3].T + facets[:, 3]

@@ -183,8 +183,7 @@ class Lines:
 
     def _is_polynomial(self, number: int, quantity: str | None) -> bool:
         """Whether a part's map and quantity are polynomials, which have neither poles nor jumps in an element."""
-        part = self._loaded.parts[number]
-        return (part if quantity is None else part.quantities[quantity]).degree > 0
+        return self._loaded.quantity(number, quantity).degree > 0
 
     def _found(
         self, view: View, hits: HitBuffer, buffers: dict[str, Buffer], levels: int, smooth: bool
