@@ -19,7 +19,7 @@ from cases import Case
 from measuring import Timing
 
 from elvis.formats import Shape
-from elvis.renderer.adapters import choose
+from elvis.renderer.adapters import open_device
 
 #: operations of a 3 x 3 solve by Cramer's rule (3 cross products of 9, 4 scalar products of 5, a division, 3 products)
 #: with the residual (3) and the update (3)
@@ -101,9 +101,8 @@ def _device(name: str, runs: int = 5) -> float:
     """The rate of independent multiply-adds in a kernel."""
     import slangpy
 
-    adapter = choose(name)
-    kind = getattr(slangpy.DeviceType, adapter.kind)
-    device = slangpy.Device(type=kind, adapter_luid=list(adapter.luid) or None, enable_hot_reload=False)
+    choice = open_device(name)
+    adapter, device = choice.adapter, choice.device
     try:
         program = device.link_program(
             [module := device.load_module_from_source("rate", KERNEL)], [module.entry_point("rate")]

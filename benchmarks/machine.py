@@ -12,7 +12,7 @@ from typing import Any
 
 from measuring import contention
 
-from elvis.renderer.adapters import choose
+from elvis.renderer.device import Device
 
 PACKAGES = ("elvis-viz", "numpy", "h5py", "slangpy", "vtk")
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,11 +26,17 @@ def description(device: str) -> dict[str, Any]:
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "system": platform.platform(terse=True),
-        "device": choose(device).label,
+        "device": _label(device),
         "python": platform.python_version(),
         "versions": {name: _version(name) for name in PACKAGES},
         "contention": [round(contention(), 2)],
     }
+
+
+def _label(device: str) -> str:
+    """What a device is called."""
+    with Device(device) as opened:
+        return opened.adapter.label
 
 
 def sentences(machine: dict[str, Any]) -> str:

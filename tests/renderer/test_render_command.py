@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from elvis.plugins import command
-from elvis.renderer import DeviceError, adapters
-from elvis.renderer.adapters import Adapter
 
 CUBE = "gen_allelem_n4"
 PLANE = ("--plane", "0.5,0.5,0.4:0.1,0.2,1")
@@ -238,25 +236,6 @@ def test_devices_are_listed(elvis, renderer):
     assert [row["name"] for row in listed] == names
     assert sum(row["auto"] for row in listed) == 1
     assert all(row["label"] for row in listed)
-
-
-def test_without_a_driver_the_cpu_draws_and_advice_is_given(elvis, monkeypatch):
-    monkeypatch.setattr(adapters, "adapters", lambda: [Adapter("cpu", "slang's CPU target, one thread", True)])
-    assert adapters.choose("auto").kind == "cpu"
-    status, out, err = elvis("devices")
-    assert status == 0
-    assert "vulkan" not in out
-    assert "install a Vulkan driver" in err
-    with pytest.raises(DeviceError, match=r"no device 'vulkan': found cpu; install a Vulkan driver"):
-        adapters.choose("vulkan")
-
-
-def test_a_graphics_card_is_preferred_to_software(monkeypatch):
-    found = [Adapter("cuda:0", "card", False), Adapter("vulkan:1", "card", False), Adapter("vulkan:0", "soft", True)]
-    monkeypatch.setattr(adapters, "adapters", lambda: [*found, Adapter("cpu", "cpu", True)])
-    assert adapters.choose("auto").name == "vulkan:1"
-    assert adapters.choose("cuda").name == "cuda:0"
-    assert adapters.choose("vulkan:0").label == "soft"
 
 
 def test_nothing_is_left_in_the_working_folder(render, tmp_path, monkeypatch):

@@ -5,22 +5,43 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from shutil import which
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.diagnostics import errors_alone
+from elvis.renderer.drawing import slangpy_module
 from elvis.renderer.kernel_cache import kernel_cache
 
 if TYPE_CHECKING:
     import slangpy
 
+Opened = TypeVar("Opened")
+
 SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 #: what to install where no Vulkan device is found
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
+#: what to install where slang's CPU target finds no compiler
+COMPILER_ADVICE = "install a C++ compiler (g++ or clang)"
+#: features that kernels use, as slangpy calls them -> in words
+FEATURES = {"double": "64-bit floats", "int64": "64-bit integers", "wave_ops": "operations across a wave"}
+#: kinds of devices that say of themselves which features they have; CUDA has all, the CPU target answers none
+ASKED = ("vulkan",)
+#: of two devices alike otherwise the first kind is taken
+KINDS = ("vulkan", "cuda", "cpu")
+
+
+class UnfitError(DeviceError):
+    """A device that is there, but can't be opened or lacks what kernels need; ``reason`` is a clause about it."""
+
+    def __init__(self, adapter: Adapter, reason: str) -> None:
+        super().__init__(f"the device {adapter.name} ({adapter.label}) {reason}")
+        self.reason = reason
 
 
 @dataclass(frozen=True)
@@ -38,34 +59,92 @@ class Adapter:
         return self.name.split(":")[0]
 
 
+@dataclass(frozen=True)
+class Choice(Generic[Opened]):
+    """The adapter that draws, the device that it was opened as, and why better ones were passed over.
+
+    passed  a sentence for each of them
+    """
+
+    adapter: Adapter
+    device: Opened
+    passed: tuple[str, ...] = ()
+
+
 def adapters() -> list[Adapter]:
-    """All devices, GPUs first, then software Vulkan, then the CPU target."""
+    """All devices, GPUs first, then software Vulkan, then the CPU target where a compiler is found."""
     found: list[Adapter] = []
     for kind in ("vulkan", "cuda"):
         for number, info in enumerate(_enumerate(kind)):
             software = any(word in info.name.lower() for word in SOFTWARE)
             found.append(Adapter(f"{kind}:{number}", info.name, software, tuple(info.luid)))
     found.sort(key=lambda adapter: adapter.software)
-    return [*found, Adapter("cpu", "slang's CPU target, one thread", True)]
+    return [*found, Adapter("cpu", "slang's CPU target, one thread", True)] if has_compiler() else found
 
 
-def choose(name: str) -> Adapter:
-    """The adapter of ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu``; DeviceError where there is none."""
-    every = adapters()
-    if name == "auto":
-        return min(every, key=lambda a: (a.software, ("vulkan", "cuda", "cpu").index(a.kind)))
-    fitting = [adapter for adapter in every if name in (adapter.name, adapter.kind)]
-    if fitting:
-        return fitting[0]
-    known = ", ".join(adapter.name for adapter in every)
-    advice = f"; {ADVICE}" if name.startswith("vulkan") else ""
-    raise DeviceError(f"no device {name!r}: found {known}{advice}")
+def has_compiler() -> bool:
+    """Whether a compiler is where slang looks for those that its CPU target needs."""
+    if sys.platform == "win32":
+        installer = Path(os.environ.get("PROGRAMFILES(X86)", "")) / "Microsoft Visual Studio" / "Installer"
+        return (installer / "vswhere.exe").is_file() or which("cl") is not None
+    return any(which(name) for name in ("g++", "clang"))
+
+
+def open_device(name: str) -> Choice[slangpy.Device]:
+    """The device of ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu``, opened (see first_fit)."""
+    slangpy_module()
+    return first_fit(name, adapters(), opened)
+
+
+def first_fit(name: str, every: Sequence[Adapter], open_: Callable[[Adapter], Opened]) -> Choice[Opened]:
+    """The first device of that name, or of ``auto`` the best one, which can do what kernels need.
+
+    every  the adapters there are
+    open_  opens an adapter, or raises UnfitError
+    DeviceError where there is no such device, where the one asked for is unfit, or all are.
+    """
+    if name != "auto":
+        fitting = [adapter for adapter in every if name in (adapter.name, adapter.kind)]
+        if not fitting:
+            raise DeviceError(f"no device {name!r}: {_found(every)}{_advice(name)}")
+        return Choice(fitting[0], open_(fitting[0]))
+    passed: list[str] = []
+    for adapter in by_preference(every):
+        try:
+            return Choice(adapter, open_(adapter), tuple(passed))
+        except UnfitError as error:
+            passed.append(f"{adapter.label} is passed over: it {error.reason}")
+    reasons = "".join(f"; {sentence}" for sentence in passed)
+    raise DeviceError(f"nothing can draw here{reasons}; {ADVICE}, or {COMPILER_ADVICE}, or say --device reference")
+
+
+def by_preference(every: Sequence[Adapter]) -> list[Adapter]:
+    """Adapters in the order in which ``auto`` tries them: GPUs, then software."""
+    return sorted(every, key=lambda adapter: (adapter.software, KINDS.index(adapter.kind)))
+
+
+def lacking(has: Callable[[str], bool]) -> str:
+    """What kernels need and a device has not, as a clause; empty where it has all.
+
+    has  whether it has a feature of slangpy's name
+    """
+    missing = [words for feature, words in FEATURES.items() if not has(feature)]
+    return f"has no {' and no '.join(missing)}, which the kernels need" if missing else ""
+
+
+def _found(every: Sequence[Adapter]) -> str:
+    return "found " + ", ".join(adapter.name for adapter in every) if every else "found none at all"
+
+
+def _advice(name: str) -> str:
+    """What to install for a kind of device; nothing where there is nothing to tell."""
+    advice = {"vulkan": ADVICE, "cpu": COMPILER_ADVICE}.get(name.split(":")[0])
+    return f"; {advice}" if advice else ""
 
 
 def _enumerate(kind: str) -> list[Any]:
     """Adapters of a kind; none where its driver is missing."""
-    import slangpy
-
+    slangpy = slangpy_module()
     try:
         with _quiet():
             return list(slangpy.Device.enumerate_adapters(type=getattr(slangpy.DeviceType, kind)))
@@ -74,12 +153,11 @@ def _enumerate(kind: str) -> list[Any]:
 
 
 def opened(adapter: Adapter) -> slangpy.Device:
-    """An adapter's device; DeviceError where it can't be opened."""
-    import slangpy
-
+    """An adapter's device; UnfitError where it can't be opened or lacks what kernels need."""
+    slangpy = slangpy_module()
     try:
         with _quiet():
-            return slangpy.Device(
+            device = slangpy.Device(
                 type=getattr(slangpy.DeviceType, adapter.kind),
                 adapter_luid=list(adapter.luid) or None,
                 enable_hot_reload=False,
@@ -88,8 +166,24 @@ def opened(adapter: Adapter) -> slangpy.Device:
                 shader_cache_path=kernel_cache().private,
             )
     except RuntimeError as error:
-        advice = f"; {ADVICE}" if adapter.kind == "vulkan" else ""
-        raise DeviceError(f"the device {adapter.name} ({adapter.label}) can't be opened{advice}") from error
+        raise UnfitError(adapter, f"can't be opened{_advice(adapter.kind)}") from error
+    if adapter.kind in ASKED:
+        reason = lacking(lambda feature: device.has_feature(getattr(slangpy.Feature, feature)))
+        if reason:
+            device.close()
+            raise UnfitError(adapter, reason)
+    return device
+
+
+def unfit(adapter: Adapter) -> str:
+    """Why a GPU can't draw, as a clause; empty where it can.  Devices in software are not opened to be asked."""
+    if adapter.software:
+        return ""
+    try:
+        opened(adapter).close()
+    except UnfitError as error:
+        return error.reason
+    return ""
 
 
 @contextmanager
@@ -114,4 +208,4 @@ def _quiet() -> Iterator[None]:
 @cache
 def _c_library() -> ctypes.CDLL:
     """The C library of this process; each time that it is loaded leaves a reference cycle behind."""
-    return ctypes.CDLL(None)
+    return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)

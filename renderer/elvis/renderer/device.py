@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
-from elvis.renderer.adapters import choose, opened
+from elvis.renderer.adapters import open_device
 from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
@@ -71,16 +71,18 @@ class Device:
     Closing it frees all of them at once, also those that an exception's frames or a reference cycle still hold: slangpy
     keeps a device, its threads and its memory for as long as one buffer or kernel of it is there.
 
-    watch  what its kernels do between dispatches
+    passed  a sentence for each better device that ``auto`` could not take
+    watch   what its kernels do between dispatches
     """
 
     def __init__(self, name: str = "auto") -> None:
-        """Open a device (see choose)."""
-        self.adapter = choose(name)
-        self._opened: slangpy.Device | None = opened(self.adapter)
+        """Open a device (see first_fit)."""
+        choice = open_device(name)
+        self.adapter, self.passed = choice.adapter, choice.passed
+        self._opened: slangpy.Device | None = choice.device
         self.cache = kernel_cache()
         self._announcement = Announcement(self.cache, self.adapter.software)
-        self.watch = Watch(self._opened.wait_for_idle, _keeping(self._opened, self.cache, self._announcement))
+        self.watch = Watch(choice.device.wait_for_idle, _keeping(choice.device, self.cache, self._announcement))
         self._folders = [*SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}

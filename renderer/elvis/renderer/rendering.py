@@ -261,7 +261,12 @@ class Renderer:
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
             elements=len(self.stages.loaded.ids) - 1,
             pixels=frame.counts(),
-            remarks=[*frame.stats.get("remarks", ()), *_constants(frame), *self.device.cache.remarks],
+            remarks=[
+                *frame.stats.get("remarks", ()),
+                *_constants(frame),
+                *self.device.passed,
+                *self.device.cache.remarks,
+            ],
         )
         if scene.box or scene.axes:
             frame = replace(frame, box=self._domain())

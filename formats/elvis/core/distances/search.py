@@ -17,6 +17,7 @@ from elvis.core.distances.parts import Model, Parts, linear_distance
 from elvis.core.distances.quadratic import least
 from elvis.core.distances.surface import LEAF, Surface
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches
+from elvis.core.needing import needed
 
 #: parts of the surface's scale within which distances are equal
 EQUAL = 1e-12
@@ -85,7 +86,7 @@ class _Search:
 
     def _closest_corners(self) -> Ints:
         """(n,) for each point the patch whose corners' triangles are nearest: of flat patches, the nearest one."""
-        import igl
+        igl = needed("igl", "the distance to a surface", "distances")
 
         corners, patch = self.surface.corners
         ends = np.arange(len(corners)).reshape(-1, 3)

@@ -9,6 +9,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.distances.surface_patches import SurfacePatches
 from elvis.core.mapping.orientation import chunks
+from elvis.core.needing import needed
 
 #: part of a triangle's size by which a point lies before it
 _BEFORE = 1e-6
@@ -30,7 +31,7 @@ def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
     A point is inside where the surface winds around it (Jacobson, Kavan and Sorkine-Hornung 2013).  The triangles turn
     as the file says, if they agree with their neighbours; else they are turned.
     """
-    import igl
+    igl = needed("igl", "the distance to a surface", "distances")
 
     own = triangles if _agree(triangles) else np.asarray(igl.bfs_orient(triangles)[0], np.int64)
     turned = (own != triangles).any(axis=1)
@@ -72,7 +73,7 @@ def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> 
 
 def _flips(loops: Sequence[Ints]) -> Bools:
     """(faces,) which of the faces would have to run the other way round, so that neighbours agree."""
-    import igl
+    igl = needed("igl", "the distance to a surface", "distances")
 
     fans = [np.stack([loop[:, [0, k, k + 1]] for k in range(1, loop.shape[1] - 1)], axis=1) for loop in loops]
     triangles = np.concatenate([fan.reshape(-1, 3) for fan in fans])
@@ -99,7 +100,7 @@ def _ahead(corners: Floats) -> Floats:
 
 def _winding(corners: Floats, places: Floats) -> Floats:
     """(n,) how often triangles (m, 3, 3) wind around points (n, 3)."""
-    import igl
+    igl = needed("igl", "the distance to a surface", "distances")
 
     triangles = np.arange(3 * len(corners)).reshape(-1, 3)
     return np.asarray(igl.winding_number(np.ascontiguousarray(corners.reshape(-1, 3)), triangles, places))

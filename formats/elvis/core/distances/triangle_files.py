@@ -11,6 +11,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain
+from elvis.core.needing import needed
 
 #: suffixes of files that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb")
@@ -42,7 +43,7 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
 
 def corners_of(name: str) -> Floats:
     """(m, 3, 3) the corners of the triangles of a file; FormatError where it holds none."""
-    import trimesh
+    trimesh = needed("trimesh", "a triangle file", "distances")
 
     check_plain(name)
     try:

@@ -15,23 +15,35 @@ Examples:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def devices(as_json: bool) -> None:
     """List the devices that can draw, and the one that --device auto takes."""
-    from elvis.core.terminal import print_json, print_table
+    from elvis.core.terminal import print_json, print_table, warn
     from elvis.plugins.registry import plugins
-    from elvis.renderer.adapters import ADVICE, adapters, choose
+    from elvis.renderer.adapters import ADVICE, COMPILER_ADVICE, adapters, by_preference, unfit
+    from elvis.renderer.device_errors import DeviceError
 
-    chosen = choose("auto").name
-    rows = [
-        (a.name, "software" if a.software else "GPU", a.label, "auto" if a.name == chosen else "") for a in adapters()
-    ]
+    advice = []
+    try:
+        every = adapters()
+    except DeviceError as error:
+        every = []
+        advice.append(str(error))
+    else:
+        if not any(adapter.kind == "vulkan" for adapter in every):
+            advice.append(f"no Vulkan device was found: {ADVICE}")
+        if not any(adapter.kind == "cpu" for adapter in every):
+            advice.append(f"the device cpu is not offered: {COMPILER_ADVICE}")
+    reasons = {adapter.name: unfit(adapter) for adapter in every}
+    chosen = next((adapter.name for adapter in by_preference(every) if not reasons[adapter.name]), "")
+    rows = [(a.name, "software" if a.software else "GPU", a.label, a.name == chosen, reasons[a.name]) for a in every]
     rows += [
-        (name, "software", f"plugin of {plugin.distribution}", "")
+        (name, "software", f"plugin of {plugin.distribution}", False, "")
         for name, plugin in plugins("elvis.devices").items()
         if name != "auto"
     ]
     if as_json:
-        keys = ("name", "kind", "label", "auto")
-        print_json([dict(zip(keys, (*row[:3], row[3] == "auto"), strict=True)) for row in rows])
+        keys = ("name", "kind", "label", "auto", "unfit")
+        print_json([dict(zip(keys, row, strict=True)) for row in rows])
         return
-    print_table(("device", "kind", "what it is", ""), rows)
-    if not any(row[0].startswith("vulkan") for row in rows):
-        click.echo(f"No Vulkan device was found: {ADVICE}.", err=True)
+    said = [(*row[:3], "auto" if row[3] else row[4] and f"passed over: it {row[4]}") for row in rows]
+    print_table(("device", "kind", "what it is", ""), said)
+    for sentence in advice:
+        warn(sentence)
