@@ -10,7 +10,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.formats import Dataset
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
-from elvis.reference.baseline.mesh import estimate, joined
+from elvis.reference.baseline.mesh import concatenate, estimate
 from elvis.reference.baseline.sections import section
 from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.baseline.tracing import Tracer
@@ -173,7 +173,7 @@ def test_a_plane_on_faces_shows_the_elements_of_both_sides():
     """A plane at the border of the domain, or between elements, is not lost."""
     made = baseline(solid(grid(Shape.HEXAHEDRON, 2), modes=3), 1)
     for height in (0.0, 0.5, 1.0):
-        cut = joined([section(part, part.points[:, 2] - height) for part in made.parts])
+        cut = concatenate([section(part, part.points[:, 2] - height) for part in made.parts])
         a, b = edges_of(cut)
         area = np.linalg.norm(np.cross(a, b), axis=1).sum() / 2
         assert area == pytest.approx(2 if height == 0.5 else 1, rel=1e-13)

@@ -85,7 +85,7 @@ class Vtk(NodalConverter):
                 result.append(own)
                 first += len(grid.types)
             else:
-                leading[:] = [part.joined(other) for part, other in zip(leading, own, strict=True)]
+                leading[:] = [part.join(other) for part, other in zip(leading, own, strict=True)]
         if others:
             self.notes = [f"{others} cells of lower dimension were left out"]
         return [part for parts in result for part in parts]
@@ -190,7 +190,7 @@ class Part:
         """The part that has an array: this one or a companion."""
         return next((each for each in (self, *self.companions) if name in each.arrays(on_points)), None)
 
-    def joined(self, other: Part) -> Part:
+    def join(self, other: Part) -> Part:
         """Both, the one of higher order with the other as a companion."""
         high, low = (self, other) if self.cell.order >= other.cell.order else (other, self)
         high.companions, high.first = [*high.companions, low, *low.companions], min(high.first, low.first)

@@ -52,7 +52,7 @@ struct Joined : IVolume
 """
 
 
-def joined(parts: Sequence[Part], folder: Path) -> tuple[str, str, Mapping[str, NDArray[Any]]]:
+def join_fields(parts: Sequence[Part], folder: Path) -> tuple[str, str, Mapping[str, NDArray[Any]]]:
     """Type, source and buffers of elements whose number e M + m has the field of part m of M, on the map of element e.
 
     parts  the same elements with different fields

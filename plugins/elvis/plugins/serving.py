@@ -24,7 +24,7 @@ from elvis.plugins.host_evaluation import (
     host_evaluations_by_field,
     number_of,
 )
-from elvis.plugins.joining import joined
+from elvis.plugins.joining import join_fields
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.opening import Opened, guarded
 from elvis.plugins.volume import Part, Quantity, Shown, Solution, Volume
@@ -150,7 +150,7 @@ def _quantity(fields: Fields, expression: Expression) -> Quantity:
             raise ElvisError(f"there is no {name} of elements that a runtime plugin draws")
     type, source, buffers = part.type, part.source, part.buffers
     if len(names) > 1:
-        type, source, buffers = joined([fields.parts[name] for name in names], fields.folder)
+        type, source, buffers = join_fields([fields.parts[name] for name in names], fields.folder)
     ideal = np.eye(3)
     if shape:
         ideal[: shape.dimension, : shape.dimension] = from_ideal(shape)

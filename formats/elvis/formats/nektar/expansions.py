@@ -22,7 +22,7 @@ from elvis.core.shapes import Shape
 from elvis.formats.nektar.composites import composite_ids
 from elvis.formats.nektar.expressions import evaluate
 from elvis.formats.nektar.fields_output import OutputSection
-from elvis.formats.nektar.numbers import IdList, format_ids, joined, split
+from elvis.formats.nektar.numbers import IdList, comma_list, format_ids, split
 from elvis.formats.nektar.xml import Element, Writer
 
 _PARAMETER = re.compile(r"\s*([A-Za-z_]\w*)\s*=(.*)", re.DOTALL)
@@ -132,17 +132,17 @@ def _entry(rule: ExpansionRule) -> tuple[str, dict[str, object]]:
     tag, kinds = "E", rule.kind.split(",")
     attributes: dict[str, object] = {"COMPOSITE": f"C[{format_ids(np.array(rule.composites, np.int64))}]"}
     if all(kind in _BASIS_LABELS for kind in kinds):
-        attributes |= {"BASISTYPE": rule.kind, "NUMMODES": joined(rule.modes)}
+        attributes |= {"BASISTYPE": rule.kind, "NUMMODES": comma_list(rule.modes)}
         if rule.points:
-            attributes |= {"POINTSTYPE": joined(rule.point_types), "NUMPOINTS": joined(rule.points)}
+            attributes |= {"POINTSTYPE": comma_list(rule.point_types), "NUMPOINTS": comma_list(rule.points)}
     elif len(kinds) > 1:
         tag = "H"
         for axis, kind, modes in zip("XYZ", kinds, rule.modes, strict=False):
             attributes |= {f"TYPE-{axis}": kind, f"NUMMODES-{axis}": modes}
     else:
-        attributes |= {"NUMMODES": joined(rule.modes), "TYPE": rule.kind}
+        attributes |= {"NUMMODES": comma_list(rule.modes), "TYPE": rule.kind}
     if rule.fields:
-        attributes["FIELDS"] = joined(rule.fields)
+        attributes["FIELDS"] = comma_list(rule.fields)
     return tag, attributes
 
 

@@ -15,7 +15,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.hdf5 import created
-from elvis.formats.nektar.numbers import format_ids, joined
+from elvis.formats.nektar.numbers import comma_list, format_ids
 from elvis.formats.nektar.xml import COMPRESSED, Writer
 
 if TYPE_CHECKING:
@@ -150,14 +150,14 @@ def write_sections(writer: Writer, sections: Sequence[OutputSection]) -> None:
         _check_names(section.names)
         homogeneous = section.homogeneous
         attributes: dict[str, object] = {
-            "FIELDS": joined(section.names),
+            "FIELDS": comma_list(section.names),
             "SHAPE": section.shape_label,
-            "BASIS": joined([basis.label for basis in section.bases]),
+            "BASIS": comma_list([basis.label for basis in section.bases]),
         }
         if homogeneous:
-            attributes["HOMOGENEOUSLENGTHS"] = joined([repr(float(length)) for length in homogeneous.lengths])
+            attributes["HOMOGENEOUSLENGTHS"] = comma_list([repr(float(length)) for length in homogeneous.lengths])
             lists = {"Y": homogeneous.y_ids, "Z": homogeneous.z_ids, "S": homogeneous.strips}
-            attributes |= {f"HOMOGENEOUS{axis}IDS": joined(ids) for axis, ids in lists.items() if ids}
+            attributes |= {f"HOMOGENEOUS{axis}IDS": comma_list(ids) for axis, ids in lists.items() if ids}
         attributes |= {"NUMMODESPERDIR": _orders(section), "ID": format_ids(section.element_ids), **COMPRESSED}
         writer.payload("ELEMENTS", attributes, section.values())
 
@@ -186,8 +186,8 @@ def _check_names(names: Sequence[str]) -> None:
 
 def _orders(section: OutputSection) -> str:
     if section.is_mixed:
-        return f"MIXORDER:{joined(section.orders().tolist())}"
-    return f"UNIORDER:{joined(section.modes()[0])}"
+        return f"MIXORDER:{comma_list(section.orders().tolist())}"
+    return f"UNIORDER:{comma_list(section.modes()[0])}"
 
 
 def _write_definition(group: h5py.Group, section: OutputSection, is_mixed: bool) -> None:

@@ -236,7 +236,7 @@ def split(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",")) if text.strip() else ()
 
 
-def joined(values: Sequence[object]) -> str:
+def comma_list(values: Sequence[object]) -> str:
     """A comma-separated list."""
     return ",".join(map(str, values))
 

@@ -119,7 +119,7 @@ def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:
     return conforming(modified(block.shape, (modes,) * block.shape.dimension), extra)
 
 
-def joined(fitted: Fitted, tolerance: float, traces: Traces) -> Fitted:
+def join_traces(fitted: Fitted, tolerance: float, traces: Traces) -> Fitted:
     """The field with one trace on every shared entity, where elements agree there to ``tolerance`` already.
 
     Its coefficients are changed in place.

@@ -12,7 +12,7 @@ from elvis.core.mesh import Mesh
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.adaptivity import adapted, bounds_of, raised
 from elvis.plugins.projection.blocks import NativeBlock
-from elvis.plugins.projection.fitting import Fitted, fit_fields, joined
+from elvis.plugins.projection.fitting import Fitted, fit_fields, join_traces
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.traces import Traces
 from elvis.plugins.projection.verification import Findings, check
@@ -98,5 +98,5 @@ def _join(
             known[modes] = Traces(mesh, blocks, modes)
         magnitude = max((float(np.abs(own).max(initial=0)) for own in each.coefficients), default=0.0)
         tolerance = np.inf if by_force else (1e-9 + 16 * source.precision) * magnitude
-        result[i] = joined(each, tolerance, known[modes])
+        result[i] = join_traces(each, tolerance, known[modes])
     return result

@@ -11,7 +11,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.mapping.pointwise import positions
 from elvis.core.patch import Patch
 from elvis.reference.baseline.linear_drawing import Baseline
-from elvis.reference.baseline.mesh import LinearMesh, joined
+from elvis.reference.baseline.mesh import LinearMesh, concatenate
 from elvis.reference.baseline.sections import section
 from elvis.reference.quantities import Quantities
 
@@ -32,7 +32,7 @@ def exact_isosurface(
     made = Baseline.of(dataset, quantities, level)
     parts = [section(part, part.values[name] - value) for part in made.parts]
     pairs = zip(quantities.patches, parts, strict=True)
-    return joined([_corners_on_surface(quantities, name, patch, part, value) for patch, part in pairs])
+    return concatenate([_corners_on_surface(quantities, name, patch, part, value) for patch, part in pairs])
 
 
 def _corners_on_surface(quantities: Quantities, name: str, patch: Patch, mesh: LinearMesh, value: float) -> LinearMesh:

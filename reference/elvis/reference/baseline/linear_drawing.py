@@ -13,7 +13,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch
 from elvis.reference.baseline.linear_volumes import volume_fragments
-from elvis.reference.baseline.mesh import LinearMesh, estimate, joined, linear_meshes
+from elvis.reference.baseline.mesh import LinearMesh, concatenate, estimate, linear_meshes
 from elvis.reference.baseline.probing import Probe
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.tracing import Tracer
@@ -75,7 +75,7 @@ class Baseline:
     @property
     def whole(self) -> LinearMesh:
         """All parts as one mesh."""
-        return joined(self.parts)
+        return concatenate(self.parts)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -106,7 +106,7 @@ class Baseline:
                 cuts = [self._faces(number, select) for number in range(len(self.parts))]
             case _:
                 raise ElvisError(f"the linear baseline draws no {type(shown).__name__}")
-        return joined(cuts)
+        return concatenate(cuts)
 
     def _solid(self) -> Sequence[LinearMesh]:
         """The parts, if they have volume."""

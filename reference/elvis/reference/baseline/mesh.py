@@ -68,7 +68,7 @@ def linear_meshes(patches: Sequence[Patch], level: int, quantities: Mapping[str,
     return [_cut(patch, level, quantities) for patch in patches]
 
 
-def joined(parts: Sequence[LinearMesh]) -> LinearMesh:
+def concatenate(parts: Sequence[LinearMesh]) -> LinearMesh:
     """Several meshes of one kind as one; corners stay apart."""
     starts = np.cumsum([0, *(len(part.points) for part in parts)])
     return LinearMesh(

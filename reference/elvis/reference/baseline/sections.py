@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.reference.baseline.mesh import LinearMesh, joined
+from elvis.reference.baseline.mesh import LinearMesh, concatenate
 
 
 def section(mesh: LinearMesh, levels: Floats) -> LinearMesh:
@@ -20,7 +20,7 @@ def section(mesh: LinearMesh, levels: Floats) -> LinearMesh:
     Where a surface lies on faces exactly, the triangles of both sides are kept, so that none at the border is lost.
     """
     sides = [levels >= 0, levels > 0] if (levels == 0).any() else [levels > 0]
-    return joined([_march(mesh, levels, above) for above in sides])
+    return concatenate([_march(mesh, levels, above) for above in sides])
 
 
 def _march(mesh: LinearMesh, levels: Floats, above: np.ndarray) -> LinearMesh:

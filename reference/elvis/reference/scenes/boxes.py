@@ -61,7 +61,7 @@ class Boxes:
         return Boxes(series, np.tile(self.sizes, (2, 1)), halved, self.degrees)
 
     @staticmethod
-    def joined(parts: list[Boxes]) -> Boxes:
+    def concatenate(parts: list[Boxes]) -> Boxes:
         """Several as one."""
         series, sizes = (np.concatenate([getattr(part, name) for part in parts]) for name in ("series", "sizes"))
         return Boxes(series, sizes, np.concatenate([part.halved for part in parts]), parts[0].degrees)

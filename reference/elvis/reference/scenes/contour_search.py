@@ -48,7 +48,7 @@ class LineSegments:
     radius: Floats
 
     @staticmethod
-    def joined(parts: list[LineSegments]) -> LineSegments:
+    def concatenate(parts: list[LineSegments]) -> LineSegments:
         """Several as one."""
         every = [LineSegments(np.empty((0, 2, 2)), np.empty((0, 2, 2)), np.empty(0)), *parts]
         return LineSegments(
@@ -82,7 +82,7 @@ class Search:
         """All segments of the contour."""
         count = len(self.patch) if self.equation.leaves else 0
         rows = [np.arange(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
-        return LineSegments.joined([segment for some in rows for segment in self._halve(self._boxes(some))])
+        return LineSegments.concatenate([segment for some in rows for segment in self._halve(self._boxes(some))])
 
     def _boxes(self, rows: Ints) -> Boxes:
         """Whole elements: their fields, then x, y and z."""
@@ -108,7 +108,7 @@ class Search:
             parts = [boxes.part(which).halves(axis) for axis, which in left if len(which)]
             if not parts:
                 break
-            boxes = Boxes.joined(parts)
+            boxes = Boxes.concatenate(parts)
         return found
 
     def _looked_at(self, boxes: Boxes) -> tuple[Boxes, LineSegments, Bools, Ints]:

@@ -57,7 +57,7 @@ class Crossings:
         return Crossings(*(getattr(self, own.name)[which] for own in fields(self)))
 
     @staticmethod
-    def joined(parts: Sequence[Crossings]) -> Crossings:
+    def concatenate(parts: Sequence[Crossings]) -> Crossings:
         """Several lists as one, in order."""
         every = [Crossings.none(), *parts]
         columns = [np.concatenate([getattr(part, own.name) for part in every]) for own in fields(Crossings)]
@@ -88,7 +88,7 @@ class Crossings:
         again = np.diff(found.depth, prepend=-np.inf) <= 1e-9 * size
         for column in (found.pixel, found.patch, found.row):
             again &= np.diff(column, prepend=-1) == 0
-        return Crossings.joined([found.part(~again)])
+        return Crossings.concatenate([found.part(~again)])
 
     def once(self, patches: Sequence[Patch], size: float) -> Crossings:
         """The hits with those that several elements share given to the one of lowest id; these are ambiguous.

@@ -32,7 +32,7 @@ def cut_crossings(locator: Locator, surface: Surface, view: View) -> Crossings:
     pixel, depth, normal, points = pixel[possible], depth[possible], normal[possible], points[possible]
     found = owners(locator, points)
     polish(locator.patches, found, points)
-    return Crossings.joined([_locate_points(found, pixel, depth, normal)])
+    return Crossings.concatenate([_locate_points(found, pixel, depth, normal)])
 
 
 def _within(locator: Locator, points: Floats) -> Ints:

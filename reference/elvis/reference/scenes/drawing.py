@@ -137,7 +137,7 @@ class Scenery:
         self._check_solid("isosurfaces")
         made, size = self.quantities, self.size
         begun, pairs = beginnings(lambda: self.locator, view, self.box), product(values, enumerate(made.patches))
-        return Crossings.joined(
+        return Crossings.concatenate(
             [iso_crossings(k, patch, made, name, value, view, size, begun) for value, (k, patch) in pairs]
         )
 
@@ -147,7 +147,7 @@ class Scenery:
         for number, patch in enumerate(self.quantities.patches):
             chosen = self.quantities.selected_faces(number, select)
             found.append(face_crossings(number, patch, chosen, view, self.size))
-        return Crossings.joined(found)
+        return Crossings.concatenate(found)
 
     def _check_solid(self, what: str) -> None:
         if any(patch.dimension != 3 for patch in self.quantities.patches):

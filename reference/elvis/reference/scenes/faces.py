@@ -48,7 +48,7 @@ def face_crossings(
                     known = among(wanted, own[triangle] * view.count + pixel)
                     triangle, pixel = triangle[known], pixel[known]
                 found += _decide(number, patch, face, own, corners, starts, triangle, pixel, view, size)
-    return Crossings.joined(found).distinct(size)
+    return Crossings.concatenate(found).distinct(size)
 
 
 def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:

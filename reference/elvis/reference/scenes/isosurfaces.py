@@ -52,7 +52,7 @@ def iso_crossings(
     segments = segments_through(number, patch, view, size, begun, wanted)
     search = _Search(number, patch, quantities, name, value, view, size)
     parts = np.array_split(np.arange(len(segments)), -(-len(segments) // _AT_ONCE) or 1)
-    return Crossings.joined([search.hits(segments.part(rows)) for rows in parts]).distinct(size)
+    return Crossings.concatenate([search.hits(segments.part(rows)) for rows in parts]).distinct(size)
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,7 +90,7 @@ def segments_through(
     chosen = np.zeros((len(patch), len(faces_of(patch))), bool)
     chosen[rows] = True
     hits = face_crossings(number, patch, chosen, view, size, wanted)
-    hits = Crossings.joined([hits, begun.part(begun.patch == number)])
+    hits = Crossings.concatenate([hits, begun.part(begun.patch == number)])
     hits = hits.part(np.lexsort([hits.depth, hits.row, hits.pixel]))
     pairs = np.flatnonzero((np.diff(hits.pixel) == 0) & (np.diff(hits.row) == 0))
     found = _pair(hits, pairs)

@@ -44,7 +44,7 @@ class Zeros:
     rough: Bools
 
     @staticmethod
-    def joined(parts: list[Zeros]) -> Zeros:
+    def concatenate(parts: list[Zeros]) -> Zeros:
         """Several as one."""
         none = Zeros(np.empty(0, np.int64), np.empty(0), np.empty(0, bool), np.empty(0, bool))
         return Zeros(*(np.concatenate([getattr(own, each.name) for own in [none, *parts]]) for each in fields(Zeros)))
@@ -113,7 +113,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Ze
             touched = parts.some(open_ & same & small)
             found.append(touched.zeros(np.zeros(len(touched.which)), double=True, rough=True))
         parts = parts.some(open_).halves()
-    return Zeros.joined(found)
+    return Zeros.concatenate(found)
 
 
 def _separate(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
