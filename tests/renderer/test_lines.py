@@ -16,7 +16,7 @@ from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.lines.lines import Lines, covered, levels
 from elvis.renderer.passes.plane.cut import Cutter
-from elvis.renderer.passes.solids.solids import sampled
+from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.errors import SceneError
 from elvis.scene.view import PlaneView, View
@@ -164,7 +164,7 @@ def test_contours_of_an_expression(renderer):
     loaded = Loaded(renderer("vulkan").device, volume)
     view = PlaneView.on(View.through(CAMERAS["straight on"], SIZE), FLAT)
     hits = Cutter(loaded).draw(view)
-    hits = hits.showing(sampled(loaded, hits, distance))
+    hits = hits.showing(values_at_hits(loaded, hits, distance))
     drawn = Lines(loaded).contours(view, hits, np.array([0.2, 0.3]), 1.5, distance)
     check(hits, drawn.coverage, np.min([distances(view, circle((0.47, 0.52), r)) for r in (0.2, 0.3)], axis=0), 1.5)
 

@@ -10,7 +10,7 @@ from elvis.renderer import Camera, Plane
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.lines.lines import Lines, covered
 from elvis.renderer.passes.plane.cut import Cutter
-from elvis.renderer.passes.solids.solids import sampled
+from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import PlaneView, View
 
@@ -28,7 +28,7 @@ def cut(renderer):
         loaded = Loaded(renderer("vulkan").device, volume_of(dataset, ["u", quantity]))
         view = PlaneView.on(View.through(CAMERA, SIZE), Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0)))
         hits = Cutter(loaded).draw(view)
-        return Lines(loaded), view, hits if quantity == "u" else hits.showing(sampled(loaded, hits, quantity))
+        return Lines(loaded), view, hits if quantity == "u" else hits.showing(values_at_hits(loaded, hits, quantity))
 
     return cut
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, export
-from elvis.converters.ngsolve_files import is_mesh, sampled
+from elvis.converters.ngsolve_files import is_mesh, run_samples
 from elvis.converters.unit import UNIT, unit_basis
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
@@ -65,7 +65,7 @@ class NGSolve(NodalConverter):
 
     def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:
         is_archive = len(paths) == 1 and bool(names_in(paths[0]))
-        self._take(_load(paths[0]) if is_archive else sampled(paths, spaces), paths[0])
+        self._take(_load(paths[0]) if is_archive else run_samples(paths, spaces), paths[0])
 
     @classmethod
     def of(cls, data: dict[str, Any], path: Path) -> NGSolve:

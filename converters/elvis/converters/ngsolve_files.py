@@ -67,7 +67,7 @@ def _is_compressed(path: Path) -> bool:
     return leading(path, len(_GZIP)) == _GZIP
 
 
-def sampled(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
+def run_samples(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
     """What the samples of a mesh and its functions are: see `ngsolve_export.samples`.
 
     spaces  of the functions, as ``H1:5,L2:4``, in the order of their files

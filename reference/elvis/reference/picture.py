@@ -28,7 +28,7 @@ from elvis.plugins.opening import Opened
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
-from elvis.reference.settling import ranged, sampled
+from elvis.reference.settling import ranged, supersample
 from elvis.reference.sources import DatasetSource, Source
 from elvis.scene import Faces, Scene
 from elvis.scene.errors import SceneError
@@ -59,7 +59,7 @@ def _render(source: Source, scene: Scene) -> Frame:
     """As `render`, but for the time."""
     scene = ranged(source, scene)
     if scene.samples > 1:
-        return sampled(_render, source, scene)
+        return supersample(_render, source, scene)
     if not isinstance(source, DatasetSource):
         return draw(source, scene)
     dataset = source.dataset

@@ -36,7 +36,7 @@ def _bounds(source: Source, name: str) -> tuple[float, float]:
     return automatic_range(np.array(found))
 
 
-def sampled(draw: Draw, source: Source, scene: Scene) -> Frame:
+def supersample(draw: Draw, source: Source, scene: Scene) -> Frame:
     """The picture with colours that are means over n x n points of each pixel; records are those of its centre."""
     frame, n = draw(source, replace(scene, samples=1)), scene.samples
     height, width = frame.status.shape

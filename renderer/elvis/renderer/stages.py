@@ -26,7 +26,7 @@ from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.hits import outside
-from elvis.renderer.passes.solids.solids import SolidDrawer, sampled
+from elvis.renderer.passes.solids.solids import SolidDrawer, values_at_hits
 from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder
@@ -276,7 +276,7 @@ class Stages:
 
     def resampled(self, hits: HitBuffer, known: str | None, wanted: str | None) -> HitBuffer:
         """The hit buffer with another quantity as its field."""
-        return hits if known == wanted else hits.showing(sampled(self.loaded, hits, wanted))
+        return hits if known == wanted else hits.showing(values_at_hits(self.loaded, hits, wanted))
 
     def hit_buffers(self, draw_call: DrawCall, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:
         """What is seen of a draw call, from near to far: the hits that no clip takes away, while any shine through."""
@@ -318,7 +318,7 @@ class Stages:
     def _height(self, hits: HitBuffer, expression: str, hit: Ints) -> tuple[Floats, Floats]:
         """(k,) the values of an expression at hits (k,), and what of them may be none: what is rounding, and what they
         change by as near to the hit as surfaces are taken for one."""
-        values, close = sampled(self.loaded, hits, expression)[hit], np.zeros(len(hit))
+        values, close = values_at_hits(self.loaded, hits, expression)[hit], np.zeros(len(hit))
         part = np.searchsorted(self.loaded.first, hits.owner[hit], side="right") - 1
         traversal, room = self.volumes.traversal, 2.0 * CLOSE * self.loaded.extent
         for number in np.unique(part):

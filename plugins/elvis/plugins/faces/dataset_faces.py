@@ -16,7 +16,7 @@ from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.expansion import values
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
-from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled
+from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled_nets
 
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
 
@@ -56,7 +56,7 @@ def _blocks(
     for kind, own, entity in _sides(mesh, shape, block.element_ids[rows], length is not None):
         space, local = face_space(kind, max(degree, 1)), np.tile(np.arange(len(own)), len(rows))
         element, nets = (np.repeat(which, len(own)) for which in (numbers, rows))
-        images = sampled(space, nets, local, own, _images(block, length))
+        images = sampled_nets(space, nets, local, own, _images(block, length))
         yield FaceBlock(part, solid, space, element, local, entity.reshape(-1), own, images)
 
 

@@ -17,7 +17,7 @@ from elvis.core.relative import allowed, scale
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
-from elvis.plugins.faces.nets import FaceSpace, face_space, polynomial, sampled
+from elvis.plugins.faces.nets import FaceSpace, face_space, polynomial, sampled_nets
 from elvis.plugins.host_evaluation import HostEvaluation
 from elvis.plugins.projection.vertices import clusters, merging_tolerance
 
@@ -81,7 +81,7 @@ def _block(host: HostEvaluation, part: int, kind: Shape, faces: list[int], entit
 
     for degree in _DEGREES:
         space = face_space(kind, degree)
-        nets = sampled(space, rows, local, places, polynomial(positions))
+        nets = sampled_nets(space, rows, local, places, polynomial(positions))
         off = _off(space, nets(np.arange(len(rows)))[..., :3], rows, local, places, positions)
         if off <= _OFF:
             break

@@ -11,7 +11,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock
-from elvis.plugins.faces.nets import Images, face_space, sampled
+from elvis.plugins.faces.nets import Images, face_space, sampled_nets
 from elvis.plugins.projection.vertices import clusters, merging_tolerance
 
 
@@ -47,7 +47,7 @@ def hexahedron_faces(parts: Sequence[Hexahedra]) -> tuple[FaceBlock, ...]:
 def _block(number: int, part: Hexahedra, entity: Ints) -> FaceBlock:
     element, local = (some.reshape(-1) for some in np.indices((len(part.vertices), 6)))
     space, own = face_space(Shape.QUADRILATERAL, part.degree), part.frames()
-    nets = sampled(space, element, local, own, part.images)
+    nets = sampled_nets(space, element, local, own, part.images)
     return FaceBlock(number, "hexahedron", space, element, local, entity, own, nets)
 
 

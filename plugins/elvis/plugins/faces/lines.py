@@ -14,7 +14,7 @@ from elvis.core.shapes import Shape
 from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.hexahedra import Hexahedra, hexahedron_faces, vertices_at
-from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled
+from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled_nets
 from elvis.plugins.volume import Volume
 
 
@@ -66,5 +66,5 @@ def _walls(part: int, count: int, first: int, degree: int, images: Images) -> Fa
     """Elements that are faces themselves."""
     space, own, element = face_space(Shape.QUADRILATERAL, degree), frames(Shape.QUADRILATERAL), np.arange(count)
     local = np.zeros(count, np.int64)
-    nets = sampled(space, element, local, own, images)
+    nets = sampled_nets(space, element, local, own, images)
     return FaceBlock(part, "extruded segment", space, element, local, first + element, own, nets)

@@ -92,7 +92,7 @@ def face_space(shape: Shape, degree: int) -> FaceSpace:
     return FaceSpace(shape, degree)
 
 
-def sampled(space: FaceSpace, rows: Ints, local: Ints, frames: Floats, images: Images) -> Callable[[Ints], Floats]:
+def sampled_nets(space: FaceSpace, rows: Ints, local: Ints, frames: Floats, images: Images) -> Callable[[Ints], Floats]:
     """The ``nets`` of a FaceBlock whose faces' maps are found from points of their elements.
 
     rows    (n,) of the elements, as ``images`` knows them

@@ -17,7 +17,7 @@ from elvis.renderer.device import Buffer, Kernel, stand_in
 from elvis.renderer.hit_buffer import HitBuffer, cleared, written
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
-from elvis.renderer.passes.solids.solids import sampled
+from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import binned
 from elvis.renderer.traversal import APART, Traversal, seen
@@ -125,7 +125,7 @@ class IsosurfaceDrawer:
     def _check_poles(self, hits: HitBuffer, quantity: str | None, value: float) -> None:
         """Hits are ambiguous where the quantity has not the value that its stand-in says: at its poles."""
         hit = hits.owner != NOBODY
-        found = sampled(self.loaded, hits, quantity)[hit]
+        found = values_at_hits(self.loaded, hits, quantity)[hit]
         wrong = ~np.isfinite(found) | (np.abs(found - value) > 1e-6 * abs(value) if value else False)
         hits.status[np.flatnonzero(hit)[wrong]] = Status.AMBIGUOUS
 

@@ -206,7 +206,7 @@ class ContourProof:
             self._centers[number] = one.center[0]
         return self._centers[number]
 
-    def sampled(self, number: int, elements: Ints, places: Floats) -> Samples:
+    def sample(self, number: int, elements: Ints, places: Floats) -> Samples:
         """What elements (n,) of a part, by index, have at reference points (n, 3)."""
         center = self.center(number)
         return sample_elements(
@@ -250,11 +250,11 @@ class _Squares:
         # the centre's reference coordinates, by Newton's method
         self._centre = np.where(np.isnan(items.start), straight, items.start)
         for _ in range(4):
-            found = proof.sampled(number, items.element, self._centre)
+            found = proof.sample(number, items.element, self._centre)
             self._inverse = np.asarray(np.linalg.inv(found.jacobian), np.float64)
             step = np.einsum("nij,nj->ni", self._inverse, middle - found.position)
             self._centre = self._centre + step
-        found = proof.sampled(number, items.element, self._centre)
+        found = proof.sample(number, items.element, self._centre)
         self._value = found.value
         self._missed = 2 * np.abs(np.einsum("nij,nj->ni", self._inverse, middle - found.position)).max(axis=1)
 
@@ -325,7 +325,7 @@ class _Squares:
 
         # a Newton step from there, which is left out of the place but not of the value
         elements = np.repeat(self._items.element[some], len(x))
-        found = self._proof.sampled(self._number, elements, places.reshape(-1, 3))
+        found = self._proof.sample(self._number, elements, places.reshape(-1, 3))
         step = np.linalg.solve(found.jacobian, (target - found.position)[..., None])[..., 0]
         values = found.value + np.einsum("ni,ni->n", found.gradient, step)
         length = np.abs(step).max(axis=1).reshape(len(some), -1).max(axis=1)

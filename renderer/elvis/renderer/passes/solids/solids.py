@@ -33,7 +33,7 @@ class SolidDrawer:
     def draw(self, view: View, surface: Solid, beyond: Floats | None = None, quantity: str | None = None) -> HitBuffer:
         """The nearest point of the surface that some element holds, behind the depths ``beyond`` (n,) where given."""
         found = self.looked_up(view, surface, partial(hits, surface), beyond)
-        return found if quantity is None else found.showing(sampled(self.loaded, found, quantity))
+        return found if quantity is None else found.showing(values_at_hits(self.loaded, found, quantity))
 
     def looked_up(
         self, view: View, surface: Hashable, meet: Callable[[View], Hits], beyond: Floats | None = None
@@ -113,7 +113,7 @@ def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:
     return found
 
 
-def sampled(loaded: Loaded, found: HitBuffer, quantity: str | None) -> Floats:
+def values_at_hits(loaded: Loaded, found: HitBuffer, quantity: str | None) -> Floats:
     """(n,) a quantity (None: the parts' own field) at the hits of a hit buffer, NaN elsewhere (sample.slang)."""
     values, hit = np.full(len(found.owner), np.nan), np.flatnonzero(found.owner != NOBODY)
     part = np.searchsorted(loaded.first, found.owner[hit], side="right") - 1
