@@ -57,7 +57,7 @@ def subdivided(surface, point, goal=1e-13):
             least.append(np.min(near, axis=0) - group.bounds[:, 9])
         if best - min(map(np.min, least)) < goal:
             return best
-        kept = [group.taken(np.flatnonzero(low <= best)) for group, low in zip(waiting, least, strict=True)]
+        kept = [group.take(np.flatnonzero(low <= best)) for group, low in zip(waiting, least, strict=True)]
         waiting = [group.parts() for group in kept if len(group)]
     raise AssertionError("expected subdivision to settle")
 

@@ -41,7 +41,7 @@ class GeometryBlock:
     def __len__(self) -> int:
         return len(self.element_ids)
 
-    def taken(self, which: Ints) -> Floats:
+    def take(self, which: Ints) -> Floats:
         """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
         return np.asarray(self.coefficients[which])
 
@@ -118,7 +118,7 @@ class Assembly:
         """(n,) ids in the file."""
         return frozen_ints(self.skeleton.mesh.of(self.expansion.shape).ids[self.rows])
 
-    def taken(self, which: Ints) -> Floats:
+    def take(self, which: Ints) -> Floats:
         """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
         assemble = _straight if max(self.expansion.modes) == 2 else _CURVED[self.expansion.shape.dimension]
         rows = self.rows[which]
@@ -129,7 +129,7 @@ class Assembly:
 
     def block(self) -> GeometryBlock:
         """All of it."""
-        return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.taken(np.arange(len(self)))))
+        return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.take(np.arange(len(self)))))
 
 
 def _assemble(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assembly]:

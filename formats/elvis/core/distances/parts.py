@@ -43,7 +43,7 @@ class Parts:
         """Whole patches."""
         return Parts(corners, row, np.zeros((len(row), 2)), np.tile(np.eye(2), (len(row), 1, 1)))
 
-    def taken(self, which: Ints) -> Parts:
+    def take(self, which: Ints) -> Parts:
         """Some of the parts."""
         return replace(self, row=self.row[which], middle=self.middle[which], frame=self.frame[which])
 
@@ -105,10 +105,10 @@ class Model:
         gradient = np.einsum("nx,nax->na", gap, first)
         return Model(parts, goal, gap, first, gradient, bent[:, [0, 0, 1], [0, 1, 1]])
 
-    def taken(self, which: Ints) -> Model:
+    def take(self, which: Ints) -> Model:
         """Some of the parts."""
         arrays = (self.goal, self.gap, self.first, self.gradient, self.bend)
-        return Model(self.parts.taken(which), *(array[which] for array in arrays))
+        return Model(self.parts.take(which), *(array[which] for array in arrays))
 
     def nearest_linear(self, bounds: Floats) -> tuple[Floats, Floats]:
         """(n, 2) the point of each part where its linear part is nearest, and (n,) what its distance is not less than.

@@ -139,19 +139,19 @@ class _Search:
             model = Model.of(patches, parts, self.points[point])
             start, lower = model.nearest_linear(bounds)
             worth = np.flatnonzero(lower <= self.distance[point] + self.equal)
-            point, model, start = point[worth], model.taken(worth), start[worth]
+            point, model, start = point[worth], model.take(worth), start[worth]
             parts, convex = model.parts, model.is_convex(bounds)
-            start[convex] = self._polish(patches, model.taken(np.flatnonzero(convex)), start[convex])
+            start[convex] = self._polish(patches, model.take(np.flatnonzero(convex)), start[convex])
             self._keep(number, point, parts.row, parts.places(start))
 
             # where D has no stationary point it is least on the sides; those within the face are other patches', too
             cut = np.flatnonzero(~convex & ~model.is_steady(bounds))
             whole = np.flatnonzero(~convex) if parts.depth == 0 and parts.corners > 2 else cut[:0]
             if len(cut) and parts.depth < _ROUNDS and len(cut) <= _MOST:
-                made = parts.taken(cut).divided()
+                made = parts.take(cut).divided()
                 waiting.append((np.tile(point[cut], len(made) // len(cut)), made))
             if len(whole):
-                sides, owner = parts.taken(whole).sides(patches)
+                sides, owner = parts.take(whole).sides(patches)
                 waiting.append((point[whole[owner]], sides))
 
     def _polish(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
@@ -160,7 +160,7 @@ class _Search:
         for _ in range(0 if patches.is_flat else _STEPS):
             if not len(moving):
                 break
-            parts, here = model.parts.taken(moving), result[moving]
+            parts, here = model.parts.take(moving), result[moving]
             there = Model.of(patches, parts.moved(here), model.goal[moving])
             result[moving] = least(parts.corners, there.bend, there.gradient - _times(there.bend, here))
             moving = moving[np.abs(result[moving] - here).max(axis=1) > 1e-10]

@@ -106,13 +106,13 @@ class SurfacePatches:
             if self.corners > 2:
                 linear += np.linalg.norm(rest.coefficients[:, 1, 0], axis=1)
             bent = bend > _FLAT * linear
-            done.append(rest.taken(np.flatnonzero(~bent)))
+            done.append(rest.take(np.flatnonzero(~bent)))
             if not bent.any() or sum(map(len, done)) + 4 * bent.sum() > _MOST:
-                return _join([*done, rest.taken(np.flatnonzero(bent))])
-            rest = rest.taken(np.flatnonzero(bent)).parts()
+                return _join([*done, rest.take(np.flatnonzero(bent))])
+            rest = rest.take(np.flatnonzero(bent)).parts()
         return _join([*done, rest])
 
-    def taken(self, rows: Ints) -> SurfacePatches:
+    def take(self, rows: Ints) -> SurfacePatches:
         """Some of the patches."""
         return SurfacePatches(self.corners, self.coefficients[rows], self.face[rows], self.outer[rows])
 

@@ -93,7 +93,7 @@ class NativeBlock:
             for start in range(0, len(self) if own is None else len(own), size):
                 yield number, slice(start, min(start + size, len(self))) if own is None else own[start : start + size]
 
-    def taken(self, rows: slice | Ints) -> Elements:
+    def take(self, rows: slice | Ints) -> Elements:
         """The source's elements behind ``rows`` of this block; by slice where they stand in a row."""
         own = self.rows[rows]
         if len(own) and own[-1] - own[0] == len(own) - 1 and (np.diff(own) == 1).all():

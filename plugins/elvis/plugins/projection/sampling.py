@@ -31,7 +31,7 @@ class Sampler:
 
     def positions(self, block: NativeBlock, rows: slice | Ints, points: Floats) -> Floats:
         """(k, n, 3) world coordinates at the source's points (n, d) of elements ``rows`` of the block."""
-        elements = block.taken(rows)
+        elements = block.take(rows)
         found = np.asarray(self.source.positions(elements, points), np.float64)
         if found.ndim != 3 or found.shape[:2] != (len(elements), len(points)) or found.shape[2] not in (1, 2, 3):
             raise self._error("positions", f"({len(elements)}, {len(points)}, 3)", found)
@@ -43,7 +43,7 @@ class Sampler:
 
     def values(self, block: NativeBlock, rows: slice | Ints, field: SourceField, points: Floats) -> Floats:
         """(k, n) values of a field at the source's points (n, d) of elements ``rows`` of the block."""
-        elements = block.taken(rows)
+        elements = block.take(rows)
         found = np.asarray(self.source.sample(elements, field, points), np.float64)
         if found.shape != (len(elements), len(points)):
             raise self._error(f"sample of {field.name}", f"({len(elements)}, {len(points)})", found)

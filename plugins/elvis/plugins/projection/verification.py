@@ -209,7 +209,7 @@ class Maps:
         which, rows = self._block[place], self._row[place]
         for number in np.unique(which).tolist():
             here = np.flatnonzero(which == number)
-            yield self.blocks[number], here, self.blocks[number].taken(rows[here])
+            yield self.blocks[number], here, self.blocks[number].take(rows[here])
 
     def _determinants(self, matrices: Floats) -> Floats:
         """(k, n) of Jacobian matrices (k, n, 3, d); unsigned for curves and surfaces in space."""
