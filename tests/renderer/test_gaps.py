@@ -22,7 +22,7 @@ from elvis.plugins.volume import Solution
 from elvis.renderer import Camera, Plane, Scene, gaps
 from elvis.renderer.gaps import Gaps
 from elvis.renderer.pixels import NOBODY, Pixels
-from elvis.scene.view import seen
+from elvis.scene.view import view_of
 
 #: shape, nodes along an edge, amplitude, seed and plane of pictures in which Newton's method alone leaves holes
 BENT = (
@@ -207,7 +207,7 @@ def closed(size, count):
         camera=Camera((0, 0, 3), (0, 0, 0), (0, 1, 0), height=1.0),
         size=(size, size),
     )
-    view = seen(scene)
+    view = view_of(scene)
     sections = np.zeros(count, [("element", np.uint32), ("least", np.int32, 4), ("most", np.int32, 4)])
     sections["element"] = np.arange(count)
     sections["least"] = (0, 0, 0, -size)

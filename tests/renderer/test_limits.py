@@ -30,7 +30,7 @@ from elvis.renderer import (
 )
 from elvis.renderer.device_errors import DeviceLostError
 from elvis.scene.palette import NOT_A_NUMBER
-from elvis.scene.view import seen
+from elvis.scene.view import view_of
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
@@ -51,7 +51,7 @@ def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
 
 def test_the_need_of_memory_is_that_of_the_record_and_of_what_is_drawn_at_once(monkeypatch):
     """400 million pixels: some gigabytes without a record, 80 with one."""
-    view = seen(Scene("u", camera=NEAR, size=(20000, 20000)))
+    view = view_of(Scene("u", camera=NEAR, size=(20000, 20000)))
     monkeypatch.setattr(canvas, "free_memory", lambda: 6e9)
     canvas.check_memory(view, False, canvas.BAND)
     with pytest.raises(SceneError, match=r"20000 x 20000 pixels takes 8\d\.\d GiB of memory, 5\.6 GiB are free"):

@@ -35,7 +35,7 @@ from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding
 from elvis.scene.frame import Frame, Status
 from elvis.scene.time_limit import check_time, limited
-from elvis.scene.view import PlaneView, seen
+from elvis.scene.view import PlaneView, view_of
 
 
 def render(data: Dataset | Opened, scene: Scene) -> Frame:
@@ -74,7 +74,7 @@ def _plain(dataset: Dataset, scene: Scene) -> Frame:
     start, chosen = perf_counter(), _patches(dataset, scene.field)
     boxes = [element_boxes(patch) for patch in chosen]
     locator = Locator(chosen)
-    view = seen(automatic(scene, boxes, partial(glance, locator)))
+    view = view_of(automatic(scene, boxes, partial(glance, locator)))
     assert isinstance(view, PlaneView)
     pixels, points = asked(chosen, view)
     found = owners(locator, points)
@@ -95,7 +95,7 @@ def _plain(dataset: Dataset, scene: Scene) -> Frame:
 
 def glance(locator: Locator, scene: Scene) -> Bools:
     """(h, w) where an element is seen."""
-    view = seen(scene)
+    view = view_of(scene)
     assert isinstance(view, PlaneView)
     pixels, points = asked(locator.patches, view)
     mask = np.zeros(view.width * view.height, bool)

@@ -57,7 +57,7 @@ class Curves:
         points = self.place.reshape(-1, self.count, 3)
         return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1).astype(np.float32)
 
-    def seen(self, view: View) -> Floats:
+    def visible_points(self, view: View) -> Floats:
         """(n, 2) columns and rows of points close enough together for a view, NaN behind the eye."""
         while True:
             rows = view.projected(self.place)
@@ -70,7 +70,7 @@ class Curves:
 
     def nearest(self, view: View, radius: float) -> tuple[Floats, Ints]:
         """By pixel (n,): the distance in pixels of the nearest point within ``radius``, and its number."""
-        seen, size = self.seen(view), np.array([view.width, view.height])
+        seen, size = self.visible_points(view), np.array([view.width, view.height])
         distance, number = np.full(view.count, np.inf), np.zeros(view.count, np.int64)
         around = range(-int(np.ceil(radius)), int(np.ceil(radius)) + 1)
         for offset in product(around, around):

@@ -42,7 +42,7 @@ from elvis.scene.fitting import automatic, missed, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
 from elvis.scene.time_limit import check_time, limited
-from elvis.scene.view import PlaneView, View, seen
+from elvis.scene.view import PlaneView, View, view_of
 
 #: pixels at once below which a device that fails has failed for good
 FEWEST = 1 << 12
@@ -316,12 +316,12 @@ class Renderer:
         key = (scene.every_object, scene.clip, scene.camera, scene.size, part)
         if self._fitted is None or self._fitted[0] != key:
             boxes = [part.boxes for part in self.stages.loaded.parts]
-            self._fitted = key, seen(automatic(scene, boxes, self._glance))
+            self._fitted = key, view_of(automatic(scene, boxes, self._glance))
         return self._fitted[1]
 
     def _glance(self, scene: Scene) -> Bools:
         """(h, w) where something is seen."""
-        view = seen(scene)
+        view = view_of(scene)
         hit = np.zeros(view.count, bool)
         if isinstance(view, PlaneView) and scene.is_plain:
             hit = self.stages.cutter.draw(view, references=False).owner != NOBODY

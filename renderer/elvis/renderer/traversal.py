@@ -89,7 +89,7 @@ class Traversal:
         return {name: self.device.buffer(data) for name, data in zip(names, _line(degree), strict=True)}
 
 
-def seen(view: View, corners: Floats, chosen: Bools) -> Sections:
+def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:
     """Sections of the chosen tetrahedra with corners (n, 4, 3), those of near ones first."""
     elements = np.flatnonzero(chosen)
     points = corners[elements]

@@ -163,7 +163,7 @@ class PlaneView(View):
         return np.asarray(-self.across if self.across @ towards > 0 else self.across)
 
 
-def seen(scene: Scene) -> View:
+def view_of(scene: Scene) -> View:
     """The view of a scene whose camera and size are known (see fitting.automatic); a plane alone is in it.
 
     Raises SceneError where the camera looks along the plane.

@@ -88,7 +88,9 @@ class FaceDrawer:
         held: NDArray[Any] = every[(every["pixel"] >= first * view.width) & (every["pixel"] < last * view.width)]
         return held
 
-    def seen(self, view: View, chosen: Bools, number: int, kernel: Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
+    def visible_patches(
+        self, view: View, chosen: Bools, number: int, kernel: Kernel
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
         """FacePatch records of chosen elements of a part, one element's together, near ones first; and a FaceView.
 
         chosen  (elements,) by index

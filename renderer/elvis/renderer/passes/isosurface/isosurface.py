@@ -20,7 +20,7 @@ from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tail
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import binned
-from elvis.renderer.traversal import APART, Traversal, seen
+from elvis.renderer.traversal import APART, Traversal, visible_sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -115,7 +115,7 @@ class IsosurfaceDrawer:
         low, high = self.loaded.bounds(number, quantity)
         boxes = self.loaded.parts[number].boxes.astype(np.float64)
         corners = np.stack([boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
-        sections = seen(view, corners, (low <= value) & (high >= value))
+        sections = visible_sections(view, corners, (low <= value) & (high >= value))
         edges = np.zeros((view.height + 1, view.width + 1), np.int64)
         (x0, y0), (x1, y1) = sections.least[:, :2].T, sections.most[:, :2].T + 1
         for x, y, sign in ((x0, y0, 1), (x1, y0, -1), (x0, y1, -1), (x1, y1, 1)):
@@ -137,7 +137,7 @@ class IsosurfaceDrawer:
         undefined = np.isnan(self.loaded.bounds(number, quantity)[0])
         self.counts["undefined"] += int(undefined.sum())
         wanted = self._holding(number, quantity, value) & ~undefined
-        sections = seen(view, self.traversal.corners(number), wanted)
+        sections = visible_sections(view, self.traversal.corners(number), wanted)
         self.counts["sub_elements"] += len(sections)
         if len(sections):
             tiles, order = binned(sections.least, sections.most, draw.dtype("tiles"))

@@ -18,7 +18,7 @@ from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.visibility import Visibility
 from elvis.renderer.tiles import TILE, binned, corners_of, empty_tiles, places_of
-from elvis.renderer.traversal import APART, Traversal, seen
+from elvis.renderer.traversal import APART, Traversal, visible_sections
 from elvis.scene import Clip, Transfer
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -278,7 +278,7 @@ class _March:
     def _straight(self, listed: int, number: int) -> _Seen:
         """A part of straight tetrahedra."""
         kernel = self._kernel("volume_list", number, listed)
-        sections = seen(self.view, self.traversal.corners(number), self.chosen[listed][number])
+        sections = visible_sections(self.view, self.traversal.corners(number), self.chosen[listed][number])
         tiles, order = binned(sections.least, sections.most, kernel.dtype("tiles"))
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
         return _Seen(number, listed, kernel, tiles, counts, {"order": sections.element[order]})
@@ -288,7 +288,7 @@ class _March:
         if self.renderer.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
         kernel = self._kernel("volume_trace", number, listed)
-        patches, view = self.renderer.faces().seen(self.view, self.bent, number, kernel)
+        patches, view = self.renderer.faces().visible_patches(self.view, self.bent, number, kernel)
         patches = patches[self.chosen[listed][number][patches["element"]]]
         tiles, order = binned(patches["least"], patches["most"], kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
