@@ -113,7 +113,7 @@ def expressions(dataset: Dataset, texts: Sequence[str] | None) -> tuple[Expressi
     return tuple(Expression.parse(text, names) for text in (names.fields if texts is None else texts))
 
 
-def asked(wanted: str | None, further: Sequence[str] = ()) -> list[str] | None:
+def texts_of(wanted: str | None, further: Sequence[str] = ()) -> list[str] | None:
     """The texts in ``wanted`` (commas between them) and ``further``; None where nothing is wanted: all fields."""
     if wanted is None and not further:
         return None

@@ -76,7 +76,7 @@ def _plain(dataset: Dataset, scene: Scene) -> Frame:
     locator = Locator(chosen)
     view = view_of(automatic(scene, boxes, partial(glance, locator)))
     assert isinstance(view, PlaneView)
-    pixels, points = asked(chosen, view)
+    pixels, points = points_of_pixels(chosen, view)
     found = owners(locator, points)
     polish(chosen, found, points)
     located = perf_counter()
@@ -97,13 +97,13 @@ def glance(locator: Locator, scene: Scene) -> Bools:
     """(h, w) where an element is seen."""
     view = view_of(scene)
     assert isinstance(view, PlaneView)
-    pixels, points = asked(locator.patches, view)
+    pixels, points = points_of_pixels(locator.patches, view)
     mask = np.zeros(view.width * view.height, bool)
     mask[pixels] = locator.locate(points).status == InverseStatus.INSIDE
     return mask.reshape(view.height, view.width)
 
 
-def asked(patches: Sequence[Patch], view: PlaneView) -> tuple[Ints, Floats]:
+def points_of_pixels(patches: Sequence[Patch], view: PlaneView) -> tuple[Ints, Floats]:
     """Numbers (n,) and plane points (n, 3) of the pixels that may show something."""
     points = view.points().reshape(-1, 3)
     possible = np.isfinite(points).all(axis=1)

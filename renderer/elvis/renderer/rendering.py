@@ -24,7 +24,6 @@ from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
-from elvis.renderer.asking import Asked
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
@@ -33,6 +32,7 @@ from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
+from elvis.renderer.request import Request
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
 from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Vector
@@ -71,7 +71,7 @@ def render(
     Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used,
     KeywordError, which is also a TypeError, with a near name for a keyword that there is not.
     """
-    asked = Asked.of(data, scene, keywords)
+    asked = Request.of(data, scene, keywords)
     at_hand = _at_hand(asked)
     frame = _render(at_hand, asked.scene, device or asked.scene.device, progress)
     asked.write(frame)
@@ -98,7 +98,7 @@ def _render(dataset: Dataset | Opened, scene: Scene, device: str, progress: Prog
         return _note(renderer.render(scene, references=_is_exact(scene)), asked, dataset.remarks)
 
 
-def _at_hand(asked: Asked) -> Dataset | Opened:
+def _at_hand(asked: Request) -> Dataset | Opened:
     """The data, read where they are files, as the scene says."""
     if asked.data is not None:
         return asked.data

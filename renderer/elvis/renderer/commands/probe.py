@@ -13,9 +13,9 @@ import click
 from elvis.core.arguments import (
     Parsed,
     Triple,
-    asked,
     field_option,
     overwrite_option,
+    texts_of,
     triples,
 )
 from elvis.core.errors import ElvisError
@@ -122,10 +122,10 @@ def probe(
         _check_output(output, (grid or box) is not None, data.inputs(points), overwrite)
     if grid is not None or box is not None:
         others = [way for way in (points, line, plane, counts) if way is not None]
-        _write_grid(data, asked(fields, quantities), grid, box, output, alone=not others and not every)
+        _write_grid(data, texts_of(fields, quantities), grid, box, output, alone=not others and not every)
         return
     places = _places(points, line, plane, counts)
-    columns = _columns(data.source(), places, asked(fields, quantities), every)
+    columns = _columns(data.source(), places, texts_of(fields, quantities), every)
     if output is not None:
         write_columns(output, columns)
     else:

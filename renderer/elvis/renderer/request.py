@@ -22,7 +22,7 @@ _SUFFIX = re.compile(r"\.[A-Za-z][A-Za-z0-9_]*$")
 
 
 @dataclass(frozen=True)
-class Asked:
+class Request:
     """Data at hand, None where they are the files of the scene; the scene; the files that are to be written."""
 
     data: Dataset | Opened | None
@@ -30,7 +30,7 @@ class Asked:
     outputs: tuple[str, ...] = ()
 
     @staticmethod
-    def of(given: Sequence[Any], scene: Scene | None, keywords: Mapping[str, Any]) -> Asked:
+    def of(given: Sequence[Any], scene: Scene | None, keywords: Mapping[str, Any]) -> Request:
         """What positional values, a scene and keywords say; SceneError where they contradict one another."""
         data, files, rest = _sorted(given)
         for each in rest:
@@ -40,14 +40,14 @@ class Asked:
         for text in texts:
             keywords = {**keywords, "field": _only(keywords.get("field"), text, "quantity")}
         if not keywords and not files:
-            return Asked(data, scene or Scene())
+            return Request(data, scene or Scene())
         from elvis.scene.keywords import scene_of_keywords
 
         found = scene_of_keywords(keywords, scene, files)
         if not {"output", "outputs"} & keywords.keys():
-            return Asked(data, found)
+            return Request(data, found)
         check_places(found.outputs, input_files(found), False)
-        return Asked(data, found, found.outputs)
+        return Request(data, found, found.outputs)
 
     def write(self, frame: Frame) -> None:
         """Write the files, all or none."""
