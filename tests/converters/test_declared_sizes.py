@@ -11,7 +11,7 @@ import pytest
 
 from elvis.converters.cgns import Cgns
 from elvis.converters.exodus_files import Variables
-from elvis.converters.hdf5 import opened, require
+from elvis.converters.hdf5 import reading, require
 from elvis.converters.hopr import Hopr
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
@@ -64,10 +64,10 @@ def test_chunks_that_were_never_written_hold_nothing(tmp_path):
         values[:10] = np.random.default_rng(1).random((10, 100))
         whole = file.create_dataset("v", (1000, 100), "f8", chunks=(300, 30), compression="gzip")
         whole[...] = 0.0
-    with opened(tmp_path / "a.h5") as file:
+    with reading(tmp_path / "a.h5") as file:
         assert require(file, "v").shape == (1000, 100)
     message = r"a\.h5: u: expected 800000 bytes as declared, found 8000 in chunks"
-    with pytest.raises(FormatError, match=message), opened(tmp_path / "a.h5") as file:
+    with pytest.raises(FormatError, match=message), reading(tmp_path / "a.h5") as file:
         require(file, "u")
 
 
@@ -85,7 +85,7 @@ def test_data_of_other_files_are_not_read(tmp_path, place):
             layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "u", (10,))
             file.create_virtual_dataset("u", layout)
     message = r"a\.h5: u: expected data in the file itself, found references to others"
-    with pytest.raises(FormatError, match=message), opened(tmp_path / "a.h5") as file:
+    with pytest.raises(FormatError, match=message), reading(tmp_path / "a.h5") as file:
         require(file, "u")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from elvis.converters.gmsh import Gmsh
 from elvis.converters.gmsh_data import Contents
 from elvis.converters.gmsh_mesh import read_mesh
-from elvis.converters.hdf5 import holds, opened
+from elvis.converters.hdf5 import holds, reading
 from elvis.converters.inputs import single
 from elvis.core.files.plain import leading
 from elvis.formats.nektar.hdf5_checks import check_stored
@@ -47,7 +47,7 @@ def _check_sizes(path: Path) -> None:
     """FormatError where an array is declared larger than the file can hold, which the library would take memory for."""
     if _is_adf(path):
         return
-    with opened(path) as file:
+    with reading(path) as file:
         file.visititems(lambda name, node: check_stored(node, name) if hasattr(node, "shape") and node.shape else None)
 
 
@@ -72,7 +72,7 @@ def _adf_solutions(path: Path) -> list[str]:
 def _hdf5_solutions(path: Path) -> list[str]:
     """Paths of the solutions in an HDF5 file."""
     found: list[str] = []
-    with opened(path) as file:
+    with reading(path) as file:
         file.visititems(lambda name, node: found.append(name) if _label(node) == "FlowSolution_t" else None)
     return found
 

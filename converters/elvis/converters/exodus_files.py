@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.hdf5 import attribute, holds, opened, rows, text
+from elvis.converters.hdf5 import attribute, holds, reading, rows, text
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
@@ -215,7 +215,7 @@ class _Hdf5:
 
         self._path = path
         self.types: dict[str, str] = {}
-        with opened(path) as file:
+        with reading(path) as file:
             for name in file:
                 own = file.get(name, getlink=True)
                 if isinstance(own, h5py.HardLink) and isinstance(file[name], h5py.Dataset):
@@ -224,5 +224,5 @@ class _Hdf5:
 
     def array(self, name: str, index: tuple[int, ...]) -> Any:
         """A part of a variable."""
-        with opened(self._path) as file:
+        with reading(self._path) as file:
             return rows(file, name, index)

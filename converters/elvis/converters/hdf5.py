@@ -28,7 +28,7 @@ _MOST_TEXTS = 1 << 20
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[h5py.File]:
+def reading(path: Path) -> Iterator[h5py.File]:
     """The file, open for reading; FormatError where it is damaged, inside the block too."""
     import h5py
 

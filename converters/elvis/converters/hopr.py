@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.converters.hdf5 import attribute, attributes, floats, holds, ints, number, opened, require, text, texts
+from elvis.converters.hdf5 import attribute, attributes, floats, holds, ints, number, reading, require, text, texts
 from elvis.converters.inputs import check_roles, check_rows
 from elvis.converters.unit import UNIT, lattice, unit_basis
 from elvis.core.arrays import Floats, Ints
@@ -68,10 +68,10 @@ class Hopr(NodalConverter):
     def __init__(self, paths: Sequence[Path]) -> None:
         mesh, state = _roles(paths)
         self.beside = [mesh]
-        with opened(mesh) as file:
+        with reading(mesh) as file:
             self._read_mesh(file)
         if state is not None:
-            with opened(state) as file:
+            with reading(state) as file:
                 self._read_state(file)
 
     def _read_mesh(self, file: h5py.File) -> None:
@@ -251,7 +251,7 @@ def _other_kind(path: Path) -> str:
     if not path.is_file() or not h5py.is_hdf5(path):
         return ""
     try:
-        with opened(path) as file:
+        with reading(path) as file:
             kind = text(attribute(file, "File_Type")) if "File_Type" in file.attrs else ""
             distances = [name for name in file if "walldist" in name.lower()]
     except FormatError:
@@ -268,7 +268,7 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     if meshes or len(states) > 1:
         check_roles(len(meshes), len(states), "state")
         return meshes[0], states[0] if states else None
-    with opened(states[0]) as file:
+    with reading(states[0]) as file:
         name = text(attribute(file, "MeshFile"))
     mesh = states[0].parent / Path(name).name
     if not isfile(mesh):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elvis.converters import pyfr_old
-from elvis.converters.hdf5 import floats, holds, ints, opened, require, texts
+from elvis.converters.hdf5 import floats, holds, ints, reading, require, texts
 from elvis.converters.inputs import check_roles, check_rows
 from elvis.converters.pyfr_old import Values
 from elvis.core.arrays import Floats, Ints
@@ -80,10 +80,10 @@ class PyFR(NodalConverter):
         self.beside = None if _is_old(mesh) else [mesh]
         self._kinds: list[str] = []
         self.blocks: list[Elements] = []
-        with opened(mesh) as file:
+        with reading(mesh) as file:
             (self._read_old_mesh if _is_old(mesh) else self._read_mesh)(file)
         if solution is not None:
-            with opened(solution) as file:
+            with reading(solution) as file:
                 _check_uuid(file, _uuid(mesh), mesh)
                 self._read_solution(file, primitive, subset)
         elif primitive or subset:
@@ -279,7 +279,7 @@ def _uuid(path: Path) -> str:
     """The code of a mesh, or of that of a solution; empty where there is none."""
     for name in ("mesh-uuid", "mesh_uuid"):
         if holds(path, name):
-            with opened(path) as file:
+            with reading(path) as file:
                 return _text(file, name)
     return ""
 

@@ -69,7 +69,7 @@ def is_native(path: Path) -> bool:
             return any(_is_piece(entry.name) for entry in path.iterdir())
         start = leading(path, _HEAD)
         if start.startswith(HDF5_SIGNATURE):
-            with hdf5.opened(path) as file, hdf5.guarded():
+            with hdf5.reading(path) as file, hdf5.guarded():
                 return "NEKTAR" in file
         if start.startswith(GZIP_SIGNATURE):
             start = zlib.decompressobj(wbits=31).decompress(start, _HEAD)
@@ -138,7 +138,7 @@ class _Reader:
                 self.add(folder / name)
 
     def _add_hdf5(self, path: Path) -> None:
-        with hdf5.opened(path) as file, hdf5.guarded():
+        with hdf5.reading(path) as file, hdf5.guarded():
             if "NEKTAR" not in file:
                 raise FormatError(f"expected a group NEKTAR, found none; {xml.OTHERS}", file=path)
             is_geometry = geometry_hdf5.is_geometry(file)

@@ -123,7 +123,7 @@ _COLUMNS = ("ELEMENTIDS", "DATA", "POLYORDERS", "HOMOGENEOUSYIDS", "HOMOGENEOUSZ
 
 def read_hdf5(path: Path) -> tuple[list[Section], dict[str, str]]:
     """All blocks of the file, one section each, and the metadata."""
-    with hdf5.opened(path) as file:
+    with hdf5.reading(path) as file:
         root = hdf5.required_group(file, "NEKTAR")
         hdf5.version(root, GREATEST_VERSION)
         table = hdf5.unsigned(root, "DECOMPOSITION")

@@ -48,7 +48,7 @@ def is_geometry(file: h5py.File) -> bool:
 
 def read_geometry(path: Path, dimension: int | None = None, space: int | None = None) -> RawGeometry:
     """The mesh of an HDF5 file; where dimensions aren't given they are the least that hold it."""
-    with hdf5.opened(path) as file:
+    with hdf5.reading(path) as file:
         geometry = hdf5.required_group(hdf5.required_group(file, "NEKTAR"), "GEOMETRY")
         version = hdf5.version(geometry, GREATEST_VERSION)
         mesh, maps = hdf5.required_group(geometry, "MESH"), hdf5.required_group(geometry, "MAPS")

@@ -33,7 +33,7 @@ _MOST_STRINGS = 1 << 24
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[h5py.File]:
+def reading(path: Path) -> Iterator[h5py.File]:
     """The file, open for reading; errors of the block name it."""
     import h5py
 

@@ -101,7 +101,7 @@ class _Review:
             )
 
     def _hdf5(self, path: Path) -> None:
-        with hdf5.opened(path) as file, hdf5.guarded():
+        with hdf5.reading(path) as file, hdf5.guarded():
             is_mesh = geometry_hdf5.is_geometry(file)
             found = (mesh_file_findings if is_mesh else field_file_findings)(file)
             self.found += [finding.within(path.name) for finding in found]
