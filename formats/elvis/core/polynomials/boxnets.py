@@ -88,10 +88,10 @@ def _raised_factors(space: BernsteinSpace) -> Iterator[Floats]:
     for direction, degree in enumerate(box_degrees(space)):
         powers = space.powers[:, direction]
         lowered = degree - space.powers[:, list(lowering[direction])].sum(axis=1)
-        yield np.array([raised(int(i), int(q), degree) for i, q in zip(powers, lowered, strict=True)])
+        yield np.array([power_net(int(i), int(q), degree) for i, q in zip(powers, lowered, strict=True)])
 
 
-def raised(power: int, degree: int, target: int) -> list[float]:
+def power_net(power: int, degree: int, target: int) -> list[float]:
     """b_power^degree in the Bernstein basis of degree ``target``."""
     steps = target - degree
     return [

@@ -38,12 +38,12 @@ class Function:
         return len(self.partials)
 
 
-def divided(a: Any, b: Any) -> Any:
+def quotient(a: Any, b: Any) -> Any:
     """a / b, NaN where b is zero."""
     return np.where(np.equal(b, 0), np.nan, np.divide(a, np.where(np.equal(b, 0), 1.0, b)))
 
 
-def raised(a: Any, b: Any) -> Any:
+def power(a: Any, b: Any) -> Any:
     """a^b, NaN for negative powers of zero."""
     return np.where(np.equal(a, 0) & np.less(b, 0), np.nan, np.power(np.asarray(a, np.float64), b))
 
@@ -179,8 +179,8 @@ OPERATORS: Mapping[str, Function] = {
     "+": Function(np.add, i.plus, (lambda a, b: ONE, lambda a, b: ONE)),
     "-": Function(np.subtract, i.minus, (lambda a, b: ONE, lambda a, b: number(-1.0))),
     "*": Function(np.multiply, i.times, (lambda a, b: b, lambda a, b: a)),
-    "/": Function(divided, i.over, (lambda a, b: _reciprocal(b), lambda a, b: negative(call("/", a, _square(b))))),
-    "^": Function(raised, i.power, (_less_one, lambda a, b: call("*", call("^", a, b), call("log", a)))),
+    "/": Function(quotient, i.over, (lambda a, b: _reciprocal(b), lambda a, b: negative(call("/", a, _square(b))))),
+    "^": Function(power, i.power, (_less_one, lambda a, b: call("*", call("^", a, b), call("log", a)))),
     "step": Function(lambda a, b: np.where(np.less(a, b), 1.0, 0.0), i.step, (lambda a, b: ZERO, lambda a, b: ZERO)),
 }
 
@@ -210,7 +210,7 @@ FUNCTIONS: Mapping[str, Function] = {
     "middle_eigenvalue": Function(
         middle_eigenvalue, i.middle_eigenvalue(middle_eigenvalue), tuple(map(_in_matrix, range(6)))
     ),
-    "pow": Function(raised, i.power, OPERATORS["^"].partials),
+    "pow": Function(power, i.power, OPERATORS["^"].partials),
 }
 
 _EVERY = {**OPERATORS, **FUNCTIONS}

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.polynomials.boxnets import halves, raised
+from elvis.core.polynomials.boxnets import halves, power_net
 
 #: greatest degree of a square root in each direction, and points in each direction at which it is fitted
 _DEGREE, _POINTS = 3, 7
@@ -244,4 +244,4 @@ def _raised(net: Floats, shape: tuple[int, ...]) -> Floats:
 
 @lru_cache(maxsize=64)
 def _raising(size: int, target: int) -> Floats:
-    return frozen_floats(np.array([raised(k, size - 1, target - 1) for k in range(size)]).T)
+    return frozen_floats(np.array([power_net(k, size - 1, target - 1) for k in range(size)]).T)

@@ -198,7 +198,7 @@ class Elements:
                 net = self._net_in(patch, rows, expression)
                 if net is None:
                     return None
-                nets.append(net.raised(space))
+                nets.append(net.elevate(space))
         coefficients = np.concatenate([net.coefficients for net in nets], axis=1)
         return Net(space, coefficients, np.concatenate([net.error for net in nets]))
 

@@ -52,7 +52,7 @@ class Net:
         """(n,) the greatest magnitude of a coefficient."""
         return np.asarray(np.abs(self.coefficients).max(axis=0, initial=0.0))
 
-    def raised(self, space: BernsteinSpace) -> Net:
+    def elevate(self, space: BernsteinSpace) -> Net:
         """The same polynomials in a space that contains theirs."""
         if space == self.space:
             return self
@@ -256,7 +256,7 @@ def _sum(first: Net, second: Net) -> Net:
     """The sum, in the least space that contains both."""
     degrees = tuple(map(max, first.space.degrees, second.space.degrees))
     space = BernsteinSpace(first.space.shape, degrees)
-    one, other = first.raised(space), second.raised(space)
+    one, other = first.elevate(space), second.elevate(space)
     return Net(space, one.coefficients + other.coefficients, one.error + other.error).rounded()
 
 

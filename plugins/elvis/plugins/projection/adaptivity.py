@@ -28,7 +28,7 @@ _SHARE = 0.4
 _BEYOND = 6
 
 
-def adapted(
+def adapt(
     sampler: Sampler,
     blocks: Sequence[NativeBlock],
     fields: Sequence[SourceField],
@@ -52,7 +52,7 @@ def _parted(blocks: Sequence[NativeBlock], modes: Sequence[Ints]) -> list[Native
     ]
 
 
-def raised(blocks: Sequence[NativeBlock], fields: Sequence[SourceField], ids: Ints, highest: int) -> list[NativeBlock]:
+def enrich(blocks: Sequence[NativeBlock], fields: Sequence[SourceField], ids: Ints, highest: int) -> list[NativeBlock]:
     """The blocks with one mode more for the elements ``ids``, and no fewer than theirs for all around them.
 
     Elements take the trace of their neighbour of lowest order, so an error may come from there.

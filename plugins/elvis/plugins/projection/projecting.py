@@ -10,7 +10,7 @@ import numpy as np
 from elvis.core.dataset import Dataset
 from elvis.core.mesh import Mesh
 from elvis.plugins.conversion import SourceField
-from elvis.plugins.projection.adaptivity import adapted, bounds_of, raised
+from elvis.plugins.projection.adaptivity import adapt, bounds_of, enrich
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.fitting import Fitted, fit_fields, join_traces
 from elvis.plugins.projection.sampling import Sampler
@@ -52,7 +52,7 @@ def at_tolerance(
     The lowest that each element needs alone at first, raised where the trace of a neighbour costs it.
     """
     bounds = bounds_of(sampler, blocks, fields, tolerance)
-    blocks = adapted(sampler, blocks, fields, bounds, highest)
+    blocks = adapt(sampler, blocks, fields, bounds, highest)
     for _ in range(_ROUNDS):
         fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields), by_force=True)
         findings = check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision, bounds)
@@ -60,7 +60,7 @@ def at_tolerance(
         beyond = np.concatenate([np.empty(0, np.int64), *(ids for tally in findings.fields for ids in tally.beyond)])
         if not len(beyond):
             return last
-        blocks = raised(blocks, fields, beyond, highest)
+        blocks = enrich(blocks, fields, beyond, highest)
         if _orders(blocks) == _orders(last.blocks):
             break
     return _parted_where_better(sampler, mesh, last)
