@@ -21,7 +21,7 @@ def sample_elements(
 
     layout = kernel.dtype("samples")
     samples = device.empty(layout, len(elements))
-    kernel(len(elements), {**loaded.bound(number, quantity), "points": device.buffer(points), "samples": samples})
+    kernel(len(elements), {**loaded.bindings(number, quantity), "points": device.buffer(points), "samples": samples})
     read = device.read(samples, layout)[: len(elements)]
     jacobian = np.stack([read[name] for name in ("dx", "dy", "dz")], axis=2)
     return Samples(read["position"], jacobian, read["value"], read["gradient"], read["margin"], read["center"])

@@ -145,7 +145,7 @@ class HitBuffer:
             self.held = {**self.held, name: device.buffer(getattr(self, name))}
         return self.held[name]
 
-    def bound(self, device: Device, *names: str) -> dict[str, Buffer]:
+    def bindings(self, device: Device, *names: str) -> dict[str, Buffer]:
         """Some of the arrays under the names of kernels; of a plane there is one normal for all pixels."""
         return {hit_name(name): self._bound(device, name) for name in names}
 
@@ -166,7 +166,7 @@ def hit_name(name: str) -> str:
     return f"hit_{name}"
 
 
-def cleared(device: Device, count: int, names: Sequence[str], clear: Sequence[str] = ()) -> dict[str, Buffer]:
+def new_arrays(device: Device, count: int, names: Sequence[str], clear: Sequence[str] = ()) -> dict[str, Buffer]:
     """Some of the arrays, of n pixels, for a pass to write; those to ``clear`` say that nothing is hit."""
     held = {}
     for name in names:
@@ -176,7 +176,7 @@ def cleared(device: Device, count: int, names: Sequence[str], clear: Sequence[st
     return held
 
 
-def written(device: Device, held: Mapping[str, Buffer]) -> dict[str, Buffer]:
+def arrays_to_write(device: Device, held: Mapping[str, Buffer]) -> dict[str, Buffer]:
     """All arrays under the names that hits.slang declares; what a pass does not write has no room."""
     nothing = device.empty(np.float64, 1)
     return {hit_name(name): held.get(name, nothing) for name in CHANNELS}

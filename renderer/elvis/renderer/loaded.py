@@ -56,7 +56,7 @@ class Loaded:
         """Whether coordinates are rounded by more than the tolerance of borders, in parts of the size of the domain."""
         return bool(self.parts) and bool(self.rounding > BORDER * float(np.ptp(self.box, axis=0).max()))
 
-    def bound(self, number: int, quantity: str | None = None) -> dict[str, Buffer]:
+    def bindings(self, number: int, quantity: str | None = None) -> dict[str, Buffer]:
         """The buffers of a part, or of one of its quantities, by name."""
         own = {} if quantity is None else self._bring(self.parts[number].quantities[quantity].buffers)
         return {**self.buffers[number], **own}

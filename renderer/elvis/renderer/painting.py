@@ -85,7 +85,7 @@ class FragmentShader:
         wanted = [name for name, needed in (("normal", is_lit), ("depth", not whole)) if needed]
         buffers = {
             **dict.fromkeys(("hit_normal", "hit_depth"), self._nothing),
-            **hits.bound(device, "owner", "field", *wanted),
+            **hits.bindings(device, "owner", "field", *wanted),
             "material": device.buffer(record),
             "table": device.buffer(table),
             "edges": self._nothing if edges is None else device.buffer(edges),

@@ -81,7 +81,7 @@ class Finder:
         # every part improves on the places that those before it found
         doubts = []
         for number, kernel in enumerate(self._kernels):
-            buffers = {**self._loaded.bound(number), **self._buffers[number], **shared}
+            buffers = {**self._loaded.bindings(number), **self._buffers[number], **shared}
             buffers["query"] = self._query(number, kernel, count)
             run = partial(_run, kernel, count, buffers)
             doubts.append(device.listed("doubts", kernel, run))

@@ -68,13 +68,13 @@ def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
     return Tiles(owner[kept], x[kept].astype(np.int32), y[kept].astype(np.int32))
 
 
-def sectioned(least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+def tiles_by_section(least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Tile records, each of one section alone (see ``binned``); tiles begin where their section does."""
     pairs = tiles_of(least, most)
     return _records(pairs.x, pairs.y, pairs.section, pairs.section + 1, dtype)
 
 
-def binned(
+def bin_sections(
     least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any], size: tuple[int, int] | None = None
 ) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     """Tile records of a picture, row by row, and (m,) the sections that are seen in one tile after another.

@@ -70,7 +70,7 @@ class Traversal:
             kernel, count = self.device.kernel("ray_corner", self.loaded.parts[number]), len(self.loaded.parts[number])
             record = np.zeros(1, kernel.dtype("rays"))
             record["count"] = count
-            buffers = {**self.loaded.bound(number), "rays": self.device.buffer(record)}
+            buffers = {**self.loaded.bindings(number), "rays": self.device.buffer(record)}
             buffers["corners"] = self.device.empty(np.float64, 12 * count)
             kernel(count, buffers)
             self._corners[number] = self.device.read(buffers["corners"], np.float64)[: 12 * count].reshape(count, 4, 3)

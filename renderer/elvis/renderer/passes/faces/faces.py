@@ -15,11 +15,11 @@ from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces import Faces
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
-from elvis.renderer.hit_buffer import HitBuffer, cleared, written
+from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.face_patches import Edges, FacePatches, face_patches
 from elvis.renderer.passes.faces.sides import Sides
-from elvis.renderer.tiles import TILE, binned
+from elvis.renderer.tiles import TILE, bin_sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.frame import Status
 from elvis.scene.view import View
@@ -54,9 +54,9 @@ class FaceDrawer:
         held: dict[str, Buffer] = {}
         for number, kernel, buffers, work in self._work("face_draw", view, select, quantity, beyond is not None):
             if not held:
-                held = cleared(device, view.count, _HELD)
-                image = {**written(device, held), "after": device.buffer(after)}
-            every = {**self.loaded.bound(number, quantity), **buffers, **image}
+                held = new_arrays(device, view.count, _HELD)
+                image = {**arrays_to_write(device, held), "after": device.buffer(after)}
+            every = {**self.loaded.bindings(number, quantity), **buffers, **image}
             kernel(len(work), every, groups=True, work=work)
         hits = HitBuffer.on_device(device, held) if held else HitBuffer.empty(view.count)
         for _, edges in self._patches(view, select):
@@ -75,7 +75,7 @@ class FaceDrawer:
         """
         found = [np.empty(0, self.loaded.device.kernel("face_list", self.loaded.parts[0]).dtype("hits"))]
         for number, kernel, buffers, work in self._work("face_list", view, select, None, rows=rows):
-            run = partial(_run, kernel, work, {**self.loaded.bound(number), **buffers})
+            run = partial(_run, kernel, work, {**self.loaded.bindings(number), **buffers})
             found.append(self.loaded.device.listed("hits", kernel, run))
         every = np.concatenate(found, dtype=found[0].dtype)
 
@@ -136,7 +136,7 @@ class FaceDrawer:
             patches = self._parts(view, select, number, kernel.dtype("patches"))
             patches = patches[np.argsort(patches["near"], kind="stable")]
             size = (view.width, view.height) if fresh else None
-            tiles, listed = binned(patches["least"], patches["most"], kernel.dtype("tiles"), size)
+            tiles, listed = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"), size)
             if rows is not None:
                 tiles = tiles[(tiles["y"] + TILE > rows[0]) & (tiles["y"] < rows[1])]
             place = {"first": self.loaded.first[number], "count": len(tiles)}

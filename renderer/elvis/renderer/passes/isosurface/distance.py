@@ -46,7 +46,7 @@ class DistanceDrawer:
         kernel = device.kernel("iso_distance")
         low, high = self.loaded.box
         rays = self.traversal.rays(kernel, view, 0, view.count, key[1])
-        buffers = {**self.loaded.bound(0, key[0]), "rays": rays, "box": device.buffer(np.concatenate([low, high]))}
+        buffers = {**self.loaded.bindings(0, key[0]), "rays": rays, "box": device.buffer(np.concatenate([low, high]))}
         found = device.listed("met", kernel, partial(_run, kernel, view.count, buffers))
         doubts = np.full(view.count, np.inf)
         doubtful = found[found["doubtful"] != 0]

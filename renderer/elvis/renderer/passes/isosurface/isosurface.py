@@ -14,12 +14,12 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.plugins.volume import Part, Quantity
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel, stand_in
-from elvis.renderer.hit_buffer import HitBuffer, cleared, written
+from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.tiles import binned
+from elvis.renderer.tiles import bin_sections
 from elvis.renderer.traversal import APART, Traversal, visible_sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.errors import SceneError
@@ -85,8 +85,8 @@ class IsosurfaceDrawer:
             raise SceneError("isosurfaces are drawn of 3D data: draw contours of 2D data")
         self.counts = {"flat": 0, "undefined": 0, "sub_elements": 0}
         stands_in, unproved = False, np.zeros(view.count, bool)
-        held = cleared(self.device, view.count, _HELD, clear=("owner", "status", "depth", "doubt"))
-        image = written(self.device, held)
+        held = new_arrays(self.device, view.count, _HELD, clear=("owner", "status", "depth", "doubt"))
+        image = arrays_to_write(self.device, held)
         before = self.device.buffer(np.zeros(view.count) if beyond is None else beyond)
         for number in range(len(self.loaded.parts)):
             own, level = self.loaded.leveled(number, quantity, value)
@@ -94,7 +94,7 @@ class IsosurfaceDrawer:
             unproved = unproved | self._unproved(view, number, own, level)
             straight = self.traversal.is_straight(number, own)
             draw = self._kernel("iso_line" if straight else "iso_draw", number, own)
-            buffers = {**self.loaded.bound(number, own), **image, "beyond": before}
+            buffers = {**self.loaded.bindings(number, own), **image, "beyond": before}
             asked = _Level(view, number, own, level, buffers)
             if straight:
                 self._draw_straight(draw, asked)
@@ -140,7 +140,7 @@ class IsosurfaceDrawer:
         sections = visible_sections(view, self.traversal.corners(number), wanted)
         self.counts["sub_elements"] += len(sections)
         if len(sections):
-            tiles, order = binned(sections.least, sections.most, draw.dtype("tiles"))
+            tiles, order = bin_sections(sections.least, sections.most, draw.dtype("tiles"))
             buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
             buffers["rays"] = self.traversal.rays(draw, view, number, len(tiles), value)
             errors = np.where(flat, np.inf, self.traversal.rounding(number, quantity, value))
@@ -173,7 +173,7 @@ class IsosurfaceDrawer:
         split = self._kernel("iso_split", number, quantity)
         of_polynomials = self.traversal.degree(number, quantity) > 0
         parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
-        buffers = {**self.loaded.bound(number, quantity), **self._constants(number, quantity)}
+        buffers = {**self.loaded.bindings(number, quantity), **self._constants(number, quantity)}
         done = [parents[:0]]
         enclosed = max(_OF_AN_ELEMENT * len(parents), _AT_LEAST)
         most = MOST_SUB_ELEMENTS if of_polynomials else min(enclosed, MOST_SUB_ELEMENTS)
@@ -290,7 +290,7 @@ class IsosurfaceDrawer:
         """Draws sub-elements; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
         least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
         least[:, :2], most[:, :2] = sub_elements["bounds"][:, :2], sub_elements["bounds"][:, 2:]
-        tiles, order = binned(least, most, draw.dtype("tiles"))
+        tiles, order = bin_sections(least, most, draw.dtype("tiles"))
         lists = {
             "ask": ask(count=len(tiles)),
             "tiles": self.device.buffer(tiles),

@@ -157,7 +157,7 @@ class Lines:
         """What both kinds of lines need of a hit buffer, and empty marks."""
         _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
         return {
-            **hits.bound(self._device, "owner", "normal", *(() if hits.flat is not None else ("depth",))),
+            **hits.bindings(self._device, "owner", "normal", *(() if hits.flat is not None else ("depth",))),
             "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
 
@@ -192,7 +192,7 @@ class Lines:
         kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
         every = buffers | {
-            **hits.bound(self._device, "side", "field"),
+            **hits.bindings(self._device, "side", "field"),
             "view": self._device.buffer(record_of(kernel, "view", view, count=strips, levels=levels, smooth=smooth)),
         }
         return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
@@ -224,7 +224,7 @@ class Lines:
             references = self._device.buffer(hits.reference[own.base]) if packed else hits.held["reference"]
             data = {"items": own.records(kernel.dtype("items")), "facets": facets, "view": record}
             brought = {name: self._device.buffer(some) for name, some in data.items()}
-            kernel(count, {**self._loaded.bound(number, quantity), **buffers, **brought, "references": references})
+            kernel(count, {**self._loaded.bindings(number, quantity), **buffers, **brought, "references": references})
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""

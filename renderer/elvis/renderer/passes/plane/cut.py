@@ -15,11 +15,11 @@ from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.gaps import Gaps, beside
-from elvis.renderer.hit_buffer import HitBuffer, cleared, written
+from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.proof import proved
-from elvis.renderer.tiles import sectioned
+from elvis.renderer.tiles import tiles_by_section
 from elvis.scene.conditioning import doubted, slanted
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView
@@ -57,8 +57,8 @@ class Cutter:
         count = view.width * view.height
         with self.clock.stage("clear"):
             names = ("owner", "field", "reference") if references else ("owner", "field")
-            held = cleared(self.device, count, names, clear=("owner",))
-            image = written(self.device, held)
+            held = new_arrays(self.device, count, names, clear=("owner",))
+            image = arrays_to_write(self.device, held)
         every, sections, candidates = [], [], []
         for number in range(len(self.parts)):
             with self.clock.stage("cull"):
@@ -114,7 +114,7 @@ class Cutter:
 
         # the pixels of every tile; drawing twice is harmless, should the list of candidates have been too short
         with self.clock.stage("draw"):
-            tiles = sectioned(sections["least"], sections["most"], draw.dtype("tiles"))
+            tiles = tiles_by_section(sections["least"], sections["most"], draw.dtype("tiles"))
             self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))

@@ -124,6 +124,6 @@ def values_at_hits(loaded: Loaded, found: HitBuffer, quantity: str | None) -> Fl
         places["element"] = found.owner[own] - np.uint32(loaded.first[number])
         places["reference"] = found.reference[own]
         held = device.empty(np.float64, len(own))
-        kernel(len(own), {**loaded.bound(number, quantity), "places": device.buffer(places), "values": held})
+        kernel(len(own), {**loaded.bindings(number, quantity), "places": device.buffer(places), "values": held})
         values[own] = device.read(held, np.float64)[: len(own)]
     return values

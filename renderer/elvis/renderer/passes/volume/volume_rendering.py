@@ -17,7 +17,7 @@ from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.visibility import Visibility
-from elvis.renderer.tiles import TILE, binned, corners_of, empty_tiles, places_of
+from elvis.renderer.tiles import TILE, bin_sections, corners_of, empty_tiles, places_of
 from elvis.renderer.traversal import APART, Traversal, visible_sections
 from elvis.scene import Clip, Transfer
 from elvis.scene.errors import SceneError
@@ -279,7 +279,7 @@ class _March:
         """A part of straight tetrahedra."""
         kernel = self._kernel("volume_list", number, listed)
         sections = visible_sections(self.view, self.traversal.corners(number), self.chosen[listed][number])
-        tiles, order = binned(sections.least, sections.most, kernel.dtype("tiles"))
+        tiles, order = bin_sections(sections.least, sections.most, kernel.dtype("tiles"))
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
         return _Seen(number, listed, kernel, tiles, counts, {"order": sections.element[order]})
 
@@ -290,7 +290,7 @@ class _March:
         kernel = self._kernel("volume_trace", number, listed)
         patches, view = self.renderer.faces().visible_patches(self.view, self.bent, number, kernel)
         patches = patches[self.chosen[listed][number][patches["element"]]]
-        tiles, order = binned(patches["least"], patches["most"], kernel.dtype("tiles"))
+        tiles, order = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
         wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[listed]), APART
         # as many segments as there are elements in a tile
@@ -389,7 +389,7 @@ class _March:
             arrays = {**some.data, "tiles": some.tiles[held], "lists": own}
             data = {name: self.device.buffer(array) for name, array in arrays.items()}
             data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(own))
-            bound = self.loaded.bound(some.number, self.quantities[some.listed])
+            bound = self.loaded.bindings(some.number, self.quantities[some.listed])
             some.kernel(len(own), {**bound, **lists, **data}, groups=True, work=some.rows[held])
 
 
