@@ -79,7 +79,7 @@ class HitBuffer:
     ) -> HitBuffer:
         """What a pass has left on a device; arrays are read when they are first asked for.
 
-        held   what the device holds, by name (see ``cleared``)
+        held   what the device holds, by name (see ``new_arrays``)
         made   what makes others when they are first asked for
         known  arrays and facts that are known already
         """

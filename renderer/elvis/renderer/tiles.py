@@ -69,7 +69,7 @@ def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
 
 
 def tiles_by_section(least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Tile records, each of one section alone (see ``binned``); tiles begin where their section does."""
+    """Tile records, each of one section alone (see ``bin_sections``); tiles begin where their section does."""
     pairs = tiles_of(least, most)
     return _records(pairs.x, pairs.y, pairs.section, pairs.section + 1, dtype)
 
