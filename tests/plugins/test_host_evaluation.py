@@ -16,7 +16,7 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
 from elvis.plugins.nurbs import Nurbs
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Shown
 from elvis.reference.host_patch import HostPatch
@@ -142,7 +142,7 @@ def test_points_within_rounding_of_a_border_are_inside_however_far_the_element_i
 def pipe():
     if not MFEM.is_dir():
         pytest.skip(f"there is no {MFEM}")
-    return Opened("nurbs", Nurbs([MFEM / "pipe_nurbs.mesh", MFEM / "pipe_nurbs.u.gf"]))
+    return PluginData("nurbs", Nurbs([MFEM / "pipe_nurbs.mesh", MFEM / "pipe_nurbs.u.gf"]))
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def box(tmp_path_factory):
     rng = np.random.default_rng(4)
     corners = np.array([0.0, -1.0, 2.0]), np.array([1.0, 2.0, 5.0])
     write_box(path, *corners, ("fourier", "legendre", "fourier"), {"u": rng.normal(size=(5, 3, 4))}, time=0.5)
-    return Opened("fourier", FourierBox([path]))
+    return PluginData("fourier", FourierBox([path]))
 
 
 @pytest.fixture
@@ -191,7 +191,7 @@ def test_expressions_of_several_fields_are_what_the_reference_makes_of_them(agre
     if not MFEM.is_dir():
         pytest.skip(f"there is no {MFEM}")
     files = [MFEM / f"pipe_nurbs.{name}" for name in ("mesh", "u.gf", "w.gf")]
-    agree(Opened("nurbs", Nurbs(files)), field="sqrt(u^2 + w^2) + d(w,z)*quality + shape", plane=CUT)
+    agree(PluginData("nurbs", Nurbs(files)), field="sqrt(u^2 + w^2) + d(w,z)*quality + shape", plane=CUT)
 
 
 def test_what_is_known_of_elements_is_the_same_in_every_way(renderer, pipe):
@@ -222,6 +222,6 @@ def test_the_reference_says_what_it_needs(pipe, monkeypatch):
     bare = Part("rational", "Bare", np.array([0]), np.array([[0, 0, 0, 1, 1, 1]], np.float32), {})
     with pytest.raises(ElvisError, match="no second derivative of u, which a plugin describes"):
         render_reference(pipe, Scene("d(d(u,x),x)", plane=CUT, size=(10, 10)))
-    monkeypatch.setattr(Opened, "volume", lambda self, field: Shown([bare], Path()))
+    monkeypatch.setattr(PluginData, "volume", lambda self, field: Shown([bare], Path()))
     with pytest.raises(ElvisError, match="plugin nurbs can't be drawn in NumPy: expected parts with a shape"):
         render_reference(pipe, Scene("u", plane=CUT, size=(10, 10)))

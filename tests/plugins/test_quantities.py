@@ -13,7 +13,7 @@ from elvis.core.quantities.tree import world_derivative
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
 from elvis.formats import Dataset, read
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Plane, render
 
@@ -173,7 +173,7 @@ def opened(tmp_path):
     wave[1] = 1.0
     path = tmp_path / "box.npz"
     write_box(path, np.zeros(3), np.ones(3), ("fourier",) * 3, {"u": wave, "one": np.ones((1, 1, 1))})
-    return Opened("fourier", FourierBox([path]))
+    return PluginData("fourier", FourierBox([path]))
 
 
 def test_a_plugins_field_makes_expressions(renderer, opened):

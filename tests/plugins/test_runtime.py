@@ -17,7 +17,7 @@ from elvis.plugins.fourier.box import BASES
 from elvis.plugins.native.waves import waves
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.nurbs.knots import KnotVector
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import volume_of
 from elvis.plugins.testing import check_volume, values_found
 from elvis.renderer import Plane, Scene, render
@@ -228,7 +228,7 @@ def test_every_function_has_a_bar():
 def test_elementary_functions_are_exact_to_the_last_digits(renderer, box, device, half):
     """In a box whose half lengths are powers of two, so that places are the same whoever computes them."""
     drawing, corner = renderer(device), np.full(3, half)
-    opened = Opened("fourier", box(("fourier",) * 3, np.ones((1, 1, 1)), -corner, corner))
+    opened = PluginData("fourier", box(("fourier",) * 3, np.ones((1, 1, 1)), -corner, corner))
     texts = {name: f"{name}(x)" for name in ACCURACY} | {name: f"{name}(x, y)" for name in BINARY}
     drawing.show(volume_of(opened, ["u", *texts.values()]))
     points = np.random.default_rng(5).uniform(-1, 1, (4000, 3))
@@ -277,7 +277,7 @@ def test_the_range_of_all_is_that_of_the_bounds(box):
     """A cosine and its mean: a picture of a plane where it is 3 all over has the colours of [1, 5] nonetheless."""
     amplitudes = np.zeros((3, 1, 1))
     amplitudes[0], amplitudes[1] = 3.0, 2.0
-    opened = Opened("fourier", box(("fourier",) * 3, amplitudes, (0.0,) * 3, (1.0,) * 3))
+    opened = PluginData("fourier", box(("fourier",) * 3, amplitudes, (0.0,) * 3, (1.0,) * 3))
     plane = Plane((0.25, 0.5, 0.5), (1.0, 0.0, 0.0))
     frame = render(opened, Scene("u", plane, size=(30, 30), range="all"))
     assert np.allclose(frame.field[frame.seen], 3.0, rtol=0, atol=1e-12)

@@ -13,7 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.plugins import opening
 from elvis.plugins.faces import faces_of
-from elvis.plugins.opening import Opened, open_files
+from elvis.plugins.opening import PluginData, open_files
 from elvis.plugins.registry import PluginError
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
@@ -85,7 +85,7 @@ def cubes(tmp_path):
         assert old in MODULE
         (tmp_path / "cubes.slang").write_text(MODULE.replace(old, new) if old else MODULE)
         source = type("Cubes", (Cubes,), {"folder": tmp_path, "changes": changes or {}})([])
-        return Opened("cubes", source)
+        return PluginData("cubes", source)
 
     return make
 

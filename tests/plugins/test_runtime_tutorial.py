@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.plugins.opening import Opened, named
+from elvis.plugins.opening import PluginData, named
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
 from elvis.plugins.volume import interface_folder
@@ -120,7 +120,7 @@ def _arguments(words):
 
 def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
     ((name, plugin),) = named(str(folder / "rings.py")).items()
-    opened = Opened(name, plugin([folder / "case.npz"]))
+    opened = PluginData(name, plugin([folder / "case.npz"]))
     drawing, scene = renderer("vulkan"), Scene("p", objects=(Faces(),), camera="iso", size=(80, 60))
     drawing.show(opened.volume("p"))
     drawn = drawing.render(scene)

@@ -12,7 +12,7 @@ from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.terminal import stage
 from elvis.formats.reading import is_native, read_data
 from elvis.plugins.discovery import Candidate, chosen, converters_of, installed, with_defaults
-from elvis.plugins.opening import Opened, open_files
+from elvis.plugins.opening import PluginData, open_files
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def pairs(texts: Sequence[str]) -> dict[str, str]:
 
 def open_data(
     paths: Sequence[Path], reading: Reading | None = None, report: Callable[[str], object] = str
-) -> Dataset | Opened:
+) -> Dataset | PluginData:
     """What a runtime plugin opens, else the dataset in the files.
 
     report  called with one line for each plugin that fails when it is asked

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Opened:
+class PluginData:
     """Data that a plugin has opened; whatever goes wrong in the plugin's own code is a PluginError with its name.
 
     time  what stands for the source's own time, if any
@@ -45,7 +45,7 @@ class Opened:
 
 def open_files(
     paths: Sequence[Path], plugin: str | None = None, report: Callable[[str], object] = str
-) -> Opened | None:
+) -> PluginData | None:
     """The files, opened by the one plugin that says so; None where there is none.
 
     plugin  the name of an installed plugin, or a Python file that defines one, to be used and no other
@@ -63,7 +63,7 @@ def open_files(
     if not candidates:
         return None
     ((name, source),) = candidates.items()
-    return Opened(name, guarded(name, f"opening {paths[0]}", lambda: source(paths)))
+    return PluginData(name, guarded(name, f"opening {paths[0]}", lambda: source(paths)))
 
 
 def installed() -> dict[str, type[VolumeSource]]:

@@ -26,11 +26,11 @@ from elvis.plugins.host_evaluation import (
 )
 from elvis.plugins.joining import join_fields
 from elvis.plugins.native import NativeVolume
-from elvis.plugins.opening import Opened, guarded
+from elvis.plugins.opening import PluginData, guarded
 from elvis.plugins.volume import Part, Quantity, Shown, Solution, Volume
 
 
-def volume_of(data: Dataset | Opened, quantities: Sequence[str]) -> Volume:
+def volume_of(data: Dataset | PluginData, quantities: Sequence[str]) -> Volume:
     """The elements that have the first quantity, each with all of them.
 
     quantities  fields, expressions or predefined quantities (see `elvis.core.quantities`); every part has them by
@@ -43,7 +43,7 @@ def volume_of(data: Dataset | Opened, quantities: Sequence[str]) -> Volume:
     return _opened(data, quantities)
 
 
-def names_of(data: Dataset | Opened) -> Names:
+def names_of(data: Dataset | PluginData) -> Names:
     """What names in expressions can stand for."""
     if isinstance(data, Dataset):
         return Names.of(data)
@@ -51,7 +51,7 @@ def names_of(data: Dataset | Opened) -> Names:
     return Names(data.fields, time=own if data.time is None else data.time)
 
 
-def _opened(opened: Opened, texts: Sequence[str]) -> Volume:
+def _opened(opened: PluginData, texts: Sequence[str]) -> Volume:
     """A plugin's volume; expressions are made of the values and gradients of its fields."""
     names = names_of(opened)
     expressions = [Expression.parse(text, names) for text in texts]

@@ -24,7 +24,7 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import values
 from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
@@ -38,7 +38,7 @@ from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, view_of
 
 
-def render(data: Dataset | Opened, scene: Scene) -> Frame:
+def render(data: Dataset | PluginData, scene: Scene) -> Frame:
     """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene has a plane.
 
     Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.

@@ -14,7 +14,7 @@ from elvis.core.mapping.boxes import element_boxes
 from elvis.core.patch import patches
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.host_quantities import HostQuantities
 from elvis.scene.errors import SceneError
@@ -25,9 +25,9 @@ class Source(ABC):
     """Data of either kind."""
 
     @staticmethod
-    def of(data: Dataset | Opened) -> Source:
+    def of(data: Dataset | PluginData) -> Source:
         """What answers for the data."""
-        return PluginSource(data) if isinstance(data, Opened) else DatasetSource(data)
+        return PluginSource(data) if isinstance(data, PluginData) else DatasetSource(data)
 
     @abstractmethod
     def quantities(self, names: Sequence[str]) -> Quantities:
@@ -73,7 +73,7 @@ class DatasetSource(Source):
 class PluginSource(Source):
     """What a runtime plugin has opened."""
 
-    opened: Opened
+    opened: PluginData
 
     def quantities(self, names: Sequence[str]) -> Quantities:
         """See `Source`; ElvisError, too, where the plugin describes its elements in no NumPy."""

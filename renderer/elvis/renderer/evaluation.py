@@ -21,7 +21,7 @@ from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression, Names
 from elvis.plugins.evaluation_service import check_volume
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
@@ -42,7 +42,7 @@ _STEPS, _SHORT = 40, 1e-9
 class Evaluation:
     """Data that a plugin has opened; ``report`` is called with what isn't as well known as it should be."""
 
-    opened: Opened
+    opened: PluginData
     report: Callable[[str], object]
     dataset: None = None  # none is native (see elvis.renderer.commands.sources)
 

@@ -19,7 +19,7 @@ from elvis.core.quantities import Expression
 from elvis.core.terminal import warn
 from elvis.plugins.data import Reading, open_data, pairs
 from elvis.plugins.evaluation_service import check_volume
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
@@ -48,7 +48,7 @@ from elvis.scene.view import PlaneView, View, view_of
 FEWEST = 1 << 12
 Progress: TypeAlias = Callable[[int, int], object]
 #: what a plugin of ``elvis.devices`` is
-Drawing: TypeAlias = Callable[[Dataset | Opened, Scene], Frame]
+Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
 
 
 def render(
@@ -78,13 +78,13 @@ def render(
     return frame
 
 
-def _render(dataset: Dataset | Opened, scene: Scene, device: str, progress: Progress | None) -> Frame:
+def _render(dataset: Dataset | PluginData, scene: Scene, device: str, progress: Progress | None) -> Frame:
     """A picture of data that are at hand."""
     if not scene.field and isinstance(dataset, Dataset) and not dataset.solution:
         scene, dataset = of_mesh(scene), replace(dataset, remarks=(*dataset.remarks, REMARK))
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
     dataset = dataset if scene.time is None else replace(dataset, time=scene.time)
-    if isinstance(dataset, Opened):
+    if isinstance(dataset, PluginData):
         return drawn(dataset, scene, device, progress)
     kind = Kind.of(dataset)
     asked, scene = scene, _arrange(_with_quantity(scene, dataset), kind)
@@ -98,7 +98,7 @@ def _render(dataset: Dataset | Opened, scene: Scene, device: str, progress: Prog
         return _note(renderer.render(scene, references=_is_exact(scene)), asked, dataset.remarks)
 
 
-def _at_hand(asked: Request) -> Dataset | Opened:
+def _at_hand(asked: Request) -> Dataset | PluginData:
     """The data, read where they are files, as the scene says."""
     if asked.data is not None:
         return asked.data
@@ -108,7 +108,7 @@ def _at_hand(asked: Request) -> Dataset | Opened:
     return open_data([Path(file) for file in scene.data], Reading(scene.plugin, pairs(scene.reader)), warn)
 
 
-def drawn(opened: Opened, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
+def drawn(opened: PluginData, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
     """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
     scene = _with_quantity(scene, opened)
     volume = volume_of(opened, quantities(scene))
@@ -134,7 +134,7 @@ def _is_exact(scene: Scene) -> bool:
     return scene.box or not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
 
 
-def default_field(data: Dataset | Opened) -> str:
+def default_field(data: Dataset | PluginData) -> str:
     """The first field; SceneError where the data have none."""
     names = names_of(data).fields
     if not names:
@@ -149,7 +149,7 @@ def completed(dataset: Dataset, scene: Scene) -> Scene:
     return _arrange(_with_quantity(scene, dataset), Kind.of(dataset))
 
 
-def _with_quantity(scene: Scene, data: Dataset | Opened) -> Scene:
+def _with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
     """The scene, if its field is a quantity of the data; SceneError where it is none."""
     try:
         Expression.parse(scene.field, names_of(data))

@@ -11,7 +11,7 @@ from typing import Any
 
 from elvis.core.dataset import Dataset
 from elvis.core.files.output import Outputs, check_places
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame
@@ -25,7 +25,7 @@ _SUFFIX = re.compile(r"\.[A-Za-z][A-Za-z0-9_]*$")
 class Request:
     """Data at hand, None where they are the files of the scene; the scene; the files that are to be written."""
 
-    data: Dataset | Opened | None
+    data: Dataset | PluginData | None
     scene: Scene
     outputs: tuple[str, ...] = ()
 
@@ -58,10 +58,10 @@ class Request:
                 frame.save(name, plain=self.scene.plain, outputs=together)
 
 
-def _sorted(given: Sequence[Any]) -> tuple[Dataset | Opened | None, list[Path], list[Any]]:
+def _sorted(given: Sequence[Any]) -> tuple[Dataset | PluginData | None, list[Path], list[Any]]:
     """Data, files, and what else there is: a scene, a quantity."""
     items = list(_flat(given))
-    if items and isinstance(items[0], (Dataset, Opened)):
+    if items and isinstance(items[0], (Dataset, PluginData)):
         return items[0], [], [_check(each, False) for each in items[1:]]
     files, rest = list[Path](), list[Any]()
     for each in items:

@@ -15,7 +15,7 @@ from elvis.core.patch import Patch
 from elvis.core.quantities import Expression
 from elvis.plugins.faces import Faces, faces_of
 from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of
 from elvis.reference.host_patch import HostPatch
 from elvis.reference.quantities import Corners, Quantities
@@ -29,7 +29,7 @@ class HostQuantities(Quantities):
     boxes  of the elements of each patch
     """
 
-    def __init__(self, opened: Opened, names: Sequence[str]) -> None:
+    def __init__(self, opened: PluginData, names: Sequence[str]) -> None:
         """Raises ElvisError where the plugin describes its elements in no NumPy."""
         self.names, known = tuple(names), names_of(opened)
         self._expressions = {name: Expression.parse(name, known) for name in names}

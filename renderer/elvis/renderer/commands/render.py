@@ -16,7 +16,7 @@ from elvis.scene.commandline.command import OUTPUT, SceneCommand, parsed
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
-    from elvis.plugins.opening import Opened
+    from elvis.plugins.opening import PluginData
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
 
@@ -122,10 +122,10 @@ def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list
 
     Those that have their colours from one field are drawn in one range, so that a bar tells all.
     """
-    from elvis.plugins.opening import Opened
+    from elvis.plugins.opening import PluginData
     from elvis.scene.commandline.composing import in_one_range
 
-    known: dict[object, Dataset | Opened] = {}
+    known: dict[object, Dataset | PluginData] = {}
     for scene in scenes:
         key = scene.data, scene.plugin, scene.reader
         known[key] = known[key] if key in known else _opened(scene, is_kept)
@@ -134,10 +134,10 @@ def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list
     shared = in_one_range(frames) if len(frames) > 1 else None
     if shared is not None:
         frames = [_frame(own, replace(scene, range=shared)) for own, scene in zip(data, scenes, strict=True)]
-    return frames, [remark for own in known.values() if not isinstance(own, Opened) for remark in own.remarks]
+    return frames, [remark for own in known.values() if not isinstance(own, PluginData) for remark in own.remarks]
 
 
-def _opened(scene: Scene, is_kept: bool) -> Dataset | Opened:
+def _opened(scene: Scene, is_kept: bool) -> Dataset | PluginData:
     """The data of the scene, read, converted or opened by a runtime plugin."""
     from elvis.core.terminal import warn
     from elvis.plugins.data import Reading, open_data, pairs
@@ -149,7 +149,7 @@ def _opened(scene: Scene, is_kept: bool) -> Dataset | Opened:
     return open_data(tuple(map(Path, scene.data)), reading, warn)
 
 
-def _frame(opened: Dataset | Opened, scene: Scene) -> Frame:
+def _frame(opened: Dataset | PluginData, scene: Scene) -> Frame:
     """A picture of the data."""
     from elvis.core.terminal import progress
     from elvis.renderer import render as draw

@@ -18,7 +18,7 @@ from audit.worlds import BORDER, World
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.plugins.nurbs import Nurbs
-from elvis.plugins.opening import Opened
+from elvis.plugins.opening import PluginData
 from elvis.renderer import Faces, Isosurface, Plane
 
 
@@ -42,7 +42,7 @@ def ring():
     with TemporaryDirectory() as folder:
         path = Path(folder) / "ring.json"
         path.write_text(json.dumps({"format": "elvis-nurbs", "version": 1, "patches": [patch]}))
-        return Opened("nurbs", Nurbs([path]))
+        return PluginData("nurbs", Nurbs([path]))
 
 
 def box():
