@@ -27,7 +27,7 @@ from elvis.core.terminal import print_table
 from elvis.formats import Shape
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native import buffers as native
-from elvis.plugins.volume import Part, Shown, Volume, interface_folder
+from elvis.plugins.volume import Part, PartsVolume, Volume, interface_folder
 from elvis.renderer import Renderer, Scene
 from elvis.renderer import device as devices
 
@@ -98,7 +98,7 @@ def derivatives(device: str, quick: bool, rounds: int) -> dict[str, Any]:
         buffers = {**part.buffers, "element_boxes": part.boxes}
         kind = part.type.replace("Hexahedron", "Automatic")
         own = replace(part, module="automatic_hexahedron", type=kind, buffers=buffers)
-        both = {"supplied": (supplied, volume), "automatic": (automatic, Shown([own], Path(folder)))}
+        both = {"supplied": (supplied, volume), "automatic": (automatic, PartsVolume([own], Path(folder)))}
         return {"case": case.label, **compared(both, quick, rounds)}
 
 

@@ -18,7 +18,7 @@ from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, h
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
-from elvis.plugins.volume import Part, Shown
+from elvis.plugins.volume import Part, PartsVolume
 from elvis.reference.host_patch import HostPatch
 from elvis.reference.locating import Locator
 from elvis.reference.picture import render as render_reference
@@ -69,8 +69,8 @@ def test_derivatives_are_those_of_smooth_functions():
 def test_faces_of_every_shape_are_made(shape, unit):
     """Each face's net is the map there; corners at one place make faces that two elements share one."""
     part = bent(shape, unit)
-    (host,) = host_evaluations(Shown([part], Path()))
-    faces = faces_of(None, Shown([part], Path()))
+    (host,) = host_evaluations(PartsVolume([part], Path()))
+    faces = faces_of(None, PartsVolume([part], Path()))
     assert sum(map(len, faces.blocks)) == len(shape.faces)
     assert all((own == -1).all() for own in faces.neighbours)
     for block in faces.blocks:
@@ -89,7 +89,7 @@ def test_elements_side_by_side_share_a_face():
 
     boxes = np.array([[-1, -1, -1, 1, 1, 1], [1, -1, -1, 3, 1, 1]], np.float32)
     part = Part("none", "Cube", np.array([5, 7]), boxes, {}, shape=Shape.HEXAHEDRON, evaluate=evaluate)
-    faces = faces_of(None, Shown([part], Path()))
+    faces = faces_of(None, PartsVolume([part], Path()))
     assert [len(rows) for rows in faces.select(["all"])] == [10]
     assert [len(rows) for rows in faces.select(["inner"])] == [2]
     assert faces.blocks[0].space.degree == 1
@@ -102,7 +102,7 @@ def test_faces_that_no_polynomial_comes_near_are_refused():
     boxes = np.array([[-2, -2, -2, 2, 2, 2]], np.float32)
     part = Part("none", "Kinked", np.array([0]), boxes, {}, shape=Shape.HEXAHEDRON, evaluate=evaluate)
     with pytest.raises(ElvisError, match="Kinked: expected faces near to polynomials of degree 12, or a plugin"):
-        faces_of(None, Shown([part], Path()))
+        faces_of(None, PartsVolume([part], Path()))
 
 
 # the reference
@@ -222,6 +222,6 @@ def test_the_reference_says_what_it_needs(pipe, monkeypatch):
     bare = Part("rational", "Bare", np.array([0]), np.array([[0, 0, 0, 1, 1, 1]], np.float32), {})
     with pytest.raises(ElvisError, match="no second derivative of u, which a plugin describes"):
         render_reference(pipe, Scene("d(d(u,x),x)", plane=CUT, size=(10, 10)))
-    monkeypatch.setattr(PluginData, "volume", lambda self, field: Shown([bare], Path()))
+    monkeypatch.setattr(PluginData, "volume", lambda self, field: PartsVolume([bare], Path()))
     with pytest.raises(ElvisError, match="plugin nurbs can't be drawn in NumPy: expected parts with a shape"):
         render_reference(pipe, Scene("u", plane=CUT, size=(10, 10)))

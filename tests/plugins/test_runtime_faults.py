@@ -17,7 +17,7 @@ from elvis.plugins.opening import PluginData, open_files
 from elvis.plugins.registry import PluginError
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
-from elvis.plugins.volume import Shown, basis_part, boxes_between
+from elvis.plugins.volume import PartsVolume, basis_part, boxes_between
 from elvis.renderer import DeviceError, Plane, render
 
 MODULE = """module cubes;
@@ -74,7 +74,7 @@ class Cubes(VolumeSource):
         low = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
         boxes = boxes_between(low, low + 1)
         part = basis_part("cubes", "Cube", boxes, {"corners": low[:, 0]}, evaluate=lambda e, r: (low[e] + r, r[:, 0]))
-        return Shown([replace(part, **self.changes)], self.folder)
+        return PartsVolume([replace(part, **self.changes)], self.folder)
 
 
 @pytest.fixture

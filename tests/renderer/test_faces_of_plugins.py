@@ -11,7 +11,7 @@ from elvis.plugins.faces import faces_of, vertices_at
 from elvis.plugins.fourier.box import FourierBox, series, write_box
 from elvis.plugins.nurbs.nurbs import Nurbs
 from elvis.plugins.serving import volume_of
-from elvis.plugins.volume import Shown
+from elvis.plugins.volume import PartsVolume
 from elvis.renderer import Camera, Status
 from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
@@ -121,7 +121,7 @@ def test_real_meshes_are_closed(drawer, shared, name):
 
 def test_a_plugin_without_faces_says_so():
     with pytest.raises(ElvisError, match="gives no element faces"):
-        faces_of(None, Shown([], Path()))
+        faces_of(None, PartsVolume([], Path()))
 
 
 def test_corners_at_one_place_are_one_vertex():

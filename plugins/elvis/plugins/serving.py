@@ -27,7 +27,7 @@ from elvis.plugins.host_evaluation import (
 from elvis.plugins.joining import join_fields
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.opening import PluginData, guarded
-from elvis.plugins.volume import Part, Quantity, Shown, Solution, Volume
+from elvis.plugins.volume import Part, PartsVolume, Quantity, Solution, Volume
 
 
 def volume_of(data: Dataset | PluginData, quantities: Sequence[str]) -> Volume:
@@ -69,7 +69,7 @@ def _opened(opened: PluginData, texts: Sequence[str]) -> Volume:
         _express(Fields(dict(zip(used, own, strict=True)), volume.shader_folder, volume.dimension), expressions)
         for own in zip(*(other.parts for other in volumes.values()), strict=True)
     ]
-    return Shown(parts, Path(volume.shader_folder), volume.dimension, getattr(volume, "faces", None))
+    return PartsVolume(parts, Path(volume.shader_folder), volume.dimension, getattr(volume, "faces", None))
 
 
 def _kind(part: Part) -> tuple[str, bytes]:

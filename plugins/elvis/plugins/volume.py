@@ -173,7 +173,7 @@ def boxes_between(low: Floats, high: Floats, margin: float = 1e-9) -> NDArray[np
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PartsVolume:
     """A Volume made of parts.
 
     shader_folder  where the Slang modules of the parts stand

@@ -21,7 +21,7 @@ from elvis.core.files.archives import Archive, names_in
 from elvis.core.files.output import replacing
 from elvis.core.shapes import Shape
 from elvis.plugins.source import VolumeSource
-from elvis.plugins.volume import Part, Shown, boxes_between
+from elvis.plugins.volume import Part, PartsVolume, boxes_between
 
 _NEEDED = ("low", "high", "bases")
 _PREFIX = "field_"
@@ -71,7 +71,7 @@ class FourierBox(VolumeSource):
     def _error(self, place: str, message: str) -> FormatError:
         return FormatError(message, file=self._path, place=place)
 
-    def volume(self, field: str) -> Shown:
+    def volume(self, field: str) -> PartsVolume:
         """The box with one of its fields."""
         amplitudes = self.amplitudes[field]
 
@@ -93,7 +93,7 @@ class FourierBox(VolumeSource):
             shape=Shape.HEXAHEDRON,
             bounds=lambda: _bounds(amplitudes),
         )
-        return Shown([part], Path(__file__).parent)
+        return PartsVolume([part], Path(__file__).parent)
 
 
 def _bounds(amplitudes: Floats) -> tuple[Floats, Floats]:

@@ -22,7 +22,7 @@ from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, fi
 from elvis.plugins.nurbs.node_numbers import CORNERS, numbered
 from elvis.plugins.nurbs.own import OwnMesh, is_own, read_own
 from elvis.plugins.source import VolumeSource
-from elvis.plugins.volume import Part, Shown, basis_part, boxes_between
+from elvis.plugins.volume import Part, PartsVolume, basis_part, boxes_between
 
 Mesh: TypeAlias = PatchMesh | OwnMesh
 #: degrees of map and field, nets of both, and numbers of some elements
@@ -81,12 +81,12 @@ class Nurbs(VolumeSource):
                 raise FormatError(f"expected one field {own!r}, found another in {self._functions[own][0]}", file=path)
             self._functions[own] = path, function, number
 
-    def volume(self, field: str) -> Shown:
+    def volume(self, field: str) -> PartsVolume:
         """The elements with one field; those of equal degrees make a part."""
         nets, is_rational = self._nets(field)
         groups = _groups(weighted(self.mesh), nets)
         parts = [_part(*group, is_rational) for group in groups]
-        return Shown(parts, Path(__file__).parent, faces=lambda: _faces(self.mesh, groups))
+        return PartsVolume(parts, Path(__file__).parent, faces=lambda: _faces(self.mesh, groups))
 
     def _nets(self, field: str) -> tuple[list[Floats], bool]:
         """For each patch the nets of a field, and whether they have weights."""
