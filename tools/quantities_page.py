@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from elvis.core.quantities.flows import CUSTOMARY
-from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, Parameter, Predefined
+from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, Parameter, PredefinedQuantity
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """<!-- made by tools/quantities_page.py from the table in formats/elvis/core/quantities/predefined.py -->
@@ -98,7 +98,7 @@ def page() -> str:
     return HEAD + "".join(title + "\n".join(lines) + "\n" for title, lines in chapters) + NOTES
 
 
-def _row(own: Predefined) -> str:
+def _row(own: PredefinedQuantity) -> str:
     dimensions = ", ".join(map(str, own.dimensions))
     cells = (f"`{own.name}`", dimensions, _cell(own.meaning), _code(own.formulas), own.source)
     return f"| {' | '.join(cells)} |"

@@ -149,9 +149,9 @@ def test_the_report_of_a_conversion_is_a_table(solvers, elvis, elvis_json):
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "[" * 100000, '{"geometry": 1}', '{"geometry": {"order": 1e999}}'])
 def test_a_report_that_is_none_is_shown_as_it_is(text):
-    from elvis.plugins.report import Recorded
+    from elvis.plugins.report import RecordedReport
 
-    assert Recorded.of({"ConversionReport": text}) is None
+    assert RecordedReport.of({"ConversionReport": text}) is None
 
 
 def test_native_files_stay_as_they_are(solvers, elvis, tmp_path):

@@ -8,7 +8,7 @@ from elvis.core.testing import grid
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.faces.derived import _off
 from elvis.plugins.faces.nets import face_space
-from elvis.plugins.testing import Analytic, Given
+from elvis.plugins.testing import Analytic, AnalyticField
 
 
 def one(points):
@@ -26,7 +26,7 @@ CONSTANTS = {
 
 
 def source(shape=Shape.PRISM, order=5, **functions):
-    return Analytic(grid(shape, 2), {name: Given(each, order) for name, each in functions.items()})
+    return Analytic(grid(shape, 2), {name: AnalyticField(each, order) for name, each in functions.items()})
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.PYRAMID])

@@ -14,7 +14,7 @@ from elvis.formats import Basis, Shape, read, write
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.projection.traces import Traces
-from elvis.plugins.testing import Analytic, Given, values_found
+from elvis.plugins.testing import Analytic, AnalyticField, values_found
 
 VOLUMES = Shape.of_dimension(3)
 
@@ -58,7 +58,7 @@ def assert_exact(report):
 @pytest.mark.parametrize("p", [1, 2, 3, 5])
 @pytest.mark.parametrize("shape", list(Shape))
 def test_polynomials_on_curved_meshes_arrive_exactly(shape, p):
-    fields = {"u": Given(polynomial(p), p, True), "w": Given(polynomial(p, 9), p, False)}
+    fields = {"u": AnalyticField(polynomial(p), p, True), "w": AnalyticField(polynomial(p, 9), p, False)}
     source = Analytic(cells(shape), fields, bent(p), p, seed=p)
     conversion = convert(source)
     assert_exact(conversion.report)
@@ -68,7 +68,7 @@ def test_polynomials_on_curved_meshes_arrive_exactly(shape, p):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_mixed_meshes_turned_and_numbered_at_random_arrive_exactly(seed):
-    fields = {"u": Given(polynomial(3), 3, True)}
+    fields = {"u": AnalyticField(polynomial(3), 3, True)}
     for mesh in (mixed_volume(), mixed_plane()):
         conversion = convert(Analytic(mesh, fields, bent(2), 2, seed, is_numbered=seed % 2 == 0))
         assert_exact(conversion.report)
@@ -81,7 +81,7 @@ def test_mixed_meshes_turned_and_numbered_at_random_arrive_exactly(seed):
 def test_errors_of_smooth_fields_shrink_with_order_p_plus_1(shape, p):
     errors = []
     for count in (2, 4):
-        source = Analytic(grid(shape, count), {"u": Given(wave, p, True, is_polynomial=False)}, seed=1)
+        source = Analytic(grid(shape, count), {"u": AnalyticField(wave, p, True, is_polynomial=False)}, seed=1)
         measure = convert(source).report.fields[0]
         errors.append((measure.max, measure.l2))
         assert measure.state == "projected"
@@ -94,7 +94,7 @@ def test_errors_of_smooth_fields_shrink_with_order_p_plus_1(shape, p):
 @pytest.mark.parametrize("seed", range(3))
 def test_traces_of_continuous_fields_are_equal_to_the_last_bit(seed, is_polynomial):
     function = polynomial(4) if is_polynomial else wave
-    fields = {"u": Given(function, 4, True, is_polynomial)}
+    fields = {"u": AnalyticField(function, 4, True, is_polynomial)}
     for mesh in (mixed_volume(), mixed_plane(), grid(Shape.TETRAHEDRON, 2), grid(Shape.PRISM, 2)):
         conversion = convert(
             Analytic(mesh, fields, bent(2), 2, seed, PyramidSpace.RATIONAL), Settings(pyramids="native")
@@ -107,7 +107,7 @@ def test_traces_of_continuous_fields_are_equal_to_the_last_bit(seed, is_polynomi
 @pytest.mark.parametrize("seed", range(3))
 def test_every_element_around_a_point_gives_the_same_value(seed):
     # independently of how traces were made: points on shared faces, found by search, seen from both sides
-    source = Analytic(mixed_volume(), {"u": Given(wave, 4, True, False)}, bent(2), 2, seed)
+    source = Analytic(mixed_volume(), {"u": AnalyticField(wave, 4, True, False)}, bent(2), 2, seed)
     dataset = convert(source, Settings(pyramids="native")).dataset
     mesh = mixed_volume()
     corners = np.concatenate([mesh.vertices[polygon_vertices(mesh, s)][:, :3] for s in Shape.of_dimension(2)])
@@ -128,7 +128,7 @@ def test_jumps_stay():
         # constant on every element of a grid: the number of its cell
         return np.broadcast_to(np.floor(2 * points.mean(axis=1, keepdims=True)[..., :1]).sum(-1), points.shape[:2])
 
-    conversion = convert(Analytic(cells(Shape.HEXAHEDRON), {"w": Given(steps, 0, False)}))
+    conversion = convert(Analytic(cells(Shape.HEXAHEDRON), {"w": AnalyticField(steps, 0, False)}))
     assert_exact(conversion.report)
     found = values_found(conversion.dataset, "w", np.array([[0.499, 0.3, 0.3], [0.501, 0.3, 0.3]]))
     assert found == pytest.approx([0, 1])
@@ -138,7 +138,7 @@ def test_a_field_that_claims_to_be_continuous_keeps_its_jumps_and_is_told():
     def steps(points):
         return np.broadcast_to(np.floor(2 * points.mean(axis=1, keepdims=True)[..., :1]).sum(-1), points.shape[:2])
 
-    report = convert(Analytic(cells(Shape.HEXAHEDRON), {"w": Given(steps, 1, True)})).report
+    report = convert(Analytic(cells(Shape.HEXAHEDRON), {"w": AnalyticField(steps, 1, True)})).report
     assert_exact(report)
     assert report.fields[0].is_continuous is False
     assert any("jumps" in note for note in report.notes)
@@ -156,7 +156,7 @@ def test_a_field_that_claims_to_be_continuous_keeps_its_jumps_and_is_told():
     ],
 )
 def test_pyramids_take_the_smallest_form_that_holds_them(space, order, is_continuous, shape, last):
-    fields = {"u": Given(polynomial(order), order, is_continuous)}
+    fields = {"u": AnalyticField(polynomial(order), order, is_continuous)}
     conversion = convert(Analytic(grid(Shape.PYRAMID, 2), fields, pyramid=space, seed=2))
     assert_exact(conversion.report)
     (block,) = conversion.dataset.field("u").blocks
@@ -167,7 +167,7 @@ def test_pyramids_take_the_smallest_form_that_holds_them(space, order, is_contin
 
 
 def test_native_pyramids_are_projected_and_the_error_is_measured():
-    fields = {"u": Given(lambda x: (x[..., 0] * x[..., 1]) ** 2, 4, True)}
+    fields = {"u": AnalyticField(lambda x: (x[..., 0] * x[..., 1]) ** 2, 4, True)}
     source = Analytic(grid(Shape.PYRAMID, 2), fields, pyramid=PyramidSpace.RATIONAL, seed=2)
     report = convert(source, Settings(pyramids="native", order=3)).report
     assert report.elements == {"pyramid": 48}
@@ -182,7 +182,7 @@ def test_maps_that_curves_cannot_hold_travel_as_fields(shape):
         moved = 0.03 * np.sin(np.pi * x) * np.sin(np.pi * y) * np.sin(np.pi * z)
         return points + moved[..., None]
 
-    fields = {"u": Given(polynomial(2), 2, True)}
+    fields = {"u": AnalyticField(polynomial(2), 2, True)}
     warp, order = (bubble, 6) if shape is Shape.HEXAHEDRON else (bent(5), 5)
     source = Analytic(cells(shape), fields, warp, order, seed=3, pyramid=PyramidSpace.POLYNOMIAL)
     source.blocks = [replace(block, is_polynomial=shape is not Shape.HEXAHEDRON) for block in source.blocks]
@@ -211,8 +211,8 @@ def test_meshes_lie_in_the_space_of_the_axes_that_they_use(shape):
         x = points[..., 0]
         return points + (x * (x - 1))[..., None] * [0, 0, 1]
 
-    straight = Analytic(grid(shape, 1), {"u": Given(polynomial(2), 2)})
-    bent_up = Analytic(grid(shape, 1), {"u": Given(polynomial(2), 2)}, arch, 2)
+    straight = Analytic(grid(shape, 1), {"u": AnalyticField(polynomial(2), 2)})
+    bent_up = Analytic(grid(shape, 1), {"u": AnalyticField(polynomial(2), 2)}, arch, 2)
     assert convert(straight).dataset.mesh.space == shape.dimension
     conversion = convert(bent_up)
     assert conversion.dataset.mesh.space == 3
@@ -231,7 +231,7 @@ def test_orders_by_element_keep_the_tolerance(mesh, is_continuous):
     def front(points):
         return np.tanh(4 * (points[..., 0] - 0.5 * points[..., 1] - 0.4))
 
-    source = Analytic(mesh, {"u": Given(front, 5, is_continuous, False)}, seed=4)
+    source = Analytic(mesh, {"u": AnalyticField(front, 5, is_continuous, False)}, seed=4)
     conversion = convert(source, Settings(tolerance=3e-3))
     measure = conversion.report.fields[0]
     assert measure.relative <= 3e-3
@@ -241,14 +241,14 @@ def test_orders_by_element_keep_the_tolerance(mesh, is_continuous):
 
 
 def test_a_tolerance_never_raises_orders_above_what_is_exact():
-    source = Analytic(cells(Shape.TETRAHEDRON), {"u": Given(polynomial(3), 3, True)}, seed=4)
+    source = Analytic(cells(Shape.TETRAHEDRON), {"u": AnalyticField(polynomial(3), 3, True)}, seed=4)
     report = convert(source, Settings(tolerance=1e-9)).report
     assert_exact(report)
     assert report.fields[0].order == 3
 
 
 def test_fields_of_several_orders_share_one_section_a_shape(tmp_path):
-    fields = {"u": Given(polynomial(4), 4, True), "w": Given(polynomial(2), 2, False)}
+    fields = {"u": AnalyticField(polynomial(4), 4, True), "w": AnalyticField(polynomial(2), 2, False)}
     conversion = convert(Analytic(mixed_volume(), fields, bent(3), 3, seed=1))
     assert_exact(conversion.report)
     written = write(conversion.dataset, tmp_path / "case.xml")
@@ -261,7 +261,7 @@ def test_the_announced_error_is_that_of_the_written_file(tmp_path):
     def warp(points):
         return ripple(0.05)(points.reshape(-1, 3)).reshape(points.shape)
 
-    source = Analytic(mixed_volume(), {"u": Given(wave, 3, True, False)}, warp, 4, seed=1)
+    source = Analytic(mixed_volume(), {"u": AnalyticField(wave, 3, True, False)}, warp, 4, seed=1)
     source.blocks = [replace(block, is_polynomial=False) for block in source.blocks]
     conversion = convert(source)
     again = read(*write(conversion.dataset, tmp_path / "case.xml"))
@@ -274,7 +274,7 @@ def test_the_announced_error_is_that_of_the_written_file(tmp_path):
 
 
 def test_converting_twice_gives_the_same_bytes(tmp_path):
-    fields = {"u": Given(wave, 3, True, False), "w": Given(polynomial(2), 2, False)}
+    fields = {"u": AnalyticField(wave, 3, True, False), "w": AnalyticField(polynomial(2), 2, False)}
     for name in ("one", "two"):
         conversion = convert(Analytic(mixed_volume(), fields, bent(3), 3, seed=5))
         for kind in ("text", "compressed"):

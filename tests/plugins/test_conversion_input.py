@@ -9,7 +9,7 @@ from elvis.core.testing import grid, mixed_volume, one_element
 from elvis.formats import ElvisError, Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, SourceField
 from elvis.plugins.converting import Settings, convert
-from elvis.plugins.testing import Analytic, Given
+from elvis.plugins.testing import Analytic, AnalyticField
 
 
 def plain(points):
@@ -59,7 +59,7 @@ def test_left_handed_blocks_are_turned_as_a_whole(shape):
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 def test_single_inverted_elements_are_kept_and_listed(shape):
-    source = Analytic(grid(shape, 2), {"u": Given(plain, 1)})
+    source = Analytic(grid(shape, 2), {"u": AnalyticField(plain, 1)})
     (block,) = source.blocks
     corners = corners_of(grid(shape, 2), shape).copy()
     mirror = {8: [4, 5, 6, 7, 0, 1, 2, 3], 6: [3, 2, 1, 0, 5, 4], 5: [1, 0, 3, 2, 4], 4: [1, 0, 2, 3]}
@@ -89,7 +89,7 @@ def test_elements_with_a_vertex_at_several_corners_are_kept_and_listed():
 
 def test_periodic_numbers_are_told_apart_by_place():
     mesh = grid(Shape.HEXAHEDRON, 3)
-    source = Analytic(mesh, {"u": Given(plain, 1)})
+    source = Analytic(mesh, {"u": AnalyticField(plain, 1)})
     (block,) = source.blocks
     wrapped = np.where(mesh.vertices[:, 0] > 0.99, np.arange(len(mesh.vertices)) - 3, np.arange(len(mesh.vertices)))
     source.blocks = [replace(block, vertices=wrapped[block.vertices])]
@@ -121,7 +121,7 @@ def test_hanging_nodes_are_converted_element_by_element():
 
 def test_boundaries_by_vertices_and_by_sides_are_the_same_faces():
     mesh = mixed_volume()
-    source = Analytic(mesh, {"u": Given(plain, 1)}, seed=3)
+    source = Analytic(mesh, {"u": AnalyticField(plain, 1)}, seed=3)
     ends, sides = [], []
     for number, block in enumerate(source.blocks):
         places = mesh.vertices[block.key]
@@ -149,7 +149,7 @@ def test_values_that_are_not_numbers_are_kept_and_listed():
     def spoilt(points):
         return np.where(points[:, :1, 0].min(axis=1, keepdims=True) > 0.4, np.nan, plain(points))
 
-    conversion = convert(Analytic(grid(Shape.HEXAHEDRON, 2), {"u": Given(spoilt, 1, False)}))
+    conversion = convert(Analytic(grid(Shape.HEXAHEDRON, 2), {"u": AnalyticField(spoilt, 1, False)}))
     assert conversion.report.listed["not finite"] == (1, 3, 5, 7)
     assert conversion.report.fields[0].state == "exact"
     (block,) = conversion.dataset.field("u").blocks
@@ -157,7 +157,7 @@ def test_values_that_are_not_numbers_are_kept_and_listed():
 
 
 def nothing():
-    return Analytic(grid(Shape.HEXAHEDRON, 1), {"u": Given(plain, 1)})
+    return Analytic(grid(Shape.HEXAHEDRON, 1), {"u": AnalyticField(plain, 1)})
 
 
 def without_elements(source):

@@ -11,7 +11,7 @@ from elvis.plugins.converting import convert
 from elvis.plugins.projection.frames import MIRRORED, PROPER, affine, source_points
 from elvis.plugins.projection.numbering import TRIANGLES, Corners, chosen_orders, disputed, ranks
 from elvis.plugins.projection.vertices import clusters, connected_labels, unified
-from elvis.plugins.testing import Analytic, Given
+from elvis.plugins.testing import Analytic, AnalyticField
 
 
 @pytest.mark.parametrize("shape", list(Shape))
@@ -87,7 +87,7 @@ def oriented(places, elements, corners):
 def test_what_no_order_serves_is_detached_and_still_exact():
     places, prisms, tetrahedra = crossed()
     prisms, tetrahedra = oriented(places, prisms, (1, 3, 4)), oriented(places, tetrahedra, (1, 2, 3))
-    field = {"u": Given(lambda x: x[..., 0] - 2 * x[..., 1] * x[..., 2], 2)}
+    field = {"u": AnalyticField(lambda x: x[..., 0] - 2 * x[..., 1] * x[..., 2], 2)}
     detached = 0
     for seed in range(12):
         rng = np.random.default_rng(seed)

@@ -18,7 +18,7 @@ from elvis.reference.picture import render as render_reference
 from elvis.renderer import Renderer, Scene, Status
 from elvis.renderer.adapters import ADVICE, adapters
 from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.volume_rendering import Medium, VolumeRenderer
 from elvis.renderer.rendering import completed
@@ -122,7 +122,7 @@ def integrate(renderer):
         media = [each if isinstance(each, Medium) else Medium(each) for each in media_or_transfers]
         names = {medium.quantity for medium in media} - {None}
         volume = volume_of(dataset, [dataset.fields[0].name, *sorted(names)])
-        loaded = Loaded(renderer("vulkan").device, volume)
+        loaded = DeviceVolume(renderer("vulkan").device, volume)
         faces = FaceDrawer(loaded, faces_of(dataset, volume))
         under = FragmentLists.of(loaded.device, view.count, fragments, (0.0, 0.0, 0.0)).compose()
         return VolumeRenderer(loaded, lambda: faces).draw(view, media, under, **options)

@@ -8,7 +8,7 @@ from elvis.core.testing import curved, grid, with_field
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.lines.contour_proof import ContourProof
 from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
@@ -45,7 +45,7 @@ def valley(points):
 
 def proved(renderer, dataset, camera, levels, quantity=None):
     volume = NativeVolume.of(dataset, "u") if quantity is None else volume_of(dataset, ["u", quantity])
-    loaded = Loaded(renderer("vulkan").device, volume)
+    loaded = DeviceVolume(renderer("vulkan").device, volume)
     view = PlaneView.on(View.through(CAMERAS[camera], SIZE), PLANE)
     hits = Cutter(loaded).draw(view)
     return ContourProof(loaded, Lines(loaded), view, hits, np.array(levels), quantity), view

@@ -10,7 +10,7 @@ from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_vo
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Status
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import View
@@ -43,7 +43,7 @@ def drawer(renderer):
 
     def make(dataset, device="vulkan"):
         volume = NativeVolume.of(dataset, "u")
-        return FaceDrawer(Loaded(renderer(device).device, volume), faces_of(dataset, volume))
+        return FaceDrawer(DeviceVolume(renderer(device).device, volume), faces_of(dataset, volume))
 
     return make
 

@@ -13,7 +13,7 @@ from elvis.plugins.nurbs.nurbs import Nurbs
 from elvis.plugins.serving import volume_of
 from elvis.plugins.volume import PartsVolume
 from elvis.renderer import Camera, Status
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.scene.view import View
 
@@ -22,7 +22,9 @@ MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mf
 
 @pytest.fixture(scope="module")
 def drawer(renderer):
-    return lambda volume, dataset=None: FaceDrawer(Loaded(renderer("vulkan").device, volume), faces_of(dataset, volume))
+    return lambda volume, dataset=None: FaceDrawer(
+        DeviceVolume(renderer("vulkan").device, volume), faces_of(dataset, volume)
+    )
 
 
 def places(view, buffer):

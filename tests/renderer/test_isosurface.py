@@ -10,7 +10,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, SceneError, Status
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.renderer.pixels import NOBODY
 from elvis.scene import unit
@@ -43,7 +43,7 @@ def iso(renderer):
 
     def draw(dataset, view, value, beyond=None, device="vulkan"):
         volume = NativeVolume.of(dataset, dataset.fields[0].name)
-        drawer = IsosurfaceDrawer(Loaded(renderer(device).device, volume))
+        drawer = IsosurfaceDrawer(DeviceVolume(renderer(device).device, volume))
         return drawer.draw(view, None, value, beyond), drawer
 
     return draw

@@ -8,7 +8,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, _series
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import View
@@ -50,7 +50,9 @@ def iso(renderer):
     """The hit buffer of an isosurface of a dataset's first field, or of an expression."""
 
     def draw(dataset, view, value, text="u"):
-        return IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(dataset, [text]))).draw(view, None, value)
+        return IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(dataset, [text]))).draw(
+            view, None, value
+        )
 
     return draw
 
@@ -121,7 +123,7 @@ def test_steep_surfaces_are_certain_and_their_uncertainty_bounds_the_error(iso, 
 def test_a_flat_surface_costs_few_sub_elements(renderer):
     """Where the field can't be told from its level, halving shows nothing new."""
     data = exact(Shape.HEXAHEDRON, lambda p: (p[:, 2] - 0.46875) ** 3, 1.0, 1.0)
-    drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
+    drawer = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(data, ["u"])))
     drawer.draw(View.through(CAMERA, (120, 120)), None, 1.0)
     assert drawer.counts["sub_elements"] < 200
 
@@ -131,7 +133,7 @@ def test_elements_that_are_all_rounding_cost_few_sub_elements(renderer, shape):
     """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, and next to apexes nothing is halved to the end."""
     data = exact(shape, lambda p: p[:, 2] - 0.46875, 2.0**-52, 1.0)
     view = View.through(CAMERA, SIZE)
-    drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
+    drawer = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(data, ["u"])))
     hits = drawer.draw(view, None, 1.0)
     assert drawer.counts["sub_elements"] < 600
     assert (hits.owner == NOBODY).all()
@@ -156,7 +158,7 @@ def test_a_pair_of_surfaces_seen_from_within_costs_few_sub_elements(renderer, sh
     data = exact(shape, lambda p: (p[:, 2] - 0.375) * (p[:, 2] - 0.375 - 2.0**-8))
     camera = Camera((0.5, 0.6, 0.45), (0.45, 1.3, 0.2), (1.0, 0.0, 0.0), fov=90.0)
     view = View.through(camera, (24, 20))
-    drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(data, ["u"])))
+    drawer = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(data, ["u"])))
     hits = drawer.draw(view, None, 0.0)
     assert drawer.counts["sub_elements"] < 400
     depth, inside = places(view, 2, 0.375 + 2.0**-8)

@@ -12,7 +12,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Status
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View
@@ -52,7 +52,7 @@ def iso(renderer):
     """The hits of an isosurface of a quantity."""
 
     def draw(dataset, view, quantity, value):
-        drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, NativeVolume.of(dataset, quantity)))
+        drawer = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, NativeVolume.of(dataset, quantity)))
         return drawer.draw(view, None, value)
 
     return draw

@@ -11,7 +11,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Status
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View
 
@@ -41,7 +41,7 @@ CASES = [
 @pytest.mark.parametrize(("shape", "bend", "text", "value", "proved"), CASES)
 def test_nothing_certain_is_refuted_by_dense_samples(renderer, shape, bend, text, value, proved):
     dataset = gas(shape, bend, 3)
-    hits = IsosurfaceDrawer(Loaded(renderer("vulkan").device, volume_of(dataset, [text]))).draw(VIEW, None, value)
+    hits = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(dataset, [text]))).draw(VIEW, None, value)
     sampler = Sampler(dataset, [Expression.of(dataset, text)])
     origins, ways = VIEW.every_ray()
     hit, sure = np.isfinite(hits.depth), hits.status != Status.AMBIGUOUS

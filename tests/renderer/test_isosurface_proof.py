@@ -11,7 +11,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Isosurface, SceneError, Status
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View
 
@@ -27,7 +27,9 @@ def iso(renderer):
     """The hit buffer of an isosurface of a dataset's first field."""
 
     def draw(dataset, view, value, beyond=None):
-        drawer = IsosurfaceDrawer(Loaded(renderer("vulkan").device, NativeVolume.of(dataset, dataset.fields[0].name)))
+        drawer = IsosurfaceDrawer(
+            DeviceVolume(renderer("vulkan").device, NativeVolume.of(dataset, dataset.fields[0].name))
+        )
         return drawer.draw(view, None, value, beyond)
 
     return draw

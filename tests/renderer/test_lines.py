@@ -11,8 +11,8 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import beside
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.lines.lines import Lines, covered, levels
 from elvis.renderer.passes.plane.cut import Cutter
@@ -66,7 +66,7 @@ def cut(renderer):
     """Lines of a dataset's field, a view of a plane and the hit buffer of the cut there."""
 
     def cut(dataset, plane=FLAT, camera=CAMERAS["straight on"], size=SIZE, device="vulkan"):
-        loaded = Loaded(renderer(device).device, NativeVolume.of(dataset, dataset.fields[0].name))
+        loaded = DeviceVolume(renderer(device).device, NativeVolume.of(dataset, dataset.fields[0].name))
         view = PlaneView.on(View.through(camera, size), plane)
         return Lines(loaded), view, Cutter(loaded).draw(view)
 
@@ -140,7 +140,7 @@ def test_circles(cut, shape, camera):
 def test_facets_of_reference_shapes(renderer, shape):
     """The least of the facets that are found is the margin, anywhere; here it is 2, not 1, at the far end."""
     dataset = with_field(one_element(shape), lambda p: p[..., 0])
-    lines = Lines(Loaded(renderer("vulkan").device, NativeVolume.of(dataset, "u")))
+    lines = Lines(DeviceVolume(renderer("vulkan").device, NativeVolume.of(dataset, "u")))
     facets = lines.facets(0)
     assert len(facets) == (len(shape.faces) if shape.dimension == 3 else len(shape.edges))
     points = np.random.default_rng(1).uniform(-1.5, 1.5, (500, 3))
@@ -161,7 +161,7 @@ def test_contours_of_an_expression(renderer):
     """Another quantity than the part's own, and no polynomial."""
     distance = "sqrt((x-0.47)^2+(y-0.52)^2)"
     volume = volume_of(with_field(grid(Shape.HEXAHEDRON, 3), lambda p: p[..., 0]), ["u", distance])
-    loaded = Loaded(renderer("vulkan").device, volume)
+    loaded = DeviceVolume(renderer("vulkan").device, volume)
     view = PlaneView.on(View.through(CAMERAS["straight on"], SIZE), FLAT)
     hits = Cutter(loaded).draw(view)
     hits = hits.showing(values_at_hits(loaded, hits, distance))
@@ -352,7 +352,7 @@ def test_lines_don_t_depend_on_the_elements_turns_and_orders(cut, shape):
 def test_contours_on_faces_run_over_the_edges_of_a_cube(renderer):
     dataset = with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p @ [1.0, 2.0, 3.0], 2)
     volume = NativeVolume.of(dataset, "u")
-    loaded = Loaded(renderer("vulkan").device, volume)
+    loaded = DeviceVolume(renderer("vulkan").device, volume)
     view = View.through(Camera((4.0, 3.0, 2.5), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), fov=30.0), SIZE)
     hits = FaceDrawer(loaded, faces_of(dataset, volume)).draw(view)
 
@@ -386,7 +386,7 @@ def test_contours_on_curved_faces_are_those_of_the_face_itself(renderer, shape, 
 
         dataset = with_field(mesh, field, 4)
         volume = NativeVolume.of(dataset, "u")
-        loaded = Loaded(renderer("vulkan").device, volume)
+        loaded = DeviceVolume(renderer("vulkan").device, volume)
         hits = FaceDrawer(loaded, faces_of(dataset, volume)).draw(view)
         above = hits.normal[:, 2] > 0.5
         drawn.append((above, Lines(loaded).contours(view, hits, np.array([0.2, 0.45, 0.8]), 1.5).coverage))

@@ -7,7 +7,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.lines.lines import Lines, covered
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.solids import values_at_hits
@@ -25,7 +25,7 @@ def cut(renderer):
     """Lines of a quantity of a dataset, a straight view of a plane, and the hit buffer of the cut there."""
 
     def cut(dataset, quantity="u"):
-        loaded = Loaded(renderer("vulkan").device, volume_of(dataset, ["u", quantity]))
+        loaded = DeviceVolume(renderer("vulkan").device, volume_of(dataset, ["u", quantity]))
         view = PlaneView.on(View.through(CAMERA, SIZE), Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0)))
         hits = Cutter(loaded).draw(view)
         return Lines(loaded), view, hits if quantity == "u" else hits.showing(values_at_hits(loaded, hits, quantity))

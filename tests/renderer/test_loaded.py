@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.traversal import Traversal
 
 
@@ -33,7 +33,7 @@ class Part:
 def loaded():
     """Loads a part where there is no device."""
     device = SimpleNamespace(include=lambda _: None, buffer=lambda data: data)
-    return lambda part: Loaded(device, SimpleNamespace(parts=[part], dimension=3, shader_folder=None))
+    return lambda part: DeviceVolume(device, SimpleNamespace(parts=[part], dimension=3, shader_folder=None))
 
 
 def test_bounds_are_asked_for_once(loaded):

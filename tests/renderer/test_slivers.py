@@ -7,7 +7,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.renderer import Camera, Plane
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.lines.lines import Lines, covered
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.pixels import NOBODY
@@ -41,7 +41,7 @@ def cut(renderer):
     """A dataset's lines, a view straight on, and the hit buffer of its cut."""
 
     def cut(dataset, height):
-        loaded = Loaded(renderer("vulkan").device, NativeVolume.of(dataset, "u"))
+        loaded = DeviceVolume(renderer("vulkan").device, NativeVolume.of(dataset, "u"))
         camera = Camera((0.5, 0.5, 3.0), (0.5, 0.5, height), (0.0, 1.0, 0.0), height=1.2)
         view = PlaneView.on(View.through(camera, SIZE), Plane((0.5, 0.5, height), (0.0, 0.0, 1.0)))
         return Lines(loaded), view, Cutter(loaded).draw(view)

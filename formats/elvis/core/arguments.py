@@ -58,7 +58,7 @@ def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None =
     return found
 
 
-class Parsed(click.ParamType):  # type: ignore[type-arg]
+class TextType(click.ParamType):  # type: ignore[type-arg]
     """The type of an option whose text a function reads; what is wrong with it is an error of usage."""
 
     def __init__(self, parse: Callable[[str], Any]) -> None:

@@ -18,9 +18,9 @@ from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
-from elvis.plugins.projection.fitting import Fitted, beyond, fit_positions, mapped, padded
+from elvis.plugins.projection.fitting import FieldFit, beyond, fit_positions, mapped, padded
 from elvis.plugins.projection.placing import in_space, worse
-from elvis.plugins.projection.projecting import Projected, at_order, at_tolerance
+from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, given, topology
@@ -118,7 +118,7 @@ def _plan(source: Converter, fields: Sequence[SourceField], settings: Settings) 
 
 
 def _dataset(
-    source: Converter, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], has_map: bool
+    source: Converter, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[FieldFit], has_map: bool
 ) -> Dataset:
     """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files."""
     modes = [_modes(block, [(each, i) for each in fitted]) for i, block in enumerate(blocks)]
@@ -127,7 +127,7 @@ def _dataset(
     return Dataset(mesh, tuple(_field(planes, blocks, modes) for planes in named), source.time, metadata)
 
 
-def _modes(block: NativeBlock, fields: Sequence[tuple[Fitted, int]]) -> tuple[int, ...]:
+def _modes(block: NativeBlock, fields: Sequence[tuple[FieldFit, int]]) -> tuple[int, ...]:
     """Numbers of modes of a block in files, in each direction, given its number among those of each field.
 
     They are those of the source where it tells them and nothing that they lack is more than rounding.
@@ -207,7 +207,7 @@ def _curve(sampler: Sampler, plan: Topology) -> Mesh:
 
 def _project(
     sampler: Sampler, mesh: Mesh, plan: Topology, fields: Sequence[SourceField], settings: Settings
-) -> Projected:
+) -> Projection:
     """The fields on the blocks, parted by order where that is chosen by element, and how far off all is."""
     blocks = [block for block in plan.blocks if len(block)]
     if settings.tolerance is not None and fields:
@@ -217,7 +217,7 @@ def _project(
     return at_order(sampler, mesh, blocks, fields)
 
 
-def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[Fitted]:
+def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[FieldFit]:
     """The coordinates as fields, with one trace on what elements share wherever theirs agree."""
     positions = fit_positions(sampler, blocks, in_own_space=True)
     modes = tuple(block.source.order + 1 for block in blocks)
@@ -229,10 +229,10 @@ def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[F
     columns = [tuple(np.ascontiguousarray(own[:, axis]) for own in positions) for axis in range(3)]
     source_fields = [SourceField(name, max(modes) - 1) for name in MAP_FIELDS]
     kept = zip(source_fields, columns, strict=True)
-    return [Fitted(field, modes, column) for field, column in list(kept)[: mesh.space]]
+    return [FieldFit(field, modes, column) for field, column in list(kept)[: mesh.space]]
 
 
-def _field(planes: Sequence[Fitted], blocks: Sequence[NativeBlock], modes: Sequence[tuple[int, ...]]) -> Field:
+def _field(planes: Sequence[FieldFit], blocks: Sequence[NativeBlock], modes: Sequence[tuple[int, ...]]) -> Field:
     """The field with ``modes`` on each block; of several planes where it has Fourier directions."""
     parts, first = [], planes[0]
     for i, (block, many) in enumerate(zip(blocks, modes, strict=True)):
@@ -248,7 +248,7 @@ def _report(
     plan: Topology,
     findings: Findings,
     straight: Findings,
-    fitted: Sequence[Fitted],
+    fitted: Sequence[FieldFit],
     has_map: bool,
     files: Sequence[str],
 ) -> Report:
@@ -281,7 +281,7 @@ def _of_map(source: Converter, plan: Topology, findings: Findings) -> Measure:
     return _measure("coordinates", order, findings.coordinates, diagonal, magnitude, source.precision, None)
 
 
-def _of_fields(fitted: Sequence[Fitted], tallies: Sequence[Tally], precision: float) -> Iterator[Measure]:
+def _of_fields(fitted: Sequence[FieldFit], tallies: Sequence[Tally], precision: float) -> Iterator[Measure]:
     """How far off the fields are; where one has several planes, the worst of their coefficients."""
     pairs = zip(fitted, tallies, strict=True)
     for name, group in groupby(pairs, lambda pair: pair[0].field.name):
@@ -312,7 +312,7 @@ def _measure(
     )
 
 
-def _notes(source: Converter, plan: Topology, fitted: Sequence[Fitted]) -> list[str]:
+def _notes(source: Converter, plan: Topology, fitted: Sequence[FieldFit]) -> list[str]:
     notes = []
     hexahedra = sum(len(block) for block in plan.blocks if block.is_collapsed)
     if hexahedra:

@@ -173,7 +173,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedReport:
     """The report of a conversion as the metadata of a dataset hold it.
 
     facts      as for ``--json``
@@ -188,7 +188,7 @@ class Recorded:
     sentences: list[str]
 
     @classmethod
-    def of(cls, metadata: Mapping[str, str]) -> Recorded | None:
+    def of(cls, metadata: Mapping[str, str]) -> RecordedReport | None:
         """The report in the metadata of a dataset, which anybody may have written; None where none can be read."""
         try:
             facts = json.loads(metadata[REPORT])

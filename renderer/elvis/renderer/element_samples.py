@@ -6,11 +6,11 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.plugins.volume_checks import Samples
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 
 
 def sample_elements(
-    loaded: Loaded, number: int, elements: Ints, offsets: Floats, quantity: str | None = None
+    loaded: DeviceVolume, number: int, elements: Ints, offsets: Floats, quantity: str | None = None
 ) -> Samples:
     """Samples in elements (n,) of part ``number`` at points given by their offsets (n, 3) from the type's centre."""
     device = loaded.device

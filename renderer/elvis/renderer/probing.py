@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats, Ints
 from elvis.core.mapping.boxes import BoxTree
 from elvis.renderer.device import Buffer, Kernel
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -51,7 +51,7 @@ class Places:
 class Finder:
     """A loaded volume, with a bounding volume hierarchy for each part."""
 
-    def __init__(self, loaded: Loaded) -> None:
+    def __init__(self, loaded: DeviceVolume) -> None:
         if not loaded.first[-1]:
             raise SceneError("there is no element to look in: none carries the field")
         self._loaded, self._parts, self._first = loaded, loaded.parts, loaded.first

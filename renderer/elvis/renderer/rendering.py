@@ -28,8 +28,8 @@ from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.element_samples import sample_elements
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.request import Request
@@ -226,7 +226,7 @@ class Renderer:
     def show(self, volume: Volume, dataset: Dataset | None = None) -> None:
         """Bring a volume to the device; ``dataset`` is what it was made of, None where a runtime plugin has made it."""
         self._fitted = None
-        self._stages = Stages(Loaded(self.device, volume), volume, dataset)
+        self._stages = Stages(DeviceVolume(self.device, volume), volume, dataset)
 
     @property
     def stages(self) -> Stages:

@@ -18,8 +18,8 @@ from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.isosurface.distance import DistanceDrawer
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
@@ -77,7 +77,7 @@ class Stages:
     dataset  what the volume was made of; None where a runtime plugin has made it
     """
 
-    def __init__(self, loaded: Loaded, volume: Volume, dataset: Dataset | None) -> None:
+    def __init__(self, loaded: DeviceVolume, volume: Volume, dataset: Dataset | None) -> None:
         self.loaded, self.volume = loaded, volume
         self._ranges: dict[str, tuple[float, float]] = {}
         self.dataset = dataset
@@ -333,7 +333,7 @@ class Stages:
         return values, close
 
 
-def _drawer_of_faces(loaded: Loaded, dataset: Dataset | None, volume: Volume) -> FaceDrawer:
+def _drawer_of_faces(loaded: DeviceVolume, dataset: Dataset | None, volume: Volume) -> FaceDrawer:
     return FaceDrawer(loaded, faces_of(dataset, volume))
 
 

@@ -12,7 +12,7 @@ from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.tiles import Sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.view import View
@@ -26,7 +26,7 @@ ROUNDING = 1e-13
 class Traversal:
     """The parts of a loaded volume that are straight tetrahedra with polynomial fields."""
 
-    def __init__(self, loaded: Loaded) -> None:
+    def __init__(self, loaded: DeviceVolume) -> None:
         self.loaded, self.device = loaded, loaded.device
         self._corners: dict[int, Floats] = {}
 

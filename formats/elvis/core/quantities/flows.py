@@ -10,7 +10,7 @@ from functools import cached_property
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.quantities.element_sides import SIDES
-from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, Predefined
+from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, PredefinedQuantity
 from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, field, number
 
 #: names of quantities, and of what they are made of
@@ -201,7 +201,7 @@ class Flow:
         """Whether a name is the derivative of a velocity along an axis that fields don't depend on."""
         return len(name) == 2 and name[0] in "uvw" and name[1] in AXES[self.dimension :]
 
-    def _entry(self, name: str) -> Predefined | None:
+    def _entry(self, name: str) -> PredefinedQuantity | None:
         """The quantity of a name in flows of this dimension."""
         return next((own for own in QUANTITIES if own.name == name and self.dimension in own.dimensions), None)
 

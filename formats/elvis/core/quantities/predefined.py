@@ -26,7 +26,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Predefined:
+class PredefinedQuantity:
     """A quantity.
 
     formulas    in the language of expressions
@@ -97,40 +97,42 @@ _SCHLICHTING = "Schlichting 1979, Boundary-layer theory"
 _ON_WALLS = "stress of a Newtonian fluid on a wall, along it"
 
 
-def _components(name: str, meaning: str, formula: str, source: str = "") -> list[Predefined]:
+def _components(name: str, meaning: str, formula: str, source: str = "") -> list[PredefinedQuantity]:
     """Those of a vector; @ stands for the axis in its formula, that of z is there in three dimensions alone."""
     return [
-        Predefined(f"{name}_{axis}", meaning, (formula.replace("@", axis),), source, (1, 2, 3)[index:])
+        PredefinedQuantity(f"{name}_{axis}", meaning, (formula.replace("@", axis),), source, (1, 2, 3)[index:])
         for index, axis in enumerate("xyz")
     ]
 
 
-QUANTITIES: tuple[Predefined, ...] = (
-    Predefined("speed", "length of the velocity", ("sqrt(u*u + v*v + w*w)",)),
-    Predefined("velocity_x", "component of the velocity", ("u",)),
-    Predefined("velocity_y", "component of the velocity", ("v",), "", _PLANE),
-    Predefined("velocity_z", "component of the velocity", ("w",), "", _SOLID),
-    Predefined("divergence", "divergence of the velocity", ("ux + vy + wz",)),
-    Predefined("vorticity", "rotation of the velocity: in a plane its one component", ("vorticity_z",), "", (2,)),
-    Predefined(
+QUANTITIES: tuple[PredefinedQuantity, ...] = (
+    PredefinedQuantity("speed", "length of the velocity", ("sqrt(u*u + v*v + w*w)",)),
+    PredefinedQuantity("velocity_x", "component of the velocity", ("u",)),
+    PredefinedQuantity("velocity_y", "component of the velocity", ("v",), "", _PLANE),
+    PredefinedQuantity("velocity_z", "component of the velocity", ("w",), "", _SOLID),
+    PredefinedQuantity("divergence", "divergence of the velocity", ("ux + vy + wz",)),
+    PredefinedQuantity(
+        "vorticity", "rotation of the velocity: in a plane its one component", ("vorticity_z",), "", (2,)
+    ),
+    PredefinedQuantity(
         "vorticity",
         "length of the rotation of the velocity",
         ("sqrt(vorticity_x*vorticity_x + vorticity_y*vorticity_y + vorticity_z*vorticity_z)",),
         "",
         _SOLID,
     ),
-    Predefined("vorticity_x", "component of the rotation of the velocity", ("wy - vz",), "", _SOLID),
-    Predefined("vorticity_y", "component of the rotation of the velocity", ("uz - wx",), "", _SOLID),
-    Predefined("vorticity_z", "component of the rotation of the velocity", ("vx - uy",), "", _PLANE),
-    Predefined("helicity", "u . rot u", ("u*vorticity_x + v*vorticity_y + w*vorticity_z",), "", _SOLID),
-    Predefined(
+    PredefinedQuantity("vorticity_x", "component of the rotation of the velocity", ("wy - vz",), "", _SOLID),
+    PredefinedQuantity("vorticity_y", "component of the rotation of the velocity", ("uz - wx",), "", _SOLID),
+    PredefinedQuantity("vorticity_z", "component of the rotation of the velocity", ("vx - uy",), "", _PLANE),
+    PredefinedQuantity("helicity", "u . rot u", ("u*vorticity_x + v*vorticity_y + w*vorticity_z",), "", _SOLID),
+    PredefinedQuantity(
         "normalised_helicity",
         "cosine of the angle between velocity and vorticity: -1 to 1, NaN where either is zero",
         ("helicity/(speed*vorticity)",),
         _LEVY,
         _SOLID,
     ),
-    Predefined(
+    PredefinedQuantity(
         "strain_rate",
         "magnitude sqrt(2 S : S) of the strain rate S = (grad u + grad u^T)/2",
         (
@@ -138,64 +140,68 @@ QUANTITIES: tuple[Predefined, ...] = (
             " + 4*(strain_xy*strain_xy + strain_xz*strain_xz + strain_yz*strain_yz))",
         ),
     ),
-    Predefined("strain_xx", "component of the strain rate S", ("ux",)),
-    Predefined("strain_yy", "component of the strain rate S", ("vy",), "", _PLANE),
-    Predefined("strain_zz", "component of the strain rate S", ("wz",), "", _SOLID),
-    Predefined("strain_xy", "component of the strain rate S", ("0.5*(uy + vx)",), "", _PLANE),
-    Predefined("strain_xz", "component of the strain rate S", ("0.5*(uz + wx)",), "", _SOLID),
-    Predefined("strain_yz", "component of the strain rate S", ("0.5*(vz + wy)",), "", _SOLID),
-    Predefined("q_criterion", "(|Omega|^2 - |S|^2)/2 = -tr((grad u)^2)/2", ("-0.5*gradient2",), _HUNT),
-    Predefined(
+    PredefinedQuantity("strain_xx", "component of the strain rate S", ("ux",)),
+    PredefinedQuantity("strain_yy", "component of the strain rate S", ("vy",), "", _PLANE),
+    PredefinedQuantity("strain_zz", "component of the strain rate S", ("wz",), "", _SOLID),
+    PredefinedQuantity("strain_xy", "component of the strain rate S", ("0.5*(uy + vx)",), "", _PLANE),
+    PredefinedQuantity("strain_xz", "component of the strain rate S", ("0.5*(uz + wx)",), "", _SOLID),
+    PredefinedQuantity("strain_yz", "component of the strain rate S", ("0.5*(vz + wy)",), "", _SOLID),
+    PredefinedQuantity("q_criterion", "(|Omega|^2 - |S|^2)/2 = -tr((grad u)^2)/2", ("-0.5*gradient2",), _HUNT),
+    PredefinedQuantity(
         "q_invariant",
         "second invariant of grad u, which is q_criterion where the flow has no divergence",
         ("0.5*(divergence*divergence - gradient2)",),
         _CHONG,
     ),
-    Predefined(
+    PredefinedQuantity(
         "q_deviatoric",
         "second invariant of grad u without its divergence, grad u - (div u)/3: Q of compressible flows",
         ("0.5*(divergence*third - gradient2)",),
         "Kolar 2009, Compressibility effect in vortex identification",
     ),
-    Predefined(
+    PredefinedQuantity(
         "r_invariant",
         "third invariant of grad u: minus its determinant",
         ("ux*(vz*wy - vy*wz) + uy*(vx*wz - vz*wx) + uz*(vy*wx - vx*wy)",),
         _CHONG,
         _SOLID,
     ),
-    Predefined("lambda2", "middle eigenvalue of S^2 + Omega^2: negative in vortices", (_LAMBDA2,), _JEONG, _PLANE),
-    Predefined(
+    PredefinedQuantity(
+        "lambda2", "middle eigenvalue of S^2 + Omega^2: negative in vortices", (_LAMBDA2,), _JEONG, _PLANE
+    ),
+    PredefinedQuantity(
         "swirl",
         "swirling strength: the imaginary part of the complex eigenvalues of grad u, 0 where all are real",
         (_SWIRL,),
         _ZHOU,
         _PLANE,
     ),
-    Predefined("pressure", "pressure, from the total energy where only that is there", ("p",), _LIEPMANN),
-    Predefined(
+    PredefinedQuantity("pressure", "pressure, from the total energy where only that is there", ("p",), _LIEPMANN),
+    PredefinedQuantity(
         "temperature",
         "temperature, from the equation of state where only pressure and density are there",
         ("T",),
         _LIEPMANN,
     ),
-    Predefined("mach", "speed in parts of the speed of sound", ("speed/sqrt(gamma*p/rho)",), _LIEPMANN),
-    Predefined(
+    PredefinedQuantity("mach", "speed in parts of the speed of sound", ("speed/sqrt(gamma*p/rho)",), _LIEPMANN),
+    PredefinedQuantity(
         "total_pressure",
         "pressure of the gas, or of the incompressible flow, brought to rest without loss",
         ("p*heating^(gamma/(gamma - 1))", "p + 0.5*density*speed2"),
         _LIEPMANN,
     ),
-    Predefined("total_temperature", "temperature of the gas brought to rest", ("T*heating",), _LIEPMANN),
-    Predefined("entropy", "in parts of c_v, up to a constant: log(p/rho^gamma)", ("log(p/rho^gamma)",), _LIEPMANN),
-    Predefined("schlieren", "length of the gradient of the density", ("grad(rho)",)),
-    Predefined(
+    PredefinedQuantity("total_temperature", "temperature of the gas brought to rest", ("T*heating",), _LIEPMANN),
+    PredefinedQuantity(
+        "entropy", "in parts of c_v, up to a constant: log(p/rho^gamma)", ("log(p/rho^gamma)",), _LIEPMANN
+    ),
+    PredefinedQuantity("schlieren", "length of the gradient of the density", ("grad(rho)",)),
+    PredefinedQuantity(
         "pressure_coefficient",
         "pressure beyond that of the free stream, in parts of its dynamic pressure",
         ("(p - p_ref)/dynamic_pressure",),
         _SCHLICHTING,
     ),
-    Predefined(
+    PredefinedQuantity(
         "wall_shear",
         f"length of the {_ON_WALLS}; on faces of elements, NaN elsewhere",
         ("sqrt(wall_shear_x*wall_shear_x + wall_shear_y*wall_shear_y + wall_shear_z*wall_shear_z)",),
@@ -203,7 +209,7 @@ QUANTITIES: tuple[Predefined, ...] = (
         _PLANE,
     ),
     *_components("wall_shear", f"component of the {_ON_WALLS}", "traction_@ - traction*n@", _SCHLICHTING),
-    Predefined(
+    PredefinedQuantity(
         "skin_friction",
         "wall shear in parts of the dynamic pressure",
         ("wall_shear/dynamic_pressure",),
@@ -216,7 +222,7 @@ QUANTITIES: tuple[Predefined, ...] = (
         "wall_shear_@/dynamic_pressure",
         _SCHLICHTING,
     ),
-    Predefined(
+    PredefinedQuantity(
         "y_plus",
         "height of the element on a face, in wall units; divide by the order for that of its first nodes",
         ("face_height*sqrt(mass*wall_shear)/viscosity",),

@@ -25,7 +25,7 @@ _EXTRA = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FieldFit:
     """A field on native blocks.
 
     modes         number of modes each way on each block
@@ -59,7 +59,7 @@ def operator(block: NativeBlock, field: SourceField, modes: int) -> Operator:
     return best(block.expansion(modes), extra)
 
 
-def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]) -> list[Fitted]:
+def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]) -> list[FieldFit]:
     """The fields on the blocks, each element for itself."""
     modes = [[field_modes(block, field) for block in blocks] for field in fields]
     found = [
@@ -69,7 +69,7 @@ def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence
         for i, which in group:
             samples = sampler.values(blocks[number], rows, fields[i], points)
             found[i][number][rows] = samples @ which.matrix
-    return [Fitted(f, tuple(n), tuple(c)) for f, n, c in zip(fields, modes, found, strict=True)]
+    return [FieldFit(f, tuple(n), tuple(c)) for f, n, c in zip(fields, modes, found, strict=True)]
 
 
 def _work(
@@ -119,7 +119,7 @@ def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:
     return conforming(modified(block.shape, (modes,) * block.shape.dimension), extra)
 
 
-def join_traces(fitted: Fitted, tolerance: float, traces: Traces) -> Fitted:
+def join_traces(fitted: FieldFit, tolerance: float, traces: Traces) -> FieldFit:
     """The field with one trace on every shared entity, where elements agree there to ``tolerance`` already.
 
     Its coefficients are changed in place.
@@ -128,9 +128,9 @@ def join_traces(fitted: Fitted, tolerance: float, traces: Traces) -> Fitted:
     skins = traces.gather(wide)
     jump = float(skins.largest_change(wide)[0])
     if not jump <= tolerance:
-        return Fitted(fitted.field, fitted.modes, fitted.coefficients, jump)
+        return FieldFit(fitted.field, fitted.modes, fitted.coefficients, jump)
     skins.apply(wide)
-    return Fitted(fitted.field, fitted.modes, fitted.coefficients, jump, True)
+    return FieldFit(fitted.field, fitted.modes, fitted.coefficients, jump, True)
 
 
 def padded(coefficients: Floats, few: Expansion, many: Expansion) -> Floats:

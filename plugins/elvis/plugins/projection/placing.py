@@ -14,13 +14,13 @@ from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.terminal import track
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count
-from elvis.plugins.projection.fitting import Fitted
+from elvis.plugins.projection.fitting import FieldFit
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.verification import VOLUMES, Maps, Tally
 
 
 def in_space(
-    sampler: Sampler, dataset: Dataset, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted]
+    sampler: Sampler, dataset: Dataset, blocks: Sequence[NativeBlock], fitted: Sequence[FieldFit]
 ) -> list[Tally]:
     """For each field, its differences to the source at the same places in space.
 

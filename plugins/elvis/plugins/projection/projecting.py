@@ -12,7 +12,7 @@ from elvis.core.mesh import Mesh
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.adaptivity import adapt, bounds_of, enrich
 from elvis.plugins.projection.blocks import NativeBlock
-from elvis.plugins.projection.fitting import Fitted, fit_fields, join_traces
+from elvis.plugins.projection.fitting import FieldFit, fit_fields, join_traces
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.traces import Traces
 from elvis.plugins.projection.verification import Findings, check
@@ -25,18 +25,18 @@ _FAR = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Projected:
+class Projection:
     """Fields on native blocks, and what a check of them and of the map of the mesh file found."""
 
     blocks: list[NativeBlock]
-    fields: list[Fitted]
+    fields: list[FieldFit]
     findings: Findings
 
 
-def at_order(sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField]) -> Projected:
+def at_order(sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField]) -> Projection:
     """The fields at the orders of the blocks, or at their own where a block has none."""
     fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields))
-    return Projected(blocks, fitted, check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision))
+    return Projection(blocks, fitted, check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision))
 
 
 def at_tolerance(
@@ -46,7 +46,7 @@ def at_tolerance(
     fields: Sequence[SourceField],
     tolerance: float,
     highest: int,
-) -> Projected:
+) -> Projection:
     """The fields at orders, at most ``highest``, at which no error is beyond ``tolerance`` of the field's range.
 
     The lowest that each element needs alone at first, raised where the trace of a neighbour costs it.
@@ -56,7 +56,7 @@ def at_tolerance(
     for _ in range(_ROUNDS):
         fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields), by_force=True)
         findings = check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision, bounds)
-        last = Projected(blocks, fitted, findings)
+        last = Projection(blocks, fitted, findings)
         beyond = np.concatenate([np.empty(0, np.int64), *(ids for tally in findings.fields for ids in tally.beyond)])
         if not len(beyond):
             return last
@@ -70,7 +70,7 @@ def _orders(blocks: Sequence[NativeBlock]) -> list[tuple[int | None, int]]:
     return [(block.modes, len(block)) for block in blocks]
 
 
-def _parted_where_better(sampler: Sampler, mesh: Mesh, joint: Projected) -> Projected:
+def _parted_where_better(sampler: Sampler, mesh: Mesh, joint: Projection) -> Projection:
     """Each field with one trace, unless that is off by far more than what elements hold by themselves."""
     alone = fit_fields(sampler, joint.blocks, [each.field for each in joint.fields])
     apart = check(sampler, Dataset(mesh), joint.blocks, alone, sampler.source.precision)
@@ -78,12 +78,12 @@ def _parted_where_better(sampler: Sampler, mesh: Mesh, joint: Projected) -> Proj
     for i, (one, none) in enumerate(zip(joint.findings.fields, apart.fields, strict=True)):
         if one.worst > _FAR * none.worst:
             fitted[i], joint.findings.fields[i] = replace(alone[i], jump=fitted[i].jump), none
-    return Projected(joint.blocks, fitted, joint.findings)
+    return Projection(joint.blocks, fitted, joint.findings)
 
 
 def _join(
-    sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[Fitted], by_force: bool = False
-) -> list[Fitted]:
+    sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[FieldFit], by_force: bool = False
+) -> list[FieldFit]:
     """The fields, those that are continuous with one trace on what elements share.
 
     by_force  also where elements of different order differ there

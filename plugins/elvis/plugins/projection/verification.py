@@ -16,7 +16,7 @@ from elvis.core.shapes import Shape
 from elvis.core.terminal import track
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count
-from elvis.plugins.projection.fitting import Fitted
+from elvis.plugins.projection.fitting import FieldFit
 from elvis.plugins.projection.sampling import Sampler
 
 #: of the reference shapes
@@ -109,7 +109,7 @@ def check(
     sampler: Sampler,
     dataset: Dataset,
     blocks: Sequence[NativeBlock],
-    fitted: Sequence[Fitted],
+    fitted: Sequence[FieldFit],
     precision: float,
     bounds: Sequence[float] = (),
 ) -> Findings:

@@ -23,7 +23,7 @@ Function = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
-class Given:
+class AnalyticField:
     """A field: its function of points (..., 3) of the straight mesh, and what the source says of it."""
 
     function: Function
@@ -44,7 +44,7 @@ class Analytic(Converter):
     def __init__(
         self,
         mesh: Mesh,
-        fields: Mapping[str, Given],
+        fields: Mapping[str, AnalyticField],
         warp: Function = lambda points: points,
         order: int = 1,
         seed: int | None = None,

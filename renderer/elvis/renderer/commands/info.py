@@ -14,7 +14,7 @@ from elvis.renderer.commands.sources import Data, data_options
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.formats.strict.finding import Finding
-    from elvis.plugins.report import Recorded
+    from elvis.plugins.report import RecordedReport
 
 Facts = dict[str, Any]
 
@@ -197,13 +197,13 @@ def _listed_row(row: Facts) -> tuple[object, ...]:
 def _print(facts: Facts, many: int | None) -> None:
     """Print the facts as tables, lists of more than ``many`` cut with a word."""
     from elvis.core.terminal import print_table
-    from elvis.plugins.report import CONVERTED, REPORT, Recorded
+    from elvis.plugins.report import CONVERTED, REPORT, RecordedReport
 
     maps = [_expansion_row(expansion) for expansion in facts["geometry"]["expansions"]]
     fields = [_field_row(field) for field in facts["fields"]]
     orders = list(_orders(facts["fields"]))
     composites = [_composite_row(composite) for composite in facts["composites"]]
-    report = Recorded.of(facts["metadata"])
+    report = RecordedReport.of(facts["metadata"])
     told = {CONVERTED, REPORT} if report else set()
     metadata = [item for item in facts["metadata"].items() if item[0] not in told]
     ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
@@ -229,7 +229,7 @@ def _print(facts: Facts, many: int | None) -> None:
         _print_conversion(report, many)
 
 
-def _print_conversion(report: Recorded, many: int | None) -> None:
+def _print_conversion(report: RecordedReport, many: int | None) -> None:
     """Print what a conversion cost: a row for the coordinates and for each field, and what was noted."""
     from elvis.core.terminal import print_table, say
     from elvis.plugins.report import HEADERS

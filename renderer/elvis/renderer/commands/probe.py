@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elvis.core.arguments import (
-    Parsed,
+    TextType,
     Triple,
     field_option,
     overwrite_option,
@@ -57,7 +57,7 @@ def _grid_counts(value: str) -> tuple[int, ...]:
     return tuple(map(int, parts))
 
 
-_PAIR = Parsed(partial(triples, count=2))
+_PAIR = TextType(partial(triples, count=2))
 EPILOG = """\b
 Examples:
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 -n 200 -o line.csv
@@ -74,15 +74,15 @@ Examples:
 @click.option(
     "--plane",
     metavar="P:U:V",
-    type=Parsed(partial(triples, count=3)),
+    type=TextType(partial(triples, count=3)),
     help="Points P + s U + t V, s and t from 0 to 1.",
 )
 @click.option(
-    "--grid", metavar="NX,NY,NZ", type=Parsed(_grid_counts), help="Points of a regular grid, for a NRRD file."
+    "--grid", metavar="NX,NY,NZ", type=TextType(_grid_counts), help="Points of a regular grid, for a NRRD file."
 )
 @click.option("--box", metavar="LOW:HIGH", type=_PAIR, help="Ends of the grid.  [default: those of the data]")
 @click.option(
-    "-n", "counts", metavar="N[xM]", type=Parsed(_counts), help="Points along the line or the plane.  [default: 101]"
+    "-n", "counts", metavar="N[xM]", type=TextType(_counts), help="Points along the line or the plane.  [default: 101]"
 )
 @click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
 @field_option

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import cache_option, overwrite_option
-from elvis.scene.commandline.command import OUTPUT, SceneCommand, parsed
+from elvis.scene.commandline.command import OUTPUT, SceneCommand, text_type
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -52,7 +52,12 @@ Examples:
 )
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @click.option(
-    "--set", "settings", multiple=True, metavar="KEY=VALUE", type=parsed("setting"), help="Any other key of the scene."
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    type=text_type("setting"),
+    help="Any other key of the scene.",
 )
 @click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
 @overwrite_option

@@ -116,10 +116,10 @@ class NativeSource:
     def facts(self, texts: Sequence[str]) -> Facts:
         """All facts, by topic, as plain data."""
         from elvis.core.summary import summary
-        from elvis.plugins.report import Recorded
+        from elvis.plugins.report import RecordedReport
 
         found = summary(self.dataset)
-        report = Recorded.of(self.dataset.metadata)
+        report = RecordedReport.of(self.dataset.metadata)
         if report is not None:
             found["conversion"] = report.facts
         if texts:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from elvis.core.arguments import Parsed
+from elvis.core.arguments import TextType
 
 #: what a figure has around and over its pixels, by keys of a scene
 FIGURE = ("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi", "panels")
@@ -47,7 +47,7 @@ class SceneCommand(click.Command):
                     formatter.write_dl(records)
 
 
-def parsed(parse: str) -> Parsed:
+def text_type(parse: str) -> TextType:
     """The type of texts that a function of `parameters`, imported when it is needed, reads."""
 
     def read(text: str) -> Any:
@@ -56,4 +56,4 @@ def parsed(parse: str) -> Parsed:
         function: Callable[[str], Any] = getattr(parameters, parse)
         return function(text)
 
-    return Parsed(read)
+    return TextType(read)

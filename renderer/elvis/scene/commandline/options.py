@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import click
 
-from elvis.scene.commandline.command import FIGURE, parsed
+from elvis.scene.commandline.command import FIGURE, text_type
 from elvis.scene.objects import SceneObject, Style
 from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.whole import Scene
@@ -59,7 +59,7 @@ def _option(name: str, setting: Setting, hint: Any) -> click.Option:
     if setting.names or name == "palette":
         rest["shell_complete"] = partial(_completions, setting.names)
     if setting.parse:
-        rest["type"] = parsed(setting.parse)
+        rest["type"] = text_type(setting.parse)
     elif only is bool:
         rest |= {"is_flag": True, "default": None}
     elif is_dataclass(only):

@@ -15,8 +15,8 @@ from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces import Faces
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.faces.face_patches import Edges, FacePatches, face_patches
 from elvis.renderer.passes.faces.sides import Sides
 from elvis.renderer.tiles import TILE, bin_sections
@@ -35,7 +35,7 @@ _HELD = ("owner", "side", "status", "field", "reference", "depth", "normal")
 class FaceDrawer:
     """The faces of a loaded volume's elements, ready to be seen from anywhere."""
 
-    def __init__(self, loaded: Loaded, faces: Faces) -> None:
+    def __init__(self, loaded: DeviceVolume, faces: Faces) -> None:
         self.loaded, self.faces = loaded, faces
         self._chosen: tuple[tuple[str, ...] | Bools, list[tuple[Ints, Floats, Sides]]] = (), []
         self._seen: tuple[object, list[tuple[FacePatches, Edges]]] = None, []

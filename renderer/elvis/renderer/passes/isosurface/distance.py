@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elvis.core.arrays import Floats
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.hits import Hits
 from elvis.renderer.passes.solids.solids import SolidDrawer
 from elvis.renderer.pixels import NOBODY
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class DistanceDrawer:
     """A loaded volume, ready for the places at any distance from the surfaces that its quantities measure from."""
 
-    def __init__(self, loaded: Loaded, solids: SolidDrawer) -> None:
+    def __init__(self, loaded: DeviceVolume, solids: SolidDrawer) -> None:
         self.loaded, self.solids, self.traversal = loaded, solids, Traversal(loaded)
 
     def knows(self, quantity: str | None) -> bool:

@@ -14,8 +14,8 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.plugins.volume import Part, Quantity
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel, stand_in
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
@@ -65,7 +65,7 @@ class IsosurfaceDrawer:
             a number (``undefined``), and the sub-elements that were drawn
     """
 
-    def __init__(self, loaded: Loaded) -> None:
+    def __init__(self, loaded: DeviceVolume) -> None:
         self.loaded, self.device = loaded, loaded.device
         self.traversal = Traversal(loaded)
         self.counts: dict[str, int] = {}

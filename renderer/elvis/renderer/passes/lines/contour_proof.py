@@ -28,10 +28,10 @@ from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
 from elvis.plugins.native.bending import changes, derived, net_of_xi
 from elvis.plugins.volume_checks import Samples
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.gaps import pairs
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.frame import Status
 from elvis.scene.view import View
@@ -93,7 +93,13 @@ class ContourProof:
     """
 
     def __init__(
-        self, loaded: Loaded, lines: Lines, view: View, hits: HitBuffer, levels: Floats, quantity: str | None = None
+        self,
+        loaded: DeviceVolume,
+        lines: Lines,
+        view: View,
+        hits: HitBuffer,
+        levels: Floats,
+        quantity: str | None = None,
     ) -> None:
         self._loaded, self._lines, self._view, self._hits = loaded, lines, view, hits
         self._levels, self._quantity = levels, quantity

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import ROWS, Buffer, Device
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.errors import SceneError
 from elvis.scene.view import View
@@ -103,7 +103,7 @@ class WorkItems:
 class Lines:
     """A loaded volume, ready for lines on hit buffers of it."""
 
-    def __init__(self, loaded: Loaded) -> None:
+    def __init__(self, loaded: DeviceVolume) -> None:
         self._loaded, self._device = loaded, loaded.device
         self._facets: dict[int, Floats] = {}
 

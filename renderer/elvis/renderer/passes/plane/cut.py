@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import Gaps, beside
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.proof import proved
 from elvis.renderer.tiles import tiles_by_section
@@ -42,7 +42,7 @@ class Clock:
 class Cutter:
     """A loaded volume, ready to be cut by any plane from any view."""
 
-    def __init__(self, loaded: Loaded) -> None:
+    def __init__(self, loaded: DeviceVolume) -> None:
         self.device, self.parts, self.buffers = loaded.device, loaded.parts, loaded.buffers
         self.first, self.extent = loaded.first, loaded.extent
         self.gaps, self.far = Gaps(self.parts, self._candidates), loaded.is_far

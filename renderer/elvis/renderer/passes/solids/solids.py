@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.loaded import Loaded
 from elvis.renderer.passes.solids.hits import Hits, hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder, Places
@@ -25,7 +25,7 @@ CLOSE = 1e-9
 class SolidDrawer:
     """A loaded volume, ready to be cut by any surface that rays meet without its data."""
 
-    def __init__(self, loaded: Loaded, finder: Finder) -> None:
+    def __init__(self, loaded: DeviceVolume, finder: Finder) -> None:
         self.loaded, self.finder = loaded, finder
         self._key: tuple[View, Hashable] | None = None
         self._met, self._places, self._asked = Hits.none(), Places.none(0), np.zeros(0, bool)
@@ -113,7 +113,7 @@ def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:
     return found
 
 
-def values_at_hits(loaded: Loaded, found: HitBuffer, quantity: str | None) -> Floats:
+def values_at_hits(loaded: DeviceVolume, found: HitBuffer, quantity: str | None) -> Floats:
     """(n,) a quantity (None: the parts' own field) at the hits of a hit buffer, NaN elsewhere (sample.slang)."""
     values, hit = np.full(len(found.owner), np.nan), np.flatnonzero(found.owner != NOBODY)
     part = np.searchsorted(loaded.first, found.owner[hit], side="right") - 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import STAND_IN, Kernel
-from elvis.renderer.loaded import Loaded
+from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.visibility import Visibility
 from elvis.renderer.tiles import TILE, bin_sections, corners_of, empty_tiles, places_of
@@ -166,7 +166,7 @@ class VolumeRenderer:
     faces  gives the faces of its elements, for those that are curved
     """
 
-    def __init__(self, loaded: Loaded, faces: Callable[[], FaceDrawer] | None = None) -> None:
+    def __init__(self, loaded: DeviceVolume, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
 
     def draw(
@@ -220,7 +220,7 @@ class _March:
         error: float,
         clips: Sequence[Clip],
     ) -> None:
-        self.renderer, self.loaded, self.traversal = renderer, renderer.loaded, renderer.traversal
+        self.renderer, self.loaded, self.traversal = renderer, renderer.device_volume, renderer.traversal
         self.device, self.view, self.media, self.error = self.loaded.device, view, media, error
         self.visibility = Visibility(clips, view)
         self.quantities = list(dict.fromkeys(medium.quantity for medium in media))

@@ -20,7 +20,7 @@ from elvis.scene.fitting import surrounding
 _ROUNDINGS = 8
 
 
-class Loaded:
+class DeviceVolume:
     """A volume's parts and their buffers.
 
     first  (parts + 1,) index of each part's first element: elements count through all parts
