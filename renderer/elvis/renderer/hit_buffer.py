@@ -36,7 +36,7 @@ CHANNELS: Mapping[str, tuple[type[np.generic], int, float]] = {
 class HitBuffer:
     """One hit at most for each of n pixels, row by row from the top; of a stack, the k-th nearest one.
 
-    owner      (n,)    index of the element (see Loaded), NOBODY where nothing is hit
+    owner      (n,)    index of the element (see DeviceVolume), NOBODY where nothing is hit
     field      (n,)    the object's quantity there, NaN where nothing is hit
     reference  (n, 3)  reference coordinates in the element, NaN where nothing is hit
     depth      (n,)    distance from the eye's plane along the view (see View.rays), infinite where nothing is hit

@@ -23,7 +23,7 @@ from elvis.scene.frame import Status
 class Places:
     """Where n points are; of several elements that hold a point, the one with the greatest margin, then the first.
 
-    owner      (n,)    index of the element (see Loaded), NOBODY where no element holds the point
+    owner      (n,)    index of the element (see DeviceVolume), NOBODY where no element holds the point
     element    (n,)    element id, -1 where no element holds the point
     reference  (n, 3)  reference coordinates, NaN outside
     field      (n,)    NaN outside

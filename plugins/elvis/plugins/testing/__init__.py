@@ -11,7 +11,7 @@ from elvis.plugins.testing.runtime import check_volume
 
 __all__ = [
     "Analytic",
-    "Given",
+    "AnalyticField",
     "Probe",
     "check",
     "check_volume",

@@ -220,7 +220,7 @@ class _March:
         error: float,
         clips: Sequence[Clip],
     ) -> None:
-        self.renderer, self.loaded, self.traversal = renderer, renderer.device_volume, renderer.traversal
+        self.renderer, self.loaded, self.traversal = renderer, renderer.loaded, renderer.traversal
         self.device, self.view, self.media, self.error = self.loaded.device, view, media, error
         self.visibility = Visibility(clips, view)
         self.quantities = list(dict.fromkeys(medium.quantity for medium in media))
