@@ -228,7 +228,7 @@ def test_what_quantities_share_is_on_the_device_once(renderer):
     loaded = drawing.stages.loaded
     assert loaded.bytes == sum(data.nbytes for part in volume.parts for data in part.buffers.values())
     for number in range(len(volume.parts)):
-        assert loaded.bound(number, "u")["coefficients"] is loaded.buffers[number]["coefficients"]
-        stacks = [loaded.bound(number, text)["coefficients"] for text in ("sqrt(u*v)", "sin(v*w + u)")]
+        assert loaded.bindings(number, "u")["coefficients"] is loaded.buffers[number]["coefficients"]
+        stacks = [loaded.bindings(number, text)["coefficients"] for text in ("sqrt(u*v)", "sin(v*w + u)")]
         assert stacks[0] is stacks[1]
-        assert loaded.bound(number, "d(u,x)")["control_points"] is loaded.buffers[number]["control_points"]
+        assert loaded.bindings(number, "d(u,x)")["control_points"] is loaded.buffers[number]["control_points"]

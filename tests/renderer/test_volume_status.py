@@ -88,14 +88,14 @@ def test_inverted_elements_are_drawn_and_told(draw, bent):
 def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
     """One face of each element is kept from the march, in the right half: these pixels fail, with a remark."""
     data = rising(curved(grid(Shape.TETRAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3), 4)
-    found = FaceDrawer.seen
+    found = FaceDrawer.visible_patches
 
     def fewer(self, *arguments):
         patches, view = found(self, *arguments)
         patches["most"][patches["face"] % 4 == 0, 0] = 17
         return patches, view
 
-    monkeypatch.setattr(FaceDrawer, "seen", fewer)
+    monkeypatch.setattr(FaceDrawer, "visible_patches", fewer)
     frame = draw(data, camera=CAMERA, size=SIZE, objects=(VOLUME,))
     failed = frame.status == Status.FAILED
     assert failed[:, 18:].sum() > 50

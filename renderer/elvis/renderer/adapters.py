@@ -93,7 +93,7 @@ def has_compiler() -> bool:
 def open_device(name: str) -> Choice[slangpy.Device]:
     """The device of ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu``, opened (see first_fit)."""
     slangpy_module()
-    return first_fit(name, adapters(), opened)
+    return first_fit(name, adapters(), open_adapter)
 
 
 def first_fit(name: str, every: Sequence[Adapter], open_: Callable[[Adapter], Opened]) -> Choice[Opened]:
@@ -152,7 +152,7 @@ def _enumerate(kind: str) -> list[Any]:
         return []
 
 
-def opened(adapter: Adapter) -> slangpy.Device:
+def open_adapter(adapter: Adapter) -> slangpy.Device:
     """An adapter's device; UnfitError where it can't be opened or lacks what kernels need."""
     slangpy = slangpy_module()
     try:
@@ -180,7 +180,7 @@ def unfit(adapter: Adapter) -> str:
     if adapter.software:
         return ""
     try:
-        opened(adapter).close()
+        open_adapter(adapter).close()
     except UnfitError as error:
         return error.reason
     return ""
