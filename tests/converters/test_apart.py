@@ -5,13 +5,15 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from importlib.machinery import ModuleSpec
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from elvis.converters import apart
+from elvis.converters import apart, copies
 from elvis.converters.apart import Apart, LibraryError, receive, send
 from elvis.converters.cgns import Cgns
 from elvis.converters.gmsh import Gmsh
@@ -28,6 +30,11 @@ class Worker:
         return list(given)
     def limits(self):
         return [resource.getrlimit(resource.RLIMIT_AS)[0], signal.getitimer(signal.ITIMER_PROF)[0]]
+    def origin(self, *changed):
+        self.changed = changed or getattr(self, "changed", None)
+        return self.changed[0] if self.changed else os.getppid()
+    def folder(self):
+        return os.getcwd()
     def fail(self, how):
         exec(how)
 """
@@ -114,6 +121,15 @@ def test_limits_grow_with_the_files(worker):
         assert seconds - 1 < left < seconds + 0.5
 
 
+def is_there(pid):
+    """Whether a process runs: one that has ended stays listed until another one has noticed."""
+    try:
+        os.kill(pid, 0)
+        return copies.IS_POSSIBLE and Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+
+
 def test_processes_end_with_their_objects(worker):
     process = Apart(worker, 0)
     (number,) = process.ask("same", 1, size=0)
@@ -121,12 +137,84 @@ def test_processes_end_with_their_objects(worker):
     gc.disable()
     try:
         del process
-        with pytest.raises(ProcessLookupError):
-            os.kill(child, 0)
+        while is_there(child):  # its end is noticed by the process that it is a copy of
+            time.sleep(0.01)
     finally:
         gc.enable()
     assert number == 1
     assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
+
+
+@pytest.mark.skipif(not copies.IS_POSSIBLE, reason="this system makes no copies of processes")
+def test_a_library_is_loaded_once_and_files_are_read_by_copies(worker):
+    with Apart(worker, 0) as first, Apart(worker, 0) as second:
+        origins = [process.ask("origin", size=0) for process in (first, second)]
+        assert origins[0] == origins[1] != os.getpid()
+
+        # what one does to itself, no other sees, not even one that is made later
+        assert first.ask("origin", "changed", size=0) == "changed"
+        with Apart(worker, 0) as third:
+            assert second.ask("origin", size=0) == third.ask("origin", size=0) == origins[0]
+
+
+@pytest.mark.skipif(not copies.IS_POSSIBLE, reason="this system makes no copies of processes")
+def test_an_origin_that_has_ended_is_made_again(worker):
+    with Apart(worker, 0) as process:
+        origin = process.ask("origin", size=0)
+    os.kill(origin, signal.SIGKILL)
+    with Apart(worker, 0) as process:
+        assert process.ask("origin", size=0) != origin
+
+
+@pytest.mark.skipif(not copies.IS_POSSIBLE, reason="this system makes no copies of processes")
+def test_an_origin_ends_when_nobody_asks(worker, tmp_path):
+    """Not while it has copies; and with the process that asks, however that ends."""
+    code = f"""
+import os, signal, sys, time
+sys.path.insert(0, {str(tmp_path)!r})
+from elvis.converters import copies
+from elvis.converters.apart import Apart
+copies._PROGRAM = copies._PROGRAM.replace("multiply(", "import elvis.converters.copies as c; c.IDLE = 0.2; multiply(")
+with Apart({worker!r}, 0) as process:
+    origin = process.ask("origin", size=0)
+    time.sleep(0.6)
+    os.kill(origin, 0)
+    assert process.ask("origin", size=0) == origin
+(known,) = copies._ORIGINS.values()
+known._process.wait()
+with Apart({worker!r}, 0) as process:
+    print(process.ask("origin", size=0), process._process.pid, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert found.returncode == -signal.SIGKILL, found.stderr
+    while any(is_there(int(pid)) for pid in found.stdout.split()):
+        time.sleep(0.01)
+
+
+@pytest.mark.skipif(not copies.IS_POSSIBLE, reason="this system makes no copies of processes")
+def test_relative_names_are_those_of_the_process_that_asks(worker, tmp_path, monkeypatch):
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        with Apart(worker, 0) as process:
+            assert process.ask("folder", size=0) == str(tmp_path / name)
+
+
+def test_processes_are_asked_where_no_copies_can_be_made(worker, monkeypatch):
+    monkeypatch.setattr(apart, "IS_POSSIBLE", False)
+    with Apart(worker, 0) as process:
+        assert process.ask("origin", size=0) == os.getpid()
+        with pytest.raises(LibraryError) as caught:
+            process.ask("fail", "os.abort()", size=0)
+    assert not caught.value.is_out_of_time
+
+
+def test_a_library_that_cannot_be_loaded_is_told(tmp_path, monkeypatch):
+    (tmp_path / "not_loaded.py").write_text("raise ImportError")
+    monkeypatch.syspath_prepend(tmp_path)
+    with Apart("not_loaded:Worker", 0) as process, pytest.raises(LibraryError):
+        process.ask("same", size=0)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 What is read there comes back through a pipe, as plain numbers, texts and arrays; this process never lets the library
 read such a file.  The other may take memory and processor time as the size of its files allows, far more than sound
 files need.  It looks for modules where this one does, so that none of the folder it runs in is taken for a library.
+Where the system can, it is a copy of one that has loaded the library before (`elvis.converters.copies`).
 
 A message is the length of a text, the text, and the bytes of arrays.  The text is JSON, in which ``{"array": [type,
 shape]}`` stands for the next of the arrays, and ``{"items": [[key, value], ...]}`` for a dictionary.
@@ -27,6 +28,7 @@ from typing import IO, Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.converters.copies import IS_POSSIBLE, Copy, copied
 from elvis.core.errors import ElvisError, FormatError
 
 #: bytes of memory at most: this many, and this many for each byte of the files
@@ -44,8 +46,8 @@ _LOADING = 60
 _PROGRAM = """
 import sys
 sys.path[:] = {places!r}
-from elvis.converters.apart import serve
-serve({worker!r}, {memory!r})
+from elvis.converters.apart import alone
+alone({worker!r}, {memory!r})
 """
 
 #: by what a process ends that takes longer than it may
@@ -136,8 +138,11 @@ def ignore_closed_pipes() -> None:
             signal.signal(ours, signal.SIG_IGN)
 
 
-def launched(worker: str, memory: int) -> subprocess.Popen[bytes]:
+def launched(worker: str, memory: int) -> subprocess.Popen[bytes] | Copy:
     """A process that serves a worker, asked through its input and answering through its output."""
+    if IS_POSSIBLE:
+        with suppress(OSError):  # the library can't be loaded, as the next process will tell
+            return copied(worker, memory, _LOADING)
     places = [place for place in sys.path if place]
     program = _PROGRAM.format(places=places, worker=worker, memory=memory)
     return subprocess.Popen(
@@ -148,22 +153,32 @@ def launched(worker: str, memory: int) -> subprocess.Popen[bytes]:
     )
 
 
-def serve(worker: str, memory: int) -> NoReturn:
-    """Reply to the requests of a worker until there are no more; the life of the other process."""
-    requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+def make(worker: str) -> Any:
+    """The object that serves, its library loaded."""
+    module, _, name = worker.partition(":")
+    return getattr(import_module(module), name)()
+
+
+def alone(worker: str, memory: int) -> NoReturn:
+    """Load a library, then reply to requests; the life of a process that is no copy."""
+    requests, replies = os.dup(0), os.dup(1)
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)  # what the library reads and prints is none of the messages
     os.dup2(nothing, 1)
+    _limit("RLIMIT_AS", memory)
+    serve(make(worker), requests, replies, memory)
+
+
+def serve(made: Any, requests: int, replies: int, memory: int) -> NoReturn:
+    """Reply to the requests of a worker until there are no more."""
     _limit("RLIMIT_CORE", 0)
     _limit("RLIMIT_AS", memory)
-    module, _, name = worker.partition(":")
-    made = getattr(import_module(module), name)()
-    with suppress(EOFError, OSError):  # where nobody asks or listens any more
-        while True:
-            method, seconds, *given = receive(requests, memory)
+    with suppress(EOFError, OSError), os.fdopen(requests, "rb") as asked, os.fdopen(replies, "wb") as answers:
+        while True:  # until nobody asks or listens any more
+            method, seconds, *given = receive(asked, memory)
             with suppress(AttributeError):  # not all systems have this clock, which ends the process
                 signal.setitimer(signal.ITIMER_PROF, seconds)
-            send(replies, _reply(made, method, given))
+            send(answers, _reply(made, method, given))
     os._exit(0)  # of damaged files libraries leave things behind that they complain of at the end
 
 
@@ -264,16 +279,19 @@ def _limit(name: str, value: int) -> None:
         resource.setrlimit(kind, (value if hard < 0 else min(value, hard), hard))
 
 
-def _give_up(process: subprocess.Popen[bytes], late: list[bool]) -> None:
+def _give_up(process: subprocess.Popen[bytes] | Copy, late: list[bool]) -> None:
     late.append(True)
     process.kill()
 
 
-def _ended(process: subprocess.Popen[bytes]) -> None:
+def _ended(process: subprocess.Popen[bytes] | Copy) -> None:
     """End a process, which holds nothing that would be missed."""
     process.kill()
     for stream in (process.stdin, process.stdout):
         if stream is not None:
             with suppress(OSError):
                 stream.close()
-    process.wait()
+    if isinstance(process, Copy):
+        process.forget()
+    else:
+        process.wait()

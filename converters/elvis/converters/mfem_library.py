@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +23,8 @@ class Library:
     """The library, with the meshes that it has read, by number."""
 
     def __init__(self) -> None:
+        # half of its loading is this compiler, for functions written in Python, and it does without where there is none
+        sys.modules.setdefault("numba", None)  # type: ignore[arg-type]
         import mfem.ser as mfem
 
         mfem.out.Disable()
