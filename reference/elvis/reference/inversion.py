@@ -1,10 +1,11 @@
 """The reference's inverse map: which reference point of an element lies at a world point, or the proof that none does.
 
 The core solves once from a guess and proves by Bernstein nets.  Here, so that an error there is not in both, Newton's
-method starts from several places of the element, and absence is proved by halving: in a box B of collapsed coordinates
-with middle c, the map is Phi(c) + J (r - c) + R(r); the linear part is extreme at the corners of B, and R is bounded by
-its values at Chebyshev's points (`chebyshev`).  A point beyond these bounds, in the directions of the axes or of the
-dual tangents at c, is not the image of a point of B.
+method starts from the place of a lattice whose image is nearest, where that fails from the middles of small boxes, and
+absence is proved by halving these: in a box B of collapsed coordinates with middle c, the map is Phi(c) + J (r - c) +
+R(r); the linear part is extreme at the corners of B, and R is bounded by its values at Chebyshev's points
+(`chebyshev`).  A point beyond these bounds, in the directions of the axes or of the dual tangents at c, is not the
+image of a point of B.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from elvis.scene.time_limit import check_time
 _EPSILON = float(np.finfo(np.float64).eps)
 #: residual of a root, in parts of the element's size; roundings of coordinates that add to it
 _RESIDUAL, _ROUNDINGS = 2.5e-14, 16
-#: places along each collapsed coordinate that Newton's method starts from, and how many of these are tried
-_PLACES, _STARTS = 3, 3
+#: places along each collapsed coordinate that Newton's method may start from
+_PLACES = 3
 #: steps of Newton's method, the shortest one that changes anything, and how far it may go beyond an element
 _STEPS, _SHORT, _SLACK = 40, 1e-15, 0.25
 #: halvings of a direction, after how many of all Newton's method is tried in what is left, and pairs of a point and a
@@ -100,16 +101,13 @@ class Inverter:
         status = np.full(len(rows), Status.OUTSIDE, np.uint8)
         active = np.flatnonzero(self._bounds.may_hold(rows, points))
         status[active] = Status.UNCERTAIN
-        starts = self._starts(rows[active], points[active])
-        for number in range(starts.shape[1]):
-            due = status[active] == Status.UNCERTAIN
-            here = active[due]
-            found, root, inside = self._newton(rows[here], starts[due, number], points[here])
-            reference[here[inside]] = found[inside]
-            status[here[inside]] = Status.INSIDE
-            # an affine map has one root alone
-            if self._is_affine:
-                status[here[root & ~inside]] = Status.OUTSIDE
+        start = self._nearest(rows[active], points[active])
+        found, root, inside = self._newton(rows[active], start, points[active])
+        reference[active[inside]] = found[inside]
+        status[active[inside]] = Status.INSIDE
+        # an affine map has one root alone
+        if self._is_affine:
+            status[active[root & ~inside]] = Status.OUTSIDE
         return reference, status
 
     def searched(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
@@ -139,19 +137,19 @@ class Inverter:
         status[pair] = Status.FAILED
         return reference, status
 
-    def _starts(self, rows: Ints, points: Floats) -> Floats:
-        """(n, s, d) reference points to start from: those of a lattice whose images are nearest."""
+    def _nearest(self, rows: Ints, points: Floats) -> Floats:
+        """(n, d) reference points to start from: those of a lattice whose images are nearest."""
         places = _places(self.shape)
         elements, own = np.unique(rows, return_inverse=True)
         count = len(elements) * len(places)
         images, _ = self.placed(np.repeat(elements, len(places)), np.tile(places, (len(elements), 1)))
         images = images.reshape(len(elements), len(places), 3) if count else np.empty((0, len(places), 3))
-        best = np.empty((len(rows), min(_STARTS, len(places))), np.int64)
+        best = np.empty(len(rows), np.int64)
         step = max(1, _AT_ONCE // (3 * len(places)))
         for first in range(0, len(rows), step):
             part = slice(first, first + step)
             away = np.linalg.norm(images[own[part]] - points[part, None], axis=2)
-            best[part] = np.argsort(away, axis=1, kind="stable")[:, : best.shape[1]]
+            best[part] = np.argmin(away, axis=1)
         return places[best]
 
     def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, Bools, Bools]:

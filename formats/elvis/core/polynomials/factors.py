@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -57,7 +57,7 @@ class JacobiFactors:
         degrees: Ints = self.rows[:, 0] + self.rows[:, 1] + self.rows[:, 4]
         return degrees
 
-    @property
+    @cached_property
     def scales(self) -> Floats:
         """(k,) scale factors."""
         return np.sqrt(self.rows[:, 5] / 2)
@@ -78,12 +78,17 @@ class JacobiFactors:
     def _jacobis(self, points: Floats) -> tuple[Floats, Floats]:
         """(n, k) values and derivatives of the Jacobi polynomials; one recurrence for each pair (alpha, beta)."""
         values, derivatives = np.empty((2, len(points), len(self.rows)))
-        for alpha, beta in np.unique(self.rows[:, 2:4], axis=0):
-            chosen = np.flatnonzero((self.rows[:, 2] == alpha) & (self.rows[:, 3] == beta))
-            degrees = self.rows[chosen, 4]
-            table = jacobi_with_derivative(int(degrees.max()), float(alpha), float(beta), points)
+        for alpha, beta, chosen, degrees in self._families:
+            table = jacobi_with_derivative(int(degrees.max()), alpha, beta, points)
             values[:, chosen], derivatives[:, chosen] = table[0][degrees].T, table[1][degrees].T
         return values, derivatives
+
+    @cached_property
+    def _families(self) -> list[tuple[float, float, Ints, Ints]]:
+        """Each pair (alpha, beta), the numbers of its factors and their degrees."""
+        pairs, own = np.unique(self.rows[:, 2:4], axis=0, return_inverse=True)
+        chosen = [np.flatnonzero(own.reshape(-1) == number) for number in range(len(pairs))]
+        return [(float(a), float(b), each, self.rows[each, 4]) for (a, b), each in zip(pairs, chosen, strict=True)]
 
 
 def constant(count: int) -> Ints:
