@@ -2,6 +2,7 @@
 
 RUN   := .venv/bin/python
 AREAS := formats plugins converters renderer reference
+DEMO  := .venv/.demo
 READY := .venv/.ready
 
 .PHONY: help demo test check lint pages bench exactness fuzz setup clean
@@ -18,7 +19,7 @@ help:
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"
 
-demo: $(READY)
+demo: $(DEMO)
 	@$(RUN) examples/demo.py
 
 test: lint
@@ -41,7 +42,6 @@ pages: $(READY)
 	@$(RUN) tools/quantities_page.py
 
 bench: $(READY)
-	@$(RUN) -m pip install --quiet --editable '.[benchmark]'
 	@$(RUN) benchmarks/run.py
 
 exactness: $(READY)
@@ -52,14 +52,19 @@ fuzz: $(READY)
 	@$(RUN) tests/fuzz/interruptions.py
 
 setup:
-	@rm -f $(READY)
+	@rm -f $(DEMO) $(READY)
 	@$(MAKE) --no-print-directory $(READY)
 
 clean:
 	rm -rf .venv out dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# The stamp is newer than what it depends on once everything is installed; then nothing is done again.
-$(READY): pyproject.toml tools/setup.sh tools/vulkan.sh
-	@sh tools/setup.sh
+# A stamp is newer than what it depends on once everything is installed; then nothing is done again.  The demonstration needs
+# a third of what the tests need, which compare with every solver's library.
+$(DEMO): pyproject.toml tools/setup.sh tools/vulkan.sh
+	@sh tools/setup.sh demo
 	@touch $@
+
+$(READY): pyproject.toml tools/setup.sh tools/vulkan.sh
+	@sh tools/setup.sh test
+	@touch $(DEMO) $@

@@ -1,9 +1,11 @@
 #!/bin/sh
 # Sets a fresh machine up: a Python, the virtual environment .venv with the packages, a Vulkan driver.
-# `make` runs it when it has to.  PYTHON=/path/to/python chooses the interpreter.
+# `make` runs it when it has to: `setup.sh demo` with the packages of the demonstration, `setup.sh test` with those of the tests.
+# PYTHON=/path/to/python chooses the interpreter.
 set -eu
 cd "$(dirname "$0")/.."
 
+EXTRA=${1:-test}
 VERSIONS="3.13 3.12 3.11 3.10"
 
 say() { echo "setup: $*" >&2; }
@@ -58,8 +60,9 @@ if ! works .venv/bin/python; then
     "$python" -m venv .venv
 fi
 
-say "installing the Python packages into .venv, once"
-if ! .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'; then
+# Python compiles modules as it needs them: most of what is installed never runs here.
+say "installing the Python packages of the $EXTRA into .venv, once"
+if ! .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --editable ".[$EXTRA]"; then
     say "stopped: pip could not install the packages (its reason is above); is there a network? then run make again"
     exit 1
 fi
