@@ -9,7 +9,15 @@ import pytest
 from click.testing import CliRunner
 
 AREAS = ("formats", "plugins", "converters", "renderer", "reference")
-PAGES = ("README.md", "CHANGELOG.md", "docs/python.md", "docs/scene.md", *(f"{area}/README.md" for area in AREAS))
+PAGES = (
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "docs/installing.md",
+    "docs/python.md",
+    "docs/scene.md",
+    *(f"{area}/README.md" for area in AREAS),
+)
 #: libraries that examples with these words need
 OPTIONAL = {"to_pyvista": "pyvista", "to_meshio": "meshio", "to_xarray": "xarray", "to_pandas": "pandas"}
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)

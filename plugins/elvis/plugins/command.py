@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``elvis`` with ``arguments``, those of the process by default, and exit with its status."""
     # a Ctrl-C waits until there is something to take it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    can_wait = hasattr(signal, "pthread_sigmask")  # not on Windows
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if can_wait else set()
     from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 
     is_process = arguments is None
     with Interrupts(is_process) as interrupts:
         try:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            if can_wait:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
             if is_process:
                 _open_closed_streams()
             from elvis.plugins.running import run

@@ -9,7 +9,7 @@ A distribution offers a plugin by a line in its ``pyproject.toml``::
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
 
 from elvis.core.errors import ElvisError
 
@@ -63,7 +63,13 @@ def plugins(group: str) -> dict[str, Plugin]:
 
 def every_plugin(group: str) -> list[Plugin]:
     """All plugins of a group, also those that share a name; the one that counts comes first."""
-    found = [_plugin(point) for point in entry_points(group=group)]
+    points = entry_points(group=group)
+    owners: dict[int, str] = {}
+    for point in points:
+        # what a distribution is called is read from its metadata, once for all of its plugins
+        if id(point.dist) not in owners:
+            owners[id(point.dist)] = _owner(point.dist) if point.dist else "an unknown distribution"
+    found = [Plugin(point.group, point.name, owners[id(point.dist)], point) for point in points]
     return sorted(found, key=lambda p: (p.name, not p.distribution.startswith(_OWN + " "), p.distribution))
 
 
@@ -78,6 +84,7 @@ def load(group: str, name: str) -> object:
     return known[name].load()
 
 
-def _plugin(point: EntryPoint) -> Plugin:
-    owner = f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
-    return Plugin(point.group, point.name, owner, point)
+def _owner(distribution: Distribution) -> str:
+    """Name and version of a distribution."""
+    metadata = distribution.metadata
+    return f"{metadata['Name']} {metadata['Version']}"

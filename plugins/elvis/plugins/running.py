@@ -117,11 +117,11 @@ class PluginGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Every name, sorted."""
-        return list(plugins("elvis.commands"))
+        return list(_commands(ctx))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name, None where there is none; a broken plugin becomes a command that says so."""
-        plugin = plugins("elvis.commands").get(cmd_name)
+        plugin = _commands(ctx).get(cmd_name)
         if plugin is None:
             return None
         try:
@@ -146,6 +146,14 @@ class PluginGroup(click.Group):
 
         near = get_close_matches(name, self.list_commands(ctx), cutoff=0.5)
         return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _commands(context: click.Context) -> dict[str, Plugin]:
+    """The plugins of ``elvis.commands``, looked for once in a run."""
+    found: dict[str, Plugin] = context.meta.setdefault("elvis.commands", {})
+    if not found:
+        found.update(plugins("elvis.commands"))
+    return found
 
 
 def _loaded(plugin: Plugin) -> click.Command:

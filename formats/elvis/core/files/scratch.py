@@ -12,13 +12,17 @@ also tell across containers and, where the file system has locks, across machine
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # on Windows: folders are not locked there, so leftovers stay
+    fcntl = None  # type: ignore[assignment]
 
 _NAME = re.compile(r"\.elvis-[0-9a-f]{12}\.tmp")
 #: tries to make a folder before another process takes it for a leftover
@@ -67,7 +71,7 @@ def _leftovers(folder: Path) -> list[Path]:
 
 def _is_own_folder(entry: os.DirEntry[str]) -> bool:
     is_folder = entry.is_dir(follow_symlinks=False)
-    return is_folder and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
+    return is_folder and hasattr(os, "geteuid") and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
 
 
 def _made(folder: Path) -> tuple[Path, int | None]:
@@ -84,6 +88,8 @@ def _made(folder: Path) -> tuple[Path, int | None]:
 def _locked(own: Path) -> int | None:
     """A descriptor that holds the lock of a scratch folder; None where it can't be had or the folder is gone."""
     path = own / "lock"
+    if fcntl is None:
+        return None
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     except OSError:
