@@ -179,12 +179,12 @@ class IsosurfaceDrawer:
         most = MOST_SUB_ELEMENTS if of_polynomials else min(enclosed, MOST_SUB_ELEMENTS)
         for iteration in range(_ROUNDS):
             last = len(parents) > most or iteration == _ROUNDS - 1
-            ask = partial(self._ask, split, level, last=last)
+            level_view = partial(self._level_view, split, level, last=last)
             halved = iteration > 0 or unfinished is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
-            found = [self._keep(split, batch, halved, buffers, ask) for batch in batches]
-            done += [sub_elements[sub_elements["fate"] != SPLIT] for sub_elements in found]
-            parents = _join([parents[:0], *(sub_elements[sub_elements["fate"] == SPLIT] for sub_elements in found)])
+            found = [self._keep(split, batch, halved, buffers, level_view) for batch in batches]
+            done += [sub_elements[sub_elements["outcome"] != SPLIT] for sub_elements in found]
+            parents = _join([parents[:0], *(sub_elements[sub_elements["outcome"] == SPLIT] for sub_elements in found)])
             if not len(parents):
                 break
         return self._sorted(_join(done))
@@ -195,11 +195,11 @@ class IsosurfaceDrawer:
         parents: NDArray[Any],
         halved: bool,
         buffers: dict[str, Buffer],
-        ask: Callable[..., Buffer],
+        level_view: Callable[..., Buffer],
     ) -> NDArray[Any]:
         """What is left of some sub-elements, halved thrice or as they are."""
         lists = {
-            "ask": ask(count=len(parents), whole=not halved),
+            "level_view": level_view(count=len(parents), whole=not halved),
             "parents": self.device.buffer(parents),
             "sub_elements": self.device.empty(parents.dtype, (8 if halved else 1) * len(parents)),
             "count": self.device.buffer(np.zeros(1, np.uint32)),
@@ -209,8 +209,8 @@ class IsosurfaceDrawer:
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
     def _sorted(self, sub_elements: NDArray[Any]) -> NDArray[Any]:
-        self.counts["undefined"] += len(np.unique(sub_elements["element"][sub_elements["fate"] == UNDEFINED]))
-        sub_elements = sub_elements[sub_elements["fate"] != UNDEFINED]
+        self.counts["undefined"] += len(np.unique(sub_elements["element"][sub_elements["outcome"] == UNDEFINED]))
+        sub_elements = sub_elements[sub_elements["outcome"] != UNDEFINED]
         self.counts["sub_elements"] += len(sub_elements)
         centre = sub_elements["centre"]
         return sub_elements[np.lexsort([*centre.T, sub_elements["element"], sub_elements["near"]])]
@@ -219,14 +219,14 @@ class IsosurfaceDrawer:
         """The other elements of a part, in sub-elements, and in parts of those in which rays take too many steps."""
         self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
         certified = self._certified(level.number, level.quantity)
-        ask = partial(self._ask, draw, level, certified=certified)
+        level_view = partial(self._level_view, draw, level, certified=certified)
         unfinished = None
         for draft in range(_DRAFTS):
             sub_elements = self._sub_elements(level, unfinished)
             if not len(sub_elements):
                 return
             last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
-            drawn = partial(self._draft, draw, level, ask=partial(ask, last=last))
+            drawn = partial(self._draft, draw, level, level_view=partial(level_view, last=last))
             unfinished = sub_elements[np.concatenate([drawn(some) for some in self._fitted(level, sub_elements)])]
             if not len(unfinished):
                 return
@@ -279,20 +279,22 @@ class IsosurfaceDrawer:
         kernel, count = self._kernel("iso_fit", number, quantity), len(sub_elements)
         fits = self.device.empty(np.float64, (stand_in(own) + 1) ** 3 * count)
         lists = {
-            "ask": self._ask(kernel, level, count=count),
+            "level_view": self._level_view(kernel, level, count=count),
             "sub_elements": self.device.buffer(sub_elements),
             "fits": fits,
         }
         kernel(count, {**level.buffers, **self._constants(number, quantity), **lists})
         return fits
 
-    def _draft(self, draw: Kernel, level: _Level, sub_elements: NDArray[Any], ask: Callable[..., Buffer]) -> Bools:
+    def _draft(
+        self, draw: Kernel, level: _Level, sub_elements: NDArray[Any], level_view: Callable[..., Buffer]
+    ) -> Bools:
         """Draws sub-elements; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
         least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
         least[:, :2], most[:, :2] = sub_elements["bounds"][:, :2], sub_elements["bounds"][:, 2:]
         tiles, order = bin_sections(least, most, draw.dtype("tiles"))
         lists = {
-            "ask": ask(count=len(tiles)),
+            "level_view": level_view(count=len(tiles)),
             "tiles": self.device.buffer(tiles),
             "order": self.device.buffer(order),
             "sub_elements": self.device.buffer(sub_elements),
@@ -302,12 +304,12 @@ class IsosurfaceDrawer:
         draw(len(tiles), {**level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
         return np.asarray(self.device.read(lists["unfinished"], np.uint32)[: len(sub_elements)] > 0)
 
-    def _ask(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:
-        """The Ask record of the stages (iso.slang)."""
+    def _level_view(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:
+        """The LevelView record of the stages (iso.slang)."""
         view = level.view
         errors = {"apart": APART * self.loaded.extent, "misplaced": misplaced(view, self.loaded.extent)}
         place = {"across": 1 / np.linalg.norm(view.column), "first": self.loaded.first[level.number]}
-        record = record_of(kernel, "ask", view, level=level.value, **place, **errors, **other)
+        record = record_of(kernel, "level_view", view, level=level.value, **place, **errors, **other)
         return self.device.buffer(record)
 
 
