@@ -33,26 +33,52 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     if not sum(map(len, boxes)):
         raise SceneError("there is no element to draw: none carries the field")
     camera, plane = scene.camera, scene.only_plane
-    is_framed = scene.box or (scene.axes and plane is None)
     if scene.region is not None and plane is None:
         raise SceneError("region: expected 2D data or a single plane, found other objects: choose a camera for these")
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
         return replace(scene, size=scene.size or LARGEST)
-    camera = named(camera, plane) if isinstance(camera, str) else camera
-    around = [surrounding(boxes).reshape(1, 6).astype(np.float32)] if is_framed else boxes
-    points = np.concatenate([crossings(some, plane) if plane and not scene.box else _corners(some) for some in around])
-    if not len(points):
-        assert plane is not None
-        raise SceneError(missed(plane, surrounding(boxes)))
-    seen = points[np.isfinite(points).all(axis=1)] @ np.array(camera.basis()[:2]).T
-    box, extent = surrounding(boxes), np.array([seen.min(axis=0), seen.max(axis=0)])
+    if isinstance(camera, str):
+        camera = named(camera, plane)
 
+    box = surrounding(boxes)
+    is_framed = bool(scene.box or (scene.axes and plane is None))
+    extent = _extent_of_boxes(scene, camera, [box.reshape(1, 6).astype(np.float32)] if is_framed else boxes, box)
     if scene.region is not None:
         left, right, low, high = scene.region
         extent = np.array([[left, low], [right, high]])
+    elif not is_framed:
+        extent = _extent_by_glances(scene, camera, extent, box, glance)
 
-    # a glance shows what there is within the boxes; where that is little, a second one shows it better
-    for _ in range(0 if is_framed or scene.region else GLANCES):
+    size = scene.size or proportionate(extent)
+    middle = extent.mean(axis=0)
+    shown = middle + (extent - middle) / scene.zoom
+    margin = 1.0 if scene.region else MARGIN
+    return replace(scene, size=size, camera=fitted(camera, size, shown, box, margin))
+
+
+def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes], box: Floats) -> Floats:
+    """(2, 2) least and greatest coordinates, along the camera's right and up axes, of what is seen of boxes.
+
+    box  (2, 3) around the domain, for the sentence where nothing is seen
+    """
+    plane = scene.only_plane
+    if plane and not scene.box:
+        points = np.concatenate([crossings(some, plane) for some in boxes])
+    else:
+        points = np.concatenate([_corners(some) for some in boxes])
+    if not len(points):
+        assert plane is not None
+        raise SceneError(missed(plane, box))
+    finite = points[np.isfinite(points).all(axis=1)]
+    places = finite @ np.array(camera.basis()[:2]).T
+    return np.array([places.min(axis=0), places.max(axis=0)])
+
+
+def _extent_by_glances(
+    scene: Scene, camera: Camera, extent: Floats, box: Floats, glance: Callable[[Scene], Bools]
+) -> Floats:
+    """The extent of what there is within that of the boxes; where that is little, a second glance shows it better."""
+    for _ in range(GLANCES):
         size = scene.size or proportionate(extent)
         fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
         width, height = (max(LEAST, -(-side // fewer)) for side in size)
@@ -60,18 +86,19 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
         mask = glance(small)
         if not mask.any():
             break
-        wide, extent = extent, _extent(mask, small)
+        wide = extent
+        extent = _extent(mask, small)
         if (extent[1] - extent[0]).max() > 0.3 * (wide[1] - wide[0]).max():
             break
-    size = scene.size or proportionate(extent)
-    middle = extent.mean(axis=0)
-    extent = middle + (extent - middle) / scene.zoom
-    return replace(scene, size=size, camera=fitted(camera, size, extent, box, 1.0 if scene.region else MARGIN))
+    return extent
 
 
 def _corners(boxes: Boxes) -> Floats:
     """(8 n, 3) the corners of boxes (n, 6), first the first corner of all."""
-    corners = [boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)]
+    corners = []
+    for k in range(8):
+        columns = [3 * (k >> axis & 1) + axis for axis in range(3)]
+        corners.append(boxes[:, columns])
     return np.concatenate(corners).astype(np.float64)
 
 
@@ -81,10 +108,17 @@ def _extent(mask: Bools, scene: Scene) -> Floats:
     assert isinstance(camera, Camera)
     assert camera.height is not None
     height, width = mask.shape
+    columns = np.flatnonzero(mask.any(axis=0))
+    rows = np.flatnonzero(mask.any(axis=1))
+
+    # borders of the pixels, and one pixel more on each side; rows count downwards
+    low = [columns[0] - 1, height - rows[-1] - 1]
+    high = [columns[-1] + 2, height - rows[0] + 1]
+
+    # from the middle of the picture, where the eye looks
     pixel = camera.height / height
-    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
-    ends = np.array([[columns[0] - 1, height - rows[-1] - 1], [columns[-1] + 2, height - rows[0] + 1]])
-    return np.asarray((ends - np.array([width, height]) / 2) * pixel + np.array(camera.basis()[:2]) @ camera.eye)
+    away = (np.array([low, high]) - np.array([width, height]) / 2) * pixel
+    return np.asarray(away + np.array(camera.basis()[:2]) @ camera.eye)
 
 
 def proportionate(extent: Floats) -> tuple[int, int]:
@@ -96,10 +130,15 @@ def proportionate(extent: Floats) -> tuple[int, int]:
 
 def crossings(boxes: Boxes, plane: Plane) -> Floats:
     """(k, 3) points in which the plane meets the edges of boxes (n, 6)."""
-    normal, boxes = plane.basis()[2], boxes.astype(np.float64)
-    middle, half = 0.5 * (boxes[:, 3:] + boxes[:, :3]), 0.5 * (boxes[:, 3:] - boxes[:, :3])
+    normal = plane.basis()[2]
+    boxes = boxes.astype(np.float64)
     slack = 1e-12 * float(np.abs(boxes).max(initial=0.0) + np.abs(plane.point).max())
-    met = boxes[np.abs((middle - plane.point) @ normal) <= half @ np.abs(normal) + slack]
+
+    # a box reaches as far from its middle, along the normal, as its half sides do together
+    middle = 0.5 * (boxes[:, 3:] + boxes[:, :3])
+    half = 0.5 * (boxes[:, 3:] - boxes[:, :3])
+    height = np.abs((middle - plane.point) @ normal)
+    met = boxes[height <= half @ np.abs(normal) + slack]
 
     # the ends of all edges and their distances from the plane
     corners = _corners(met).reshape(8, -1, 3).swapaxes(0, 1)
@@ -109,8 +148,9 @@ def crossings(boxes: Boxes, plane: Plane) -> Floats:
     a, b, ends = a[cut], b[cut], ends[cut]
 
     # an edge within the plane is met in all its points: its ends are those of other edges too
-    part = np.clip(np.divide(a, a - b, out=np.zeros_like(a), where=a != b), 0.0, 1.0)[:, None]
-    return np.asarray((1 - part) * ends[:, 0] + part * ends[:, 1])
+    share = np.divide(a, a - b, out=np.zeros_like(a), where=a != b)
+    share = np.clip(share, 0.0, 1.0)[:, None]
+    return np.asarray((1 - share) * ends[:, 0] + share * ends[:, 1])
 
 
 def surrounding(boxes: Sequence[Boxes]) -> Floats:

@@ -51,11 +51,11 @@ class Parts:
         """(n, 2) points (n, 2) of the parts as points of the patches."""
         return np.asarray(self.middle + np.einsum("nij,nj->ni", self.frame, points))
 
-    def moved(self, points: Floats) -> Parts:
+    def around(self, points: Floats) -> Parts:
         """Parts around other points."""
         return replace(self, middle=self.places(points))
 
-    def divided(self) -> Parts:
+    def divide(self) -> Parts:
         """The parts of all parts, those of one kind one after the other."""
         kinds = divided(self.corners)
         middle = np.concatenate([self.places(np.tile(way, (len(self), 1))) for way, _ in kinds])
@@ -64,15 +64,21 @@ class Parts:
 
     def sides(self, patches: SurfacePatches) -> tuple[Parts, Ints]:
         """The sides of whole patches that lie on the border of their face, and which of these parts each belongs to."""
-        corners, row, owner, middle, frame = CORNERS[self.corners], [], [], [], []
-        for k, (first, last) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
-            own = np.flatnonzero(patches.outer[self.row] >> k & 1)
-            row.append(self.row[own])
-            owner.append(own)
-            middle.append(np.tile((first + last) / 2, (len(own), 1)))
-            frame.append(np.tile(np.stack([(last - first) / 2, np.zeros(2)], axis=1), (len(own), 1, 1)))
-        made = Parts(2, np.concatenate(row), np.concatenate(middle), np.concatenate(frame), 1)
-        return made, np.concatenate(owner)
+        corners = CORNERS[self.corners]
+        following = np.roll(corners, -1, axis=0)
+        owners, middles, frames = [], [], []
+        for k, (first, last) in enumerate(zip(corners, following, strict=True)):
+            is_outer = patches.outer[self.row] >> k & 1
+            own = np.flatnonzero(is_outer)
+            owners.append(own)
+
+            # half the side is the one coordinate, the other stays where it is
+            middle = (first + last) / 2
+            frame = np.stack([(last - first) / 2, np.zeros(2)], axis=1)
+            middles.append(np.tile(middle, (len(own), 1)))
+            frames.append(np.tile(frame, (len(own), 1, 1)))
+        owner = np.concatenate(owners)
+        return Parts(2, self.row[owner], np.concatenate(middles), np.concatenate(frames), 1), owner
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +103,22 @@ class Model:
         """The model of each part, for a point of its own."""
         row, middle, frame = parts.row, parts.middle, parts.frame
         gap = patches.at(middle, row) - goal
-        own = np.stack([patches.at(middle, row, *times) for times in ((1, 0), (0, 1))], axis=1)
-        ss, st, tt = (_dot(gap, patches.at(middle, row, *times)) for times in ((2, 0), (1, 1), (0, 2)))
-        first = np.einsum("nia,nix->nax", frame, own)
-        bent = np.einsum("nia,nij,njb->nab", frame, np.array([[ss, st], [st, tt]]).transpose(2, 0, 1), frame)
-        bent += np.einsum("nax,nbx->nab", first, first)
+
+        # X_a, brought to the coordinates of the part
+        along = [patches.at(middle, row, *times) for times in ((1, 0), (0, 1))]
+        first = np.einsum("nia,nix->nax", frame, np.stack(along, axis=1))
+
+        # (X - p) . X_ab, likewise
+        ss = _dot(gap, patches.at(middle, row, 2, 0))
+        st = _dot(gap, patches.at(middle, row, 1, 1))
+        tt = _dot(gap, patches.at(middle, row, 0, 2))
+        curvature = np.array([[ss, st], [st, tt]]).transpose(2, 0, 1)
+        bend = np.einsum("nia,nij,njb->nab", frame, curvature, frame)
+
+        # X_a . X_b
+        bend += np.einsum("nax,nbx->nab", first, first)
         gradient = np.einsum("nx,nax->na", gap, first)
-        return Model(parts, goal, gap, first, gradient, bent[:, [0, 0, 1], [0, 1, 1]])
+        return Model(parts, goal, gap, first, gradient, bend[:, [0, 0, 1], [0, 1, 1]])
 
     def take(self, which: Ints) -> Model:
         """Some of the parts."""
@@ -116,51 +131,79 @@ class Model:
         bounds  of the patches, by row
         """
         s, t = self.first[:, 0], self.first[:, 1]
-        where = least(self.parts.corners, np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1), self.gradient)
-        linear = np.linalg.norm(self.gap + np.einsum("nd,ndx->nx", where, self.first), axis=1)
-        bent = bounds[self.parts.row, 9] if self.parts.depth == 0 else self._bounds(bounds, 2).sum(axis=(1, 2)) / 2
-        return where, linear - bent
+        where = least(self.parts.corners, _products(s, t), self.gradient)
+        away = self.gap + np.einsum("nd,ndx->nx", where, self.first)
+        linear = np.linalg.norm(away, axis=1)
+
+        # how far the part may be from its linear part: by Taylor's theorem, but for whole patches, where it is known
+        deviation = bounds[self.parts.row, 9]
+        if self.parts.depth > 0:
+            deviation = self._bounds(bounds, 2).sum(axis=(1, 2)) / 2
+        return where, linear - deviation
 
     def is_convex(self, bounds: Floats) -> Bools:
         """(n,) whether D is convex all over each part."""
         change = self._change(bounds)
-        ss, tt = self.bend[:, 0] - change[:, 0, 0], self.bend[:, 2] - change[:, 1, 1]
+        ss = self.bend[:, 0] - change[:, 0, 0]
         if self.parts.corners == 2:
             return np.asarray(ss > 0)
+
+        # all second derivatives within these bounds make a positive definite matrix
+        tt = self.bend[:, 2] - change[:, 1, 1]
         st = np.abs(self.bend[:, 1]) + change[:, 0, 1]
         return np.asarray((ss > 0) & (tt > 0) & (ss * tt > st**2))
 
     def is_steady(self, bounds: Floats) -> Bools:
         """(n,) whether D is monotonic all over each part, along one of its coordinates."""
-        most = np.abs(self.bend[:, [[0, 1], [1, 2]]]) + self._change(bounds)
-        return np.asarray((np.abs(self.gradient) > most.sum(axis=2)).any(axis=1))
+        second = np.abs(self.bend[:, [[0, 1], [1, 2]]]) + self._change(bounds)
+
+        # the most that a first derivative changes by, from the middle to a corner
+        most = second.sum(axis=2)
+        return np.asarray((np.abs(self.gradient) > most).any(axis=1))
 
     def _change(self, bounds: Floats) -> Floats:
         """(n, 2, 2) what the second derivatives of D change by at most between the middle and any point of a part."""
         one, two, three = (self._bounds(bounds, order) for order in (1, 2, 3))
         far = np.linalg.norm(self.gap, axis=1) + one.sum(axis=1)
-        mixed = two[:, :, None, :] * one[:, None, :, None]
-        every = mixed + mixed.transpose(0, 2, 1, 3) + two[:, :, :, None] * one[:, None, None, :]
-        return np.asarray((every + far[:, None, None, None] * three).sum(axis=3))
+
+        # |X_ac| |X_b| + |X_a| |X_bc| + |X_c| |X_ab| + |X - p| |X_abc| (see above), by a, b and c
+        ac_b = two[:, :, None, :] * one[:, None, :, None]
+        bc_a = ac_b.transpose(0, 2, 1, 3)
+        ab_c = two[:, :, :, None] * one[:, None, None, :]
+        third = ac_b + bc_a + ab_c + far[:, None, None, None] * three
+        return np.asarray(third.sum(axis=3))
 
     def _bounds(self, bounds: Floats, order: int) -> Floats:
         """(n, 2, …) greatest lengths of the derivatives of X of this order."""
-        which = np.indices((2,) * order).sum(axis=0)
-        own, size = bounds[self.parts.row][:, _COLUMNS[order - 1][which]], np.abs(self.parts.frame)
+        # of the patch: how many of the directions (2, …) are the second one tells the column
+        seconds = np.indices((2,) * order).sum(axis=0)
+        columns = _COLUMNS[order - 1][seconds]
+        found = bounds[self.parts.row][:, columns]
+
+        # of the part, direction by direction, by the chain rule
+        size = np.abs(self.parts.frame)
         for axis in range(1, order + 1):
-            own = np.moveaxis(np.einsum("ni...,nia->n...a", np.moveaxis(own, axis, 1), size), -1, axis)
-        return np.asarray(own)
+            leading = np.moveaxis(found, axis, 1)
+            scaled = np.einsum("ni...,nia->n...a", leading, size)
+            found = np.moveaxis(scaled, -1, axis)
+        return np.asarray(found)
 
 
 def linear_distance(patches: SurfacePatches, row: Ints, goal: Floats) -> Floats:
     """(n,) distances from points (n, 3) to the linear parts of patches."""
     own = patches.coefficients
-    gap, s = own[row, 0, 0] - goal, own[row, 0, 1]
+    gap = own[row, 0, 0] - goal
+    s = own[row, 0, 1]
     t = own[row, 1, 0] if patches.corners > 2 else np.zeros_like(s)
-    bend = np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1)
     gradient = np.stack([_dot(gap, s), _dot(gap, t)], axis=1)
-    where = least(patches.corners, bend, gradient)
-    return np.asarray(np.linalg.norm(gap + where[:, :1] * s + where[:, 1:] * t, axis=1))
+    where = least(patches.corners, _products(s, t), gradient)
+    away = gap + where[:, :1] * s + where[:, 1:] * t
+    return np.asarray(np.linalg.norm(away, axis=1))
+
+
+def _products(s: Floats, t: Floats) -> Floats:
+    """(n, 3) s . s, s . t and t . t, as `least` takes the second derivatives of linear parts."""
+    return np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1)
 
 
 def _dot(a: Floats, b: Floats) -> Floats:

@@ -148,7 +148,7 @@ class _Search:
             cut = np.flatnonzero(~convex & ~model.is_steady(bounds))
             whole = np.flatnonzero(~convex) if parts.depth == 0 and parts.corners > 2 else cut[:0]
             if len(cut) and parts.depth < _ROUNDS and len(cut) <= _MOST:
-                made = parts.take(cut).divided()
+                made = parts.take(cut).divide()
                 waiting.append((np.tile(point[cut], len(made) // len(cut)), made))
             if len(whole):
                 sides, owner = parts.take(whole).sides(patches)
@@ -161,7 +161,7 @@ class _Search:
             if not len(moving):
                 break
             parts, here = model.parts.take(moving), result[moving]
-            there = Model.of(patches, parts.moved(here), model.goal[moving])
+            there = Model.of(patches, parts.around(here), model.goal[moving])
             result[moving] = least(parts.corners, there.bend, there.gradient - _times(there.bend, here))
             moving = moving[np.abs(result[moving] - here).max(axis=1) > 1e-10]
         return result

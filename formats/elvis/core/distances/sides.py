@@ -17,12 +17,20 @@ _BEFORE = 1e-6
 
 def is_closed(loops: Sequence[Ints]) -> bool:
     """Whether each side of faces, whose vertices are given in order (n, k), belongs to two faces."""
-    if loops[0].shape[1] == 2:
-        sides = np.concatenate([loop.reshape(-1, 1) for loop in loops])
-    else:
-        sides = np.concatenate([np.stack([loop, np.roll(loop, -1, axis=1)], axis=2).reshape(-1, 2) for loop in loops])
-    counts = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)[1]
+    # the sides of a line are its two ends
+    in_plane = loops[0].shape[1] == 2
+    sides = np.concatenate([loop.reshape(-1, 1) if in_plane else _sides_around(loop) for loop in loops])
+
+    # one that is shared is run through in either direction
+    unordered = np.sort(sides, axis=1)
+    _, counts = np.unique(unordered, axis=0, return_counts=True)
     return bool((counts == 2).all())
+
+
+def _sides_around(loop: Ints) -> Ints:
+    """(n k, 2) both ends of each side of faces, whose vertices are given in order (n, k)."""
+    following = np.roll(loop, -1, axis=1)
+    return np.stack([loop, following], axis=2).reshape(-1, 2)
 
 
 def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
@@ -33,11 +41,17 @@ def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
     """
     igl = needed("igl", "the distance to a surface", "distances")
 
-    own = triangles if _agree(triangles) else np.asarray(igl.bfs_orient(triangles)[0], np.int64)
+    own = triangles
+    if not _agree(triangles):
+        own = np.asarray(igl.bfs_orient(triangles)[0], np.int64)
     turned = (own != triangles).any(axis=1)
+
+    # the winding number rises by one through a triangle, from before it to behind it
     corners = points[own]
-    winding = np.asarray(igl.winding_number(points, own, corners.mean(axis=1) + _ahead(corners)))
-    inside = np.abs(np.stack([winding, winding + 1], axis=1)) > 0.5
+    before = corners.mean(axis=1) + _ahead(corners)
+    winding = np.asarray(igl.winding_number(points, own, before))
+    both = np.stack([winding, winding + 1], axis=1)
+    inside = np.abs(both) > 0.5
     signs = np.where(inside, -1, 1)
     signs[turned] = signs[turned, ::-1]
     return np.asarray(signs)
@@ -45,8 +59,8 @@ def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
 
 def _agree(triangles: Ints) -> bool:
     """Whether neighbours run along their common side in opposite ways."""
-    ways = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    return len(np.unique(ways, axis=0)) == len(ways)
+    directed = _sides_around(triangles)
+    return len(np.unique(directed, axis=0)) == len(directed)
 
 
 def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> Ints:
@@ -56,31 +70,58 @@ def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> 
     patches  for each kind of face their patches, nearly flat; faces are numbered through all kinds
     A point is inside where the surface winds around it an odd number of times, whichever way its parts turn.
     """
-    if patches[0].corners == 2:
-        ends = np.concatenate([each.vertices for each in patches])
-        own = np.unique(np.concatenate([each.face for each in patches]), return_index=True)[1]
-        way = ends[own, 1] - ends[own, 0]
-        places = ends[own].mean(axis=1) + _BEFORE * way[:, [1, 0, 2]] * (1, -1, 0)
-        odd = _crossings(ends, places) % 2 == 1
-    else:
-        turned, corners, face = _flips(loops), *map(np.concatenate, zip(*map(_fans, patches), strict=True))
-        own = np.unique(face, return_index=True)[1]
-        places = corners[own].mean(axis=1) + _ahead(corners[own])
-        corners[turned[face]] = corners[turned[face]][:, ::-1]
-        odd = np.rint(_winding(corners, places)).astype(np.int64) % 2 == 1
+    odd = _is_inside_curves(patches) if patches[0].corners == 2 else _is_inside_faces(loops, patches)
     return np.where(np.stack([odd, ~odd], axis=1), -1, 1)
+
+
+def _is_inside_curves(patches: Sequence[SurfacePatches]) -> Bools:
+    """(faces,) whether a place before each curve in the plane is inside: a ray from there crosses an odd number."""
+    ends = np.concatenate([each.vertices for each in patches])
+    face = np.concatenate([each.face for each in patches])
+    _, first = np.unique(face, return_index=True)
+
+    # a short step to the right of the first patch of each face
+    own = ends[first]
+    along = own[:, 1] - own[:, 0]
+    places = own.mean(axis=1) + _BEFORE * along[:, [1, 0, 2]] * (1, -1, 0)
+    return np.asarray(_crossings(ends, places) % 2 == 1)
+
+
+def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> Bools:
+    """(faces,) whether a place before each face is inside: an odd number of windings."""
+    fans = [_fans(each) for each in patches]
+    corners = np.concatenate([triangles for triangles, _ in fans])
+    face = np.concatenate([own for _, own in fans])
+
+    # before the first triangle of each face as it is given
+    _, first = np.unique(face, return_index=True)
+    own = corners[first]
+    places = own.mean(axis=1) + _ahead(own)
+
+    # windings add up only where neighbours agree
+    turned = _flips(loops)[face]
+    corners[turned] = corners[turned][:, ::-1]
+    windings = np.rint(_winding(corners, places)).astype(np.int64)
+    return np.asarray(windings % 2 == 1)
 
 
 def _flips(loops: Sequence[Ints]) -> Bools:
     """(faces,) which of the faces would have to run the other way round, so that neighbours agree."""
     igl = needed("igl", "the distance to a surface", "distances")
 
-    fans = [np.stack([loop[:, [0, k, k + 1]] for k in range(1, loop.shape[1] - 1)], axis=1) for loop in loops]
+    # fans of triangles around the first vertex of each face
+    fans = []
+    for loop in loops:
+        corners = [loop[:, [0, k, k + 1]] for k in range(1, loop.shape[1] - 1)]
+        fans.append(np.stack(corners, axis=1))
     triangles = np.concatenate([fan.reshape(-1, 3) for fan in fans])
-    face = np.repeat(np.arange(sum(map(len, loops))), np.concatenate([np.full(len(f), f.shape[1]) for f in fans]))
-    ways = (np.asarray(igl.bfs_orient(triangles)[0]) != triangles).any(axis=1)
-    found = np.zeros(sum(map(len, loops)), bool)
-    found[face[ways]] = True
+    sizes = np.concatenate([np.full(len(fan), fan.shape[1]) for fan in fans])
+    face = np.repeat(np.arange(len(sizes)), sizes)
+
+    agreeing = np.asarray(igl.bfs_orient(triangles)[0])
+    turned = (agreeing != triangles).any(axis=1)
+    found = np.zeros(len(sizes), bool)
+    found[face[turned]] = True
     return found
 
 
@@ -93,9 +134,14 @@ def _fans(patches: SurfacePatches) -> tuple[Floats, Ints]:
 
 def _ahead(corners: Floats) -> Floats:
     """(n, 3) short steps off triangles (n, 3, 3), to the side from which they are seen to turn left."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    one = corners[:, 1] - corners[:, 0]
+    other = corners[:, 2] - corners[:, 0]
+    normal = np.cross(one, other)
+
+    # the normal's length is an area, so its root is a length
     size = np.sqrt(np.linalg.norm(normal, axis=1, keepdims=True))
-    return np.asarray(_BEFORE * normal / np.where(size > 0, size, 1.0))
+    divisor = np.where(size > 0, size, 1.0)
+    return np.asarray(_BEFORE * normal / divisor)
 
 
 def _winding(corners: Floats, places: Floats) -> Floats:
@@ -110,9 +156,15 @@ def _crossings(ends: Floats, places: Floats) -> Ints:
     """(n,) how many of the lines (m, 2, 3) in the plane a ray from points (n, 3) along x crosses."""
     found = np.zeros(len(places), np.int64)
     for part in chunks(len(places), max(1, (1 << 22) // len(ends))):
-        x, y = places[part, 0, None], places[part, 1, None]
-        (x0, y0), (x1, y1) = ends[:, 0, :2].T, ends[:, 1, :2].T
+        x = places[part, 0, None]
+        y = places[part, 1, None]
+        x0, y0 = ends[:, 0, :2].T
+        x1, y1 = ends[:, 1, :2].T
+
+        # lines from one side of the ray's line to the other, that meet it beyond the point
         across = (y0 > y) != (y1 > y)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found[part] = (across & (x0 + (y - y0) / (y1 - y0) * (x1 - x0) > x)).sum(axis=1)
+            meeting = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+        crossed = across & (meeting > x)
+        found[part] = crossed.sum(axis=1)
     return found
