@@ -6,7 +6,7 @@ View.to_pixel, depth times w, and w.  NumPy goes quickly along long axes alone, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,27 +64,44 @@ class Edges:
 
 def face_patches(space: FaceSpace, nets: Floats, view: View) -> tuple[FacePatches, Edges]:
     """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view."""
-    forward = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
-    rows = np.concatenate([view.to_pixel, forward[None], [[0.0, 0.0, 0.0, 1.0]]])
     rounding = _rounding(nets, view)
-    found = [_Batch.of(space, np.arange(0), np.empty((5, space.count, 0)))]
-    for some in chunks(len(nets), _CHUNK):
-        number = np.arange(len(nets))[some]
-        for batch in _divide(space, _Batch.of(space, number, np.tensordot(rows, nets[some].T, 1)), view, rounding):
-            found.append(batch)
-            check_time()
-    face, place, screen, pixels, line, spread = (
-        np.concatenate(parts, axis=-1) for parts in zip(*map(_Batch.parts, found), strict=True)
-    )
-    depth = screen[3] / screen[4]
-    noise = rounding * spread[~line]
-    bounds, near = pixels[..., ~line].transpose(0, 2, 1), depth.min(axis=0)
-    patches = FacePatches(face[~line], np.moveaxis(place[..., ~line], -1, 0), bounds, near[~line], noise)
+    found = _Batch.concatenate(space, _batches(space, nets, view, rounding))
+    patches = found.some(np.flatnonzero(~found.line))
+    lines = found.some(np.flatnonzero(found.line))
+    return _surfaces(patches, rounding), _edges(lines, view, rounding)
 
-    weight, between = screen[2][:, line], np.stack([near[line], depth[:, line].max(axis=0)])
+
+def _batches(space: FaceSpace, nets: Floats, view: View, rounding: float) -> Iterator[_Batch]:
+    """The patches of all faces, some faces at a time."""
+    # column, row and weight, depth and w are linear in homogeneous coordinates
+    depth = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
+    w = np.array([0.0, 0.0, 0.0, 1.0])
+    rows = np.concatenate([view.to_pixel, [depth], [w]])
+
+    numbers = np.arange(len(nets))
+    for some in chunks(len(nets), _CHUNK):
+        screen = np.tensordot(rows, nets[some].T, 1)
+        faces = _Batch.of(space, numbers[some], screen)
+        for batch in _divide(space, faces, view, rounding):
+            yield batch
+            check_time()
+
+
+def _surfaces(batch: _Batch, rounding: float) -> FacePatches:
+    """Patches that are seen as surfaces."""
+    place = np.moveaxis(batch.place, -1, 0)
+    bounds = batch.pixels.transpose(0, 2, 1)
+    near = batch.depth.min(axis=0)
+    return FacePatches(batch.face, place, bounds, near, rounding * batch.spread)
+
+
+def _edges(batch: _Batch, view: View, rounding: float) -> Edges:
+    """Patches that are seen as points or lines."""
+    weight = batch.screen[2]
     slack = _slack(weight, rounding, view)
-    ends, width = _ends(screen[:2, :, line] / weight, slack)
-    return patches, Edges(ends.transpose(0, 2, 1), between, width + 3.0 * slack)
+    ends, width = _ends(batch.screen[:2] / weight, slack)
+    depth = np.stack([batch.depth.min(axis=0), batch.depth.max(axis=0)])
+    return Edges(ends.transpose(0, 2, 1), depth, width + 3.0 * slack)
 
 
 @dataclass(eq=False)
@@ -110,8 +127,22 @@ class _Batch:
     def of(space: FaceSpace, face: Ints, screen: Floats) -> _Batch:
         """Whole faces."""
         count = len(face)
-        place = np.repeat(np.vstack([np.zeros(2), np.eye(2)])[..., None], count, axis=-1)
-        return _Batch(face, place, screen, np.zeros((2, 4, count), np.int64), np.zeros(count, bool), np.zeros(count))
+        origin_and_axes = np.vstack([np.zeros(2), np.eye(2)])
+        place = np.repeat(origin_and_axes[..., None], count, axis=-1)
+        pixels = np.zeros((2, 4, count), np.int64)
+        return _Batch(face, place, screen, pixels, np.zeros(count, bool), np.zeros(count))
+
+    @staticmethod
+    def concatenate(space: FaceSpace, batches: Iterable[_Batch]) -> _Batch:
+        """Several as one, none of them too."""
+        none = _Batch.of(space, np.arange(0), np.empty((5, space.count, 0)))
+        every = [none.parts(), *(batch.parts() for batch in batches)]
+        return _Batch(*(np.concatenate(arrays, axis=-1) for arrays in zip(*every, strict=True)))
+
+    @property
+    def depth(self) -> Floats:
+        """(count, n) depths of the control points."""
+        return np.asarray(self.screen[3] / self.screen[4])
 
     def parts(self) -> tuple[Any, ...]:
         """All arrays; patches are the last axis of each."""
@@ -124,9 +155,13 @@ class _Batch:
 
 def _rounding(nets: Floats, view: View) -> float:
     """Error of X - i W and Y - j W that rounding makes."""
-    size = np.append(np.abs(nets[..., :3] / nets[..., 3:]).max(axis=(0, 1), initial=0.0), 1.0)
+    places = np.abs(nets[..., :3] / nets[..., 3:])
+    size = np.append(places.max(axis=(0, 1), initial=0.0), 1.0)
+
+    # magnitudes of the terms whose sums X, Y and W are
     across, down, weight = np.abs(view.to_pixel) @ size
-    return float(16 * np.finfo(float).eps * (max(across, down) + max(view.width, view.height) * weight))
+    greatest = max(across, down) + max(view.width, view.height) * weight
+    return float(16 * np.finfo(float).eps * greatest)
 
 
 def _slack(weight: Floats, rounding: float, view: View) -> Floats:
@@ -158,21 +193,29 @@ def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Ite
         done = front & (tame | batch.line | (level == _LEVELS))
         batch.line |= ~tame
         yield batch.some(np.flatnonzero(done))
-        if level < _LEVELS and not done.all():
-            halves = _halve(space, direction[~done], batch.some(np.flatnonzero(~done)))
-            stack += [
-                (level + 1, halves.some(np.arange(len(halves.face))[k])) for k in chunks(len(halves.face), _CHUNK)
-            ]
+        if level == _LEVELS or done.all():
+            continue
+        rest = batch.some(np.flatnonzero(~done))
+        halves = _halve(space, direction[~done], rest)
+        numbers = np.arange(len(halves.face))
+        for some in chunks(len(numbers), _CHUNK):
+            stack.append((level + 1, halves.some(numbers[some])))
 
 
 def _halve(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
     """Two patches for each, cut in this direction."""
-    batch = batch.some(order := np.argsort(direction, kind="stable"))
+    # those that are cut in one direction stand together
+    order = np.argsort(direction, kind="stable")
+    batch = batch.some(order)
     ends = np.searchsorted(direction[order], np.arange(len(space.halves) + 1))
+
+    # all first halves, then all second ones
     halves = _Batch(*(np.concatenate([part, part], axis=-1) for part in batch.parts()))
     for cut in range(len(space.halves)):
+        own = slice(ends[cut], ends[cut + 1])
         for half in range(2):
-            own, new = slice(ends[cut], ends[cut + 1]), slice(*(ends[cut : cut + 2] + half * len(direction)))
+            before = half * len(direction)
+            new = slice(ends[cut] + before, ends[cut + 1] + before)
             halves.screen[..., new] = space.cuts[cut, half] @ batch.screen[..., own]
             halves.place[..., new] = np.tensordot(space.halves[cut, half], batch.place[1:, :, own], 1)
             halves.place[0, :, new] += batch.place[0, :, own]
@@ -184,12 +227,8 @@ def _seen(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
 
     Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.
     """
-    (x, y, w, depth), size = batch.screen[:4], np.array([view.width - 1.0, view.height - 1.0])
-    seen = np.isfinite(batch.screen).all(axis=(0, 1)) & (depth.max(axis=0) > 0.0)
-    beside = np.maximum(THIN * w, rounding)
-    for side, far in zip((x, y), size, strict=True):
-        seen &= ((side + beside).max(axis=0) > 0.0) & ((far * w + beside - side).max(axis=0) > 0.0)
-    batch = batch.some(np.flatnonzero(seen))
+    size = np.array([view.width - 1.0, view.height - 1.0])
+    batch = batch.some(np.flatnonzero(_is_in_picture(batch.screen, size, rounding)))
 
     # what rounding can't tell from the eye itself may be anywhere: a point in the middle, of the weight that says so
     least = rounding / _extent(view)
@@ -197,14 +236,34 @@ def _seen(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
     batch.screen[:3, :, at_eye] = least * np.append(0.5 * size, 1.0)[:, None, None]
     front = batch.screen[2].min(axis=0) > 0.0
     weight = batch.screen[2].compress(front, axis=-1)
-    flat, slack = batch.screen[:2].compress(front, axis=-1) / weight, _slack(weight, rounding, view)
-    batch.pixels[..., front] = pixels = _pixels(flat, slack, view)
+    flat = batch.screen[:2].compress(front, axis=-1) / weight
+    slack = _slack(weight, rounding, view)
+    pixels = _pixels(flat, slack, view)
+    batch.pixels[..., front] = pixels
     ends, width = _ends(flat, slack)
     batch.line[:] = False
     batch.line[front] = width < slack
+
+    # those in front of the eye are left out where they cover no centre of a pixel
+    has_pixels = (pixels[1] >= pixels[0]).all(axis=0)
     kept = ~front
-    kept[front] = (pixels[1] >= pixels[0]).all(axis=0) & _may_hold(flat, ends, width, slack)
+    kept[front] = has_pixels & _may_hold(flat, ends, width, slack)
     return batch.some(np.flatnonzero(kept)), front[kept]
+
+
+def _is_in_picture(screen: Floats, size: Floats, rounding: float) -> Bools:
+    """(n,) whether nets (5, count, n) may reach into the picture and before the eye.
+
+    size  greatest column and row
+    """
+    x, y, w, depth = screen[:4]
+    seen = np.isfinite(screen).all(axis=(0, 1)) & (depth.max(axis=0) > 0.0)
+    beside = np.maximum(THIN * w, rounding)
+    for side, far in zip((x, y), size, strict=True):
+        after_first = (side + beside).max(axis=0) > 0.0
+        before_last = (far * w + beside - side).max(axis=0) > 0.0
+        seen &= after_first & before_last
+    return np.asarray(seen)
 
 
 def _may_hold(points: Floats, ends: Floats, width: Floats, slack: Floats) -> Bools:
@@ -213,17 +272,25 @@ def _may_hold(points: Floats, ends: Floats, width: Floats, slack: Floats) -> Boo
     ends, width  see _ends
     slack        (n,) pixels within which the hulls are known
     """
-    steep = np.abs(ends[1] - ends[0])[1] > np.abs(ends[1] - ends[0])[0]
-    turned = np.where(steep, points[1], points[0])
-    (x0, x1), (y0, y1) = np.where(steep, ends[:, 1], ends[:, 0]), np.where(steep, ends[:, 0], ends[:, 1])
+    # x and y change places where hulls are steep
+    across, down = np.abs(ends[1] - ends[0])
+    steep = down > across
+    places = np.where(steep, points[1], points[0])
+    x0, x1 = np.where(steep, ends[:, 1], ends[:, 0])
+    y0, y1 = np.where(steep, ends[:, 0], ends[:, 1])
 
-    # the columns that they reach over, rows where they are steep
-    first, last = np.ceil(turned.min(axis=0) - slack), np.floor(turned.max(axis=0) + slack)
+    # the columns that they reach over
+    first = np.ceil(places.min(axis=0) - slack)
+    last = np.floor(places.max(axis=0) + slack)
+    is_long = last - first >= _COLUMNS
+
+    # in each of these, how far the line is from the nearest centre
     derivative = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
     x = first + np.arange(_COLUMNS)[:, None]
     y = y0 + derivative * (x - x0)
-    held = (np.abs(y - np.rint(y)) <= 1.5 * width + 2 * slack) & (x <= last)
-    return np.asarray(held.any(axis=0) | (last - first >= _COLUMNS))
+    distance = np.abs(y - np.rint(y))
+    held = (distance <= 1.5 * width + 2 * slack) & (x <= last)
+    return np.asarray(held.any(axis=0) | is_long)
 
 
 def _pixels(points: Floats, slack: Floats, view: View) -> Ints:
@@ -231,11 +298,15 @@ def _pixels(points: Floats, slack: Floats, view: View) -> Ints:
 
     None where the least ones exceed the greatest.
     """
-    extent, (x, y) = _extent(view), points
+    extent = _extent(view)
+    x, y = points
     every = (x, y, x + y, x - y)
-    least = np.stack([side.min(axis=0) for side in every]).clip(-extent, extent)
-    most = np.stack([side.max(axis=0) for side in every]).clip(-extent, extent)
-    least, most = np.ceil(least - slack), np.floor(most + slack)
+    low = np.stack([side.min(axis=0) for side in every]).clip(-extent, extent)
+    high = np.stack([side.max(axis=0) for side in every]).clip(-extent, extent)
+
+    # whole pixels, those of the picture
+    least = np.ceil(low - slack)
+    most = np.floor(high + slack)
     least[:2] = least[:2].clip(0.0, None)
     most[:2] = most[:2].clip(None, [[view.width - 1.0], [view.height - 1.0]])
     return np.stack([least, most]).astype(np.int64)
@@ -246,10 +317,16 @@ def _ends(points: Floats, slack: Floats) -> tuple[Floats, Floats]:
 
     slack  (n,) hulls no longer than this are points
     """
+    # the first point, and the one that is farthest from it
     x, y = points - points[:, :1]
-    number, every = (x * x + y * y).argmax(axis=0), np.arange(points.shape[2])
+    number = (x * x + y * y).argmax(axis=0)
+    every = np.arange(points.shape[2])
     far_x, far_y = x[number, every], y[number, every]
-    length, across = np.hypot(far_x, far_y), np.abs(x * far_y - y * far_x).max(axis=0)
+    length = np.hypot(far_x, far_y)
+
+    # a point's distance from the line is its cross product with the line, divided by the length
+    crosses = np.abs(x * far_y - y * far_x)
+    across = crosses.max(axis=0)
     width = np.divide(across, length, out=np.zeros_like(across), where=length > slack)
     return np.stack([points[:, 0], points[:, number, every]]), width
 
