@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -24,14 +25,14 @@ KINDS = {
 }
 
 
-def measure(device: str, side: int) -> dict[str, Any]:
+def measure(device: str, side: int, kinds: Sequence[str]) -> dict[str, Any]:
     """Pictures of side^2 pixels, and small ones next to them, which hold what all processes do."""
     case = Case("few", Shape.TETRAHEDRON, 1, 1, 3, mild)
     found: dict[str, Any] = {"side": side, "elements": case.elements, "kinds": {}}
     with TemporaryDirectory() as folder:
         files = [str(path) for path in write(case.dataset(), Path(folder) / "few.xml")]
-        for kind, options in KINDS.items():
-            common = [*ELVIS, "render", *files, *options, "--device", device, "-o", f"{folder}/out.png"]
+        for kind in kinds:
+            common = [*ELVIS, "render", *files, *KINDS[kind], "--device", device, "-o", f"{folder}/out.png"]
             small = drawn([*common, "--size", "100x100"])
             large = drawn([*common, "--size", f"{side}x{side}"])
             file = (Path(folder) / "out.png").stat().st_size

@@ -117,13 +117,14 @@ def start(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 def repeat(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """Many pictures in one process."""
-    numbers = repeating.measure(options.device, 6 if options.quick else 500)
+    numbers = repeating.measure(options.device, 2 if options.quick else 500)
     return numbers, [repeating.table(numbers)]
 
 
 def size(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """Large pictures."""
-    numbers = large.measure(options.device, 300 if options.quick else 20000)
+    side, kinds = (300, ["cut"]) if options.quick else (20000, list(large.KINDS))
+    numbers = large.measure(options.device, side, kinds)
     return numbers, [large.table(numbers)]
 
 

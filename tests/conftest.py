@@ -1,5 +1,9 @@
 import os
+import shutil
+import subprocess
+import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -7,6 +11,11 @@ import pytest
 # NumPy reads this once, when it is first imported: beside other workers, threads of its matrix products wait for each
 # other at a cost of milliseconds per product
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+# tests start hundreds of processes, each of which would compile all modules again
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def set_vector_width(kernels):
@@ -20,7 +29,24 @@ def set_vector_width(kernels):
         os.environ.update(LP_NATIVE_VECTOR_WIDTH="128", MESA_SHADER_CACHE_DIR=str(kernels))
 
 
-set_vector_width(Path(__file__).parents[1] / ".pytest_cache" / "kernels")
+def keep_compiled(kernels):
+    """Let the compiler of slang's CPU target, which slang asks anew each time, keep what it has made in a folder."""
+    compiler = shutil.which("g++")
+    if compiler is None or shutil.which("sha256sum") is None or "KEPT_COMPILER" in os.environ:
+        return
+    about = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False).stdout
+    versions = f"{about} slangpy {version('slangpy')}"
+    os.environ.update(KEPT_COMPILER=compiler, KEPT_KERNELS=str(kernels), KEPT_VERSIONS=versions)
+    os.environ["PATH"] = os.pathsep.join([str(Path(__file__).parent / "compiler"), os.environ["PATH"]])
+    for kernel in kernels.glob("*.so"):
+        if kernel.stat().st_mtime < time.time() - WEEK:
+            kernel.unlink(missing_ok=True)
+
+
+CACHE = Path(__file__).parents[1] / ".pytest_cache"
+WEEK = 7 * 24 * 3600
+set_vector_width(CACHE / "kernels")
+keep_compiled(CACHE / "compiled")
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nektar"
 #: processor seconds of ``job`` on the machine for which limits were chosen
