@@ -40,17 +40,21 @@ class Function:
 
 def quotient(a: Any, b: Any) -> Any:
     """a / b, NaN where b is zero."""
-    return np.where(np.equal(b, 0), np.nan, np.divide(a, np.where(np.equal(b, 0), 1.0, b)))
+    is_pole = np.equal(b, 0)
+    divisor = np.where(is_pole, 1.0, b)
+    return np.where(is_pole, np.nan, np.divide(a, divisor))
 
 
 def power(a: Any, b: Any) -> Any:
     """a^b, NaN for negative powers of zero."""
-    return np.where(np.equal(a, 0) & np.less(b, 0), np.nan, np.power(np.asarray(a, np.float64), b))
+    is_pole = np.equal(a, 0) & np.less(b, 0)
+    return np.where(is_pole, np.nan, np.power(np.asarray(a, np.float64), b))
 
 
 def logarithm(a: Any) -> Any:
     """The natural logarithm, NaN unless a > 0."""
-    return np.where(np.greater(a, 0), np.log(np.where(np.greater(a, 0), a, 1.0)), np.nan)
+    is_known = np.greater(a, 0)
+    return np.where(is_known, np.log(np.where(is_known, a, 1.0)), np.nan)
 
 
 def imaginary_root(a: Any, b: Any) -> Any:
@@ -60,9 +64,12 @@ def imaginary_root(a: Any, b: Any) -> Any:
     sign.  The square of what is sought, a + 3/4 r^2, has an error of some units in the last place of |a| + |b|^(2/3):
     so near zero half the digits of the root are right, as with any method, since there double roots fall apart.
     """
-    half, third = np.abs(b) / 2, np.divide(a, 3)
+    half = np.abs(b) / 2
+    third = np.divide(a, 3)
     discriminant = half * half + third * third * third
     is_complex = discriminant > 0
+
+    # the real root, then the square of what is sought
     u = np.cbrt(half + np.sqrt(np.where(is_complex, discriminant, 1.0)))
     r = u - third / u
     root = np.sqrt(np.maximum(a + 0.75 * r * r, 0.0))
@@ -78,17 +85,24 @@ def middle_eigenvalue(xx: Any, yy: Any, zz: Any, xy: Any, xz: Any, yz: Any) -> A
     equal eigenvalues (Harari and Albocher 2022, Computation of eigenvalues of a real, symmetric 3 x 3 matrix with
     particular reference to the pernicious case of two nearly equal eigenvalues).
     """
+    # B, in parts of its greatest entry
     mean = (xx + yy + zz) / 3
     entries = np.stack(np.broadcast_arrays(xx - mean, yy - mean, zz - mean, xy, xz, yz)).astype(np.float64)
     scale = np.abs(entries).max(axis=0)
     a, b, c, d, e, f = entries / np.where(scale == 0, 1.0, scale)
+    own = np.stack([a, b, c])
+    off = np.stack([d, e, f])
+
+    # |B|^2, and C on its diagonal and beyond it
     squares = a * a + b * b + c * c + 2 * (d * d + e * e + f * f)
     third = squares / 3
-    diagonal = np.stack([a * a + d * d + e * e - third, b * b + d * d + f * f - third, c * c + e * e + f * f - third])
+    first = a * a + d * d + e * e - third
+    second = b * b + d * d + f * f - third
+    last = c * c + e * e + f * f - third
+    diagonal = np.stack([first, second, last])
     mixed = np.stack([e * f - c * d, d * f - b * e, d * e - a * f])
-    own, off = np.stack([a, b, c]), np.stack([d, e, f])
 
-    # pairs of entries on the diagonal, beyond it, and of one on it with one beyond it, which count twice beyond it
+    # |B x C|^2: pairs of entries on the diagonal, beyond it, and of one on it with one beyond it, which count twice
     area = _area(own, diagonal) + 4 * _area(off, mixed)
     for k in range(3):
         area = area + 2 * ((own * mixed[k] - off[k] * diagonal) ** 2).sum(axis=0)
@@ -99,8 +113,8 @@ def middle_eigenvalue(xx: Any, yy: Any, zz: Any, xy: Any, xz: Any, yz: Any) -> A
 
 def _area(a: Floats, b: Floats) -> Any:
     """The square of the length of the cross product of (3, ...) vectors."""
-    turned = [a[i] * b[j] - a[j] * b[i] for i, j in ((0, 1), (1, 2), (2, 0))]
-    return sum(part * part for part in turned)
+    product = [a[i] * b[j] - a[j] * b[i] for i, j in ((0, 1), (1, 2), (2, 0))]
+    return sum(part * part for part in product)
 
 
 def _step(a: Node, b: Node) -> Node:
@@ -132,14 +146,21 @@ def _length(a: Node, b: Node) -> Node:
 def _root_by_a(a: Node, b: Node) -> Node:
     """(2 s^2 - a) / (2 s (4 s^2 - 3 a)) of the imaginary part s, from the equation that the real root fulfils."""
     s = call("imaginary_root", a, b)
-    return call("/", call("-", _times(2.0, _square(s)), a), call("*", _times(2.0, s), _steepness(a, s)))
+    above = call("-", _times(2.0, _square(s)), a)
+    below = call("*", _times(2.0, s), _steepness(a, s))
+    return call("/", above, below)
 
 
 def _root_by_b(a: Node, b: Node) -> Node:
     """-3 r / (4 s (4 s^2 - 3 a)) with the real root r, of the sign that b hasn't: r^2 = 4/3 (s^2 - a)."""
     s = call("imaginary_root", a, b)
-    real = call("sqrt", call("max", _times(0.75, call("-", _square(s), a)), ZERO))  # 3/4 |r|
-    return call("/", call("*", call("sign", b), real), call("*", s, _steepness(a, s)))
+
+    # 3/4 |r|, rounding aside
+    square = _times(0.75, call("-", _square(s), a))
+    real = call("sqrt", call("max", square, ZERO))
+    above = call("*", call("sign", b), real)
+    below = call("*", s, _steepness(a, s))
+    return call("/", above, below)
 
 
 def _steepness(a: Node, s: Node) -> Node:
@@ -175,26 +196,56 @@ def _minor(a: Node, b: Node, c: Node, d: Node) -> Node:
     return call("-", call("*", a, b), call("*", c, d))
 
 
+def _over_divisor(a: Node, b: Node) -> Node:
+    """The derivative of a / b in b, -a / b^2."""
+    return negative(call("/", a, _square(b)))
+
+
+def _times_logarithm(a: Node, b: Node) -> Node:
+    """The derivative of a^b in b, a^b log a."""
+    return call("*", call("^", a, b), call("log", a))
+
+
+def _half_over_root(a: Node) -> Node:
+    """1 / (2 sqrt a)."""
+    return call("/", number(0.5), call("sqrt", a))
+
+
+def _over_bell_root(a: Node) -> Node:
+    """1 / sqrt(1 - a^2)."""
+    return _reciprocal(call("sqrt", _bell(a)))
+
+
+def _over_sum_of_squares(a: Node, b: Node) -> Node:
+    """b / (a^2 + b^2)."""
+    return call("/", b, _length(a, b))
+
+
+def _not_step(a: Node, b: Node) -> Node:
+    """1 where not a < b."""
+    return call("-", ONE, _step(a, b))
+
+
 OPERATORS: Mapping[str, Function] = {
     "+": Function(np.add, i.plus, (lambda a, b: ONE, lambda a, b: ONE)),
     "-": Function(np.subtract, i.minus, (lambda a, b: ONE, lambda a, b: number(-1.0))),
     "*": Function(np.multiply, i.times, (lambda a, b: b, lambda a, b: a)),
-    "/": Function(quotient, i.over, (lambda a, b: _reciprocal(b), lambda a, b: negative(call("/", a, _square(b))))),
-    "^": Function(power, i.power, (_less_one, lambda a, b: call("*", call("^", a, b), call("log", a)))),
+    "/": Function(quotient, i.over, (lambda a, b: _reciprocal(b), _over_divisor)),
+    "^": Function(power, i.power, (_less_one, _times_logarithm)),
     "step": Function(lambda a, b: np.where(np.less(a, b), 1.0, 0.0), i.step, (lambda a, b: ZERO, lambda a, b: ZERO)),
 }
 
 FUNCTIONS: Mapping[str, Function] = {
     "abs": Function(np.abs, i.absolute, (lambda a: call("sign", a),)),
     "sign": Function(np.sign, i.sign, (lambda a: ZERO,)),
-    "sqrt": Function(np.sqrt, i.root, (lambda a: call("/", number(0.5), call("sqrt", a)),)),
+    "sqrt": Function(np.sqrt, i.root, (_half_over_root,)),
     "exp": Function(np.exp, i.increasing(np.exp), (lambda a: call("exp", a),)),
     "log": Function(logarithm, i.logarithm, (_reciprocal,)),
     "sin": Function(np.sin, i.sine, (lambda a: call("cos", a),)),
     "cos": Function(np.cos, i.cosine, (lambda a: negative(call("sin", a)),)),
     "tan": Function(np.tan, i.tangent, (lambda a: call("+", ONE, _square(call("tan", a))),)),
-    "asin": Function(np.arcsin, i.arcsine, (lambda a: _reciprocal(call("sqrt", _bell(a))),)),
-    "acos": Function(np.arccos, i.arccosine, (lambda a: negative(_reciprocal(call("sqrt", _bell(a)))),)),
+    "asin": Function(np.arcsin, i.arcsine, (_over_bell_root,)),
+    "acos": Function(np.arccos, i.arccosine, (lambda a: negative(_over_bell_root(a)),)),
     "atan": Function(np.arctan, i.increasing(np.arctan), (lambda a: _reciprocal(call("+", ONE, _square(a))),)),
     "sinh": Function(np.sinh, i.increasing(np.sinh), (lambda a: call("cosh", a),)),
     "cosh": Function(np.cosh, i.hyperbolic_cosine, (lambda a: call("sinh", a),)),
@@ -202,10 +253,10 @@ FUNCTIONS: Mapping[str, Function] = {
     "atan2": Function(
         np.arctan2,
         i.angle,
-        (lambda a, b: call("/", b, _length(a, b)), lambda a, b: negative(call("/", a, _length(a, b)))),
+        (_over_sum_of_squares, lambda a, b: negative(call("/", a, _length(a, b)))),
     ),
-    "min": Function(np.minimum, i.least, (lambda a, b: _step(a, b), lambda a, b: call("-", ONE, _step(a, b)))),
-    "max": Function(np.maximum, i.greatest, (lambda a, b: call("-", ONE, _step(a, b)), lambda a, b: _step(a, b))),
+    "min": Function(np.minimum, i.least, (_step, _not_step)),
+    "max": Function(np.maximum, i.greatest, (_not_step, _step)),
     "imaginary_root": Function(imaginary_root, i.imaginary_root(imaginary_root), (_root_by_a, _root_by_b)),
     "middle_eigenvalue": Function(
         middle_eigenvalue, i.middle_eigenvalue(middle_eigenvalue), tuple(map(_in_matrix, range(6)))

@@ -56,25 +56,25 @@ def _among(choose: Any, arrays: list[Any]) -> Any:
 
 def over(a: Interval, b: Interval) -> Interval:
     """a / b; everything where b may be zero."""
-    zero = (b[0] <= 0) & (b[1] >= 0)
-    inverse = (
-        np.where(zero, -np.inf, 1 / np.where(zero, 1.0, b[1])),
-        np.where(zero, np.inf, 1 / np.where(zero, 1.0, b[0])),
-    )
-    quotient = times(a, inverse)
-    low, high = np.where(zero, -np.inf, quotient[0]), np.where(zero, np.inf, quotient[1])
-    return _sound(low, high, a, b)
+    has_zero = (b[0] <= 0) & (b[1] >= 0)
+    least = 1 / np.where(has_zero, 1.0, b[1])
+    greatest = 1 / np.where(has_zero, 1.0, b[0])
+    inverse = np.where(has_zero, -np.inf, least), np.where(has_zero, np.inf, greatest)
+    low, high = times(a, inverse)
+    return _sound(np.where(has_zero, -np.inf, low), np.where(has_zero, np.inf, high), a, b)
 
 
 def power(a: Interval, b: Interval) -> Interval:
     """a^b: exact for whole constant exponents, by logarithms for others."""
-    exponent = float(b[0]) if np.ndim(b[0]) == 0 and b[0] == b[1] else np.nan
-    if exponent.is_integer() and exponent >= 0:
-        return _even(a, int(exponent)) if exponent % 2 == 0 else increasing(lambda x: x**exponent)(a)
+    is_constant = np.ndim(b[0]) == 0 and b[0] == b[1]
+    exponent = float(b[0]) if is_constant else np.nan
+    grow = increasing(lambda x: x**exponent)
     if exponent.is_integer():
-        return over(number(1.0), power(a, number(-exponent)))
+        if exponent < 0:
+            return over(number(1.0), power(a, number(-exponent)))
+        return _even(a, int(exponent)) if exponent % 2 == 0 else grow(a)
     if exponent > 0:
-        return increasing(lambda x: x**exponent)(_clip(a, 0.0, np.inf))
+        return grow(_clip(a, 0.0, np.inf))
     return increasing(np.exp)(times(b, logarithm(a)))
 
 
@@ -144,16 +144,21 @@ def hyperbolic_cosine(a: Interval) -> Interval:
 
 def cosine(a: Interval) -> Interval:
     """Extremes at whole multiples of pi, ends elsewhere."""
-    low, high = (choose(np.cos(a[0]), np.cos(a[1])) for choose in (np.minimum, np.maximum))
-    low = np.where(_holds(a, np.pi), -1.0, low)
-    high = np.where(_holds(a, 0.0), 1.0, high)
-    endless = ~np.isfinite(a[0] + a[1]) & ~np.isnan(a[0] + a[1])
+    first, last = np.cos(a[0]), np.cos(a[1])
+    low = np.where(_holds(a, np.pi), -1.0, np.minimum(first, last))
+    high = np.where(_holds(a, 0.0), 1.0, np.maximum(first, last))
+
+    # all values where an end is infinite
+    total = a[0] + a[1]
+    endless = ~np.isfinite(total) & ~np.isnan(total)
     return np.where(endless, -1.0, low), np.where(endless, 1.0, high)
 
 
 def _holds(a: Interval, place: float) -> Any:
     """Whether the interval holds the place or its copies, 2 pi apart."""
-    return np.floor((a[1] - place) / (2 * np.pi)) >= np.ceil((a[0] - place) / (2 * np.pi))
+    last = np.floor((a[1] - place) / (2 * np.pi))
+    first = np.ceil((a[0] - place) / (2 * np.pi))
+    return last >= first
 
 
 def sine(a: Interval) -> Interval:
@@ -163,16 +168,19 @@ def sine(a: Interval) -> Interval:
 
 def tangent(a: Interval) -> Interval:
     """Everything where there is a pole."""
-    pole = np.floor(a[1] / np.pi - 0.5) >= np.ceil(a[0] / np.pi - 0.5)
-    return np.where(pole, -np.inf, np.tan(a[0])), np.where(pole, np.inf, np.tan(a[1]))
+    last = np.floor(a[1] / np.pi - 0.5)
+    first = np.ceil(a[0] / np.pi - 0.5)
+    has_pole = last >= first
+    return np.where(has_pole, -np.inf, np.tan(a[0])), np.where(has_pole, np.inf, np.tan(a[1]))
 
 
 def angle(y: Interval, x: Interval) -> Interval:
     """Of the point (x, y): at the corners, unless the half line that it jumps across, or the origin, is touched."""
     corners = [np.arctan2(b, a) for a in x for b in y]
-    cut = (x[0] <= 0) & (y[0] <= 0) & (y[1] >= 0)
-    low, high = (_among(choose, corners) for choose in (np.minimum, np.maximum))
-    return _sound(np.where(cut, -np.pi, low), np.where(cut, np.pi, high), x, y)
+    low = _among(np.minimum, corners)
+    high = _among(np.maximum, corners)
+    jumps = (x[0] <= 0) & (y[0] <= 0) & (y[1] >= 0)
+    return _sound(np.where(jumps, -np.pi, low), np.where(jumps, np.pi, high), x, y)
 
 
 def imaginary_root(value: Callable[..., Any]) -> Callable[[Interval, Interval], Interval]:
@@ -220,14 +228,16 @@ def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Interval]:
 def _clip(a: Interval, low: float, high: float) -> Interval:
     """The part of the interval between two ends, NaN where there is none."""
     nothing = (a[1] < low) | (a[0] > high)
-    ends = np.clip(a[0], low, high), np.clip(a[1], low, high)
-    return np.where(nothing, np.nan, ends[0]), np.where(nothing, np.nan, ends[1])
+    first = np.clip(a[0], low, high)
+    last = np.clip(a[1], low, high)
+    return np.where(nothing, np.nan, first), np.where(nothing, np.nan, last)
 
 
 def _sound(low: Any, high: Any, a: Interval, b: Interval) -> Interval:
     """Infinities that meet bound nothing; operands without values have none."""
     nothing = np.isnan(a[0]) | np.isnan(b[0])
-    endless_low, endless_high = np.isnan(low) & ~nothing, np.isnan(high) & ~nothing
+    endless_low = np.isnan(low) & ~nothing
+    endless_high = np.isnan(high) & ~nothing
     return np.where(endless_low, -np.inf, low), np.where(endless_high, np.inf, high)
 
 
