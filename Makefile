@@ -5,14 +5,15 @@ AREAS := formats plugins converters renderer reference
 DEMO  := .venv/.demo
 READY := .venv/.ready
 
-.PHONY: help demo test check lint pages bench exactness fuzz setup clean
+.PHONY: help demo test check lint pages docs bench exactness fuzz setup clean
 
 help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
 	@echo "make test    set up, then lint, check the types and run every test"
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff and mypy alone"
-	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md and elvis.1 again, from what they are about"
+	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md, elvis.1 and what notebooks show, from what they are about"
+	@echo "make docs    the site, in out/site: pages, reference of commands and Python, gallery, notebooks"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
 	@echo "make fuzz        a hundred thousand damaged files through every reader, 500 broken runs: an hour"
@@ -40,6 +41,13 @@ pages: $(READY)
 	@$(RUN) tools/scene_page.py
 	@$(RUN) tools/manual.py
 	@$(RUN) tools/quantities_page.py
+	@$(RUN) examples/generate.py out/data
+	@$(RUN) tools/notebooks.py out/data
+
+docs: $(READY)
+	@$(RUN) -m pip install --quiet --editable '.[docs]'
+	@$(RUN) -m sphinx --fail-on-warning --keep-going --quiet -c docs -d out/site-cache . out/site
+	@echo "The site is in out/site; open out/site/index.html."
 
 bench: $(READY)
 	@$(RUN) benchmarks/run.py

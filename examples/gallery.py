@@ -1,8 +1,9 @@
-"""Draw the README's gallery again.
+"""Draw the gallery again.
 
     python examples/gallery.py [NAME ...] [-- OPTION ...]      docs/NAME.png of examples/scenes/NAME.toml, or of all
 
-Data that are not in out/cases yet are made first.  What follows `--` goes to `elvis render`, so that a small, coarse
+Data that are not in out/cases yet are made first; files of solvers lie in out/pages (examples/page_data.py).  What
+follows `--` goes to `elvis render`, so that a small, coarse
 picture is quick: `python examples/gallery.py together -- --samples 1 --size 550x380`.
 """
 

@@ -30,14 +30,19 @@ sentence on standard error."""
 def manual() -> str:
     """The page in roff."""
     context = click.Context(elvis, info_name="elvis", max_content_width=100)
-    names = [name for name in elvis.list_commands(context) if _own(name)]
     lines = [HEAD, ".SH SYNOPSIS", ".B elvis", "COMMAND [OPTIONS] DATA...", ".SH DESCRIPTION", *_prose(elvis.help)]
     lines.append(".SH COMMANDS")
-    for name in names:
-        command = elvis.get_command(context, name)
-        if command is not None:
-            lines += _command(click.Context(command, info_name=name, parent=context))
+    for command in own_commands(context):
+        lines += _command(command)
     return "\n".join([*lines, TAIL, ""])
+
+
+def own_commands(context: click.Context) -> Iterator[click.Context]:
+    """The contexts of the commands of this distribution."""
+    for name in elvis.list_commands(context):
+        command = elvis.get_command(context, name)
+        if command is not None and _own(name):
+            yield click.Context(command, info_name=name, parent=context)
 
 
 def _own(name: str) -> bool:

@@ -1,13 +1,13 @@
 import ast
 import shutil
 import subprocess
-from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
 AREAS = ("formats", "plugins", "converters", "renderer", "reference")
 
 
@@ -33,27 +33,18 @@ def modules(root):
 
 
 @pytest.fixture(scope="session")
-def wing_files(tmp_path_factory):
-    """``wing.xml`` and ``wing.fld``, which the pages speak of: all volume shapes, curved, with p, u, v and w."""
-    from elvis.core.testing import approximated, curved, mixed_volume, ripple
-    from elvis.formats import Dataset, write
-
-    dataset = Dataset(curved(mixed_volume(seed=1), ripple(0.02), n=4))
-    functions = {
-        "p": lambda x: np.sin(2 * x[:, 0]) * np.cos(x[:, 1]) + x[:, 2] ** 2,
-        "u": lambda x: 1 - x[:, 2] ** 2,
-        "v": lambda x: x[:, 0] * x[:, 1],
-        "w": lambda x: 0.1 * x[:, 0],
-    }
-    fields = tuple(approximated(dataset, name, function, modes=5) for name, function in functions.items())
-    folder = tmp_path_factory.mktemp("wing")
-    return write(replace(dataset, fields=fields), folder / "wing.xml")
+def page_files(tmp_path_factory):
+    """A folder with the files that the pages speak of (examples/page_data.py), once."""
+    folder = tmp_path_factory.mktemp("pages")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "examples")
+        import_module("page_data").lay_out(folder, DATA)
+    return folder
 
 
 @pytest.fixture
-def wing(wing_files, tmp_path, monkeypatch):
-    """An empty folder, now the working one, with a copy of these files."""
-    for path in wing_files:
-        shutil.copy(path, tmp_path)
+def wing(page_files, tmp_path, monkeypatch):
+    """A folder, now the working one, with a copy of these files."""
+    shutil.copytree(page_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path

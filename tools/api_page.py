@@ -1,0 +1,117 @@
+"""The reference of the Python API as a page of the site, made from the docstrings of the two doors (docs/conf.py)."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from types import ModuleType
+from typing import Any
+
+from elvis import formats, renderer
+from elvis.scene.settings import settings
+
+#: a line of a table in a docstring: names, two spaces or more, what they mean
+ROW = re.compile(r"^(\S.*?)\s{2,}(\S.*)$")
+
+
+def page() -> str:
+    """A chapter for each door: its functions, then its classes."""
+    return "\n".join([*_door(formats, set()), *_door(renderer, set(formats.__all__))])
+
+
+def _door(module: ModuleType, known: set[str]) -> Iterator[str]:
+    """The names of a module that no other chapter has."""
+    yield f"\n## {module.__name__}\n"
+    own = {name: getattr(module, name) for name in module.__all__ if name not in known}
+    functions = {name: each for name, each in own.items() if inspect.isfunction(each)}
+    models = {name: each for name, each in own.items() if is_dataclass(each) and settings(each)}
+    classes = {name: each for name, each in own.items() if inspect.isclass(each) and name not in models}
+    for name, each in sorted(functions.items()):
+        yield f"### {name}\n\n{_signature(name, each)}\n\n{prose(each)}\n"
+    for name, each in sorted(classes.items()):
+        yield from _class(name, each)
+    if models:
+        yield "### What a scene is made of\n"
+        yield "Dataclasses; their fields are the keys of [scene files](scene.md), which say more.\n"
+        yield "| class | what it is | fields |\n|---|---|---|"
+        yield from (f"| `{name}` | {_sentence(each)} | {_keys(each)} |" for name, each in sorted(models.items()))
+        yield ""
+
+
+def _class(name: str, each: type) -> Iterator[str]:
+    """A class with what its docstring says, and its public methods and properties."""
+    yield f"### {name}\n\n{prose(each)}\n"
+    rows = []
+    for member, found in sorted(vars(each).items()):
+        call = found.__func__ if isinstance(found, classmethod | staticmethod) else found
+        if member.startswith("_") or not (isinstance(call, property) or inspect.isfunction(call)):
+            continue
+        shown = f"`{member}`" if isinstance(call, property) else f"`{_call(member, call)}`".replace("|", "\\|")
+        rows.append(f"| {shown} | {_sentence(call)} |")
+    if rows:
+        yield "| member | what it is |\n|---|---|"
+        yield from rows
+        yield ""
+
+
+def _signature(name: str, function: Any) -> str:
+    """The call of a function with its types, one argument a line where it is long."""
+    text = _call(name, function)
+    result = inspect.signature(function).return_annotation
+    if len(text) > 90:
+        arguments = ",\n    ".join(_arguments(function))
+        text = f"{name}(\n    {arguments},\n)"
+    return f"```python3\n{text} -> {result}\n```"
+
+
+def _call(name: str, function: Any) -> str:
+    return f"{name}({', '.join(_arguments(function))})"
+
+
+def _arguments(function: Any) -> list[str]:
+    """The arguments as they are written, without ``self``."""
+    signature = inspect.signature(function)
+    kept = [each for key, each in signature.parameters.items() if key not in ("self", "cls")]
+    text = str(signature.replace(parameters=kept, return_annotation=inspect.Signature.empty))
+    return re.split(r", (?=[\w*]+(?::|=|, |$)|\*)", text[1:-1].replace("'", "")) if kept else []
+
+
+def prose(each: Any) -> str:
+    """A docstring as Markdown: aligned lines of names and meanings become tables."""
+    text = inspect.getdoc(each) or ""
+    return "\n\n".join(_paragraph(part.splitlines()) for part in re.split(r"\n\s*\n", text))
+
+
+def _paragraph(lines: list[str]) -> str:
+    if not (ROW.match(lines[0]) and lines[0][0].isalpha() and len(ROW.match(lines[0])[1].split()) <= 4):  # type: ignore[index]
+        return _text(" ".join(line.strip() for line in lines))
+    rows: list[list[str]] = []
+    for line in lines:
+        row = ROW.match(line)
+        if row:
+            rows.append([row[1], row[2]])
+        else:
+            rows[-1][1] += f" {line.strip()}"
+    cells = (f"| `{name.strip()}` | {_text(meaning)} |".replace("||", "|") for name, meaning in rows)
+    return "\n".join(["| | |", "|---|---|", *cells])
+
+
+def _sentence(each: Any) -> str:
+    """The first paragraph of a docstring."""
+    return _text(" ".join((inspect.getdoc(each) or "").split("\n\n")[0].split())).replace("|", "\\|")
+
+
+def _keys(model: Any) -> str:
+    return ", ".join(f"`{field.name}`" for field in fields(model) if field.name in settings(model))
+
+
+def _text(text: str) -> str:
+    """Text whose double back quotes are code, and in which ``<`` and ``*`` mean nothing."""
+    parts = re.split(r"(`+[^`]*`+)", text)
+    return "".join(part if part.startswith("`") else re.sub(r"([*<])", r"\\\1", part) for part in parts)
+
+
+if __name__ == "__main__":
+    print(page())
