@@ -12,7 +12,7 @@ help:
 	@echo "make test    set up, then lint, check the types and run every test"
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff and mypy alone"
-	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md, elvis.1 and what notebooks show, from what they are about"
+	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md, gallery.md, elvis.1, what notebooks show, from what they are about"
 	@echo "make docs    the site, in out/site: pages, reference of commands and Python, gallery, notebooks"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
@@ -41,6 +41,7 @@ pages: $(READY)
 	@$(RUN) tools/scene_page.py
 	@$(RUN) tools/manual.py
 	@$(RUN) tools/quantities_page.py
+	@$(RUN) tools/gallery_page.py
 	@$(RUN) examples/generate.py out/data
 	@$(RUN) tools/notebooks.py out/data
 

@@ -20,6 +20,7 @@ include_patterns = [
     "docs/**.md",
     "docs/**.ipynb",
     "CHANGELOG.md",
+    "CONTRIBUTING.md",
     "*/README.md",
     "benchmarks/results/*.md",
     "examples/reports/*.md",
@@ -51,10 +52,9 @@ def setup(app: Sphinx) -> None:
     """Add what is made of the program itself."""
     import api_page
     import commands_page
-    import gallery_page
     import notebooks
 
-    made = {"docs/commands": commands_page.page, "docs/api": api_page.page, "docs/gallery": gallery_page.page}
+    made = {"docs/commands": commands_page.page, "docs/api": api_page.page}
 
     def read(app: Sphinx, name: str, text: list[str]) -> None:
         if name in made:

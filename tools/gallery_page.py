@@ -1,4 +1,4 @@
-"""The gallery as a page of the site: every picture with its scene and its command (docs/conf.py)."""
+"""Writes docs/gallery.md: every picture with its scene and its command; `make pages` runs it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,13 @@ from elvis.scene.files import read_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "examples" / "scenes"
+PAGE = ROOT / "docs" / "gallery.md"
+HEAD = """<!-- made by tools/gallery_page.py from examples/scenes -->
+
+# Gallery
+
+Every picture is drawn by one command from one scene file of `examples/scenes`: `python examples/gallery.py NAME`.
+"""
 CHAPTERS = {
     "pages": "Solvers' own data",
     "cases": "Cases of the paper on the first ElVis",
@@ -24,7 +31,7 @@ solutions.""",
 def page() -> str:
     """A chapter for each folder of data."""
     scenes = sorted(SCENES.glob("*.toml"))
-    lines = []
+    lines = [HEAD]
     for folder, title in CHAPTERS.items():
         lines.append(f"\n## {title}\n\n{SOURCES[folder]}\n")
         lines += [_picture(path) for path in scenes if Path(read_scene(path).data[0]).parent.name == folder]
@@ -52,3 +59,7 @@ elvis render examples/scenes/{path.name} -o {path.stem}.png
 
 </details>
 """
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -43,7 +43,7 @@ def page_files(tmp_path_factory):
 
 
 @pytest.fixture
-def wing(page_files, tmp_path, monkeypatch):
+def page_folder(page_files, tmp_path, monkeypatch):
     """A folder, now the working one, with a copy of these files."""
     shutil.copytree(page_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)

@@ -92,10 +92,10 @@ def test_every_command_shows_its_help(environment, tmp_path):
         assert "Usage: elvis" in run([environment / "elvis", name, "--help"], cwd=tmp_path)
 
 
-def test_a_picture_is_drawn(environment, wing):
+def test_a_picture_is_drawn(environment, page_folder):
     drawn = ["--field", "p", "--plane", "0,0,0.4:0,0,1", "--size", "80x60", "-o", "wing.png"]
-    run([environment / "elvis", "render", "wing.xml", "wing.fld", *drawn], cwd=wing)
-    assert (wing / "wing.png").read_bytes().startswith(b"\x89PNG")
+    run([environment / "elvis", "render", "wing.xml", "wing.fld", *drawn], cwd=page_folder)
+    assert (page_folder / "wing.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_tests_pass_against_the_wheel(root, environment, tmp_path):

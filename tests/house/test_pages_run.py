@@ -1,0 +1,49 @@
+"""What the pages say can be done can be done: their commands, Python examples and notebooks run."""
+
+import json
+import runpy
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import nbformat
+import pytest
+from click.testing import CliRunner
+from page_blocks import PAGES, ROOT, blocks, commands
+
+#: libraries that examples with these words need
+OPTIONAL = {"to_pyvista": "pyvista", "to_meshio": "meshio", "to_xarray": "xarray", "to_pandas": "pandas"}
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
+def test_commands_run(page, page_folder, monkeypatch):
+    """Small pictures will do; without the solvers' files the commands that read them are left out."""
+    from elvis.plugins.command import elvis
+
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    absent = {name for name in import_module("page_data").SOURCES if name and not Path(name).exists()}
+    for words in commands(page):
+        if words[0] == "render":
+            words += ["--size", "160x120", "--samples", "1"]
+        if not absent.intersection(words):
+            outcome = CliRunner().invoke(elvis, words, standalone_mode=False)
+            assert outcome.exception is None, f"{words}: {outcome.exception}"
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(ROOT, page, "python")])
+def test_python_examples_run(root, page, page_folder):
+    """Those of one page follow one another; what needs a library that is not installed is left out."""
+    names = {"__name__": "__main__"}
+    for number, source in enumerate(blocks(root, page, "python"), 1):
+        if all(find_spec(module) for word, module in OPTIONAL.items() if word in source):
+            exec(compile(source, f"{page} example {number}", "exec"), names)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_run(path, page_folder):
+    notebook = runpy.run_path(str(ROOT / "tools" / "notebooks.py"))["run"](path)
+    nbformat.validate(nbformat.from_dict(notebook))
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    assert [len(cell.get("outputs", ())) for cell in kept["cells"]] == [
+        len(cell.get("outputs", ())) for cell in notebook["cells"]
+    ], "make pages"
