@@ -4,6 +4,7 @@ The source folder is the top of the repository, so links between pages lead to t
 the repository is browsed.
 """
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -67,9 +68,14 @@ def setup(app: Sphinx) -> None:
 
 
 def _to_a_page(folder: Path, text: str, target: str, anchor: str | None) -> str:
-    """A link of a page as the site has it: a folder stands for its README, files that are no pages are named only."""
+    """A link of a page as the site has it: a folder stands for its README, the README is its first page.
+
+    Files that are no pages are named only.
+    """
     path = ROOT / folder / target
     readme = path / "README.md"
+    if path.resolve() == ROOT / "README.md":
+        return f"[{text}]({os.path.relpath(ROOT / 'docs' / 'index.md', ROOT / folder)})"
     if path.is_dir() and readme.exists():
         return f"[{text}]({target.rstrip('/')}/README.md)"
     if path.is_dir() or path.suffix not in (".md", ".ipynb", ".json", ""):
