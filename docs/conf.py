@@ -38,6 +38,7 @@ html_css_files = ["site.css"]
 html_extra_path = ["site/extra"]
 html_show_sphinx = False
 html_copy_source = False
+smartquotes = False
 templates_path = []
 html_theme_options = {
     "navigation_with_keys": True,

@@ -32,7 +32,9 @@ def main(arguments: list[str]) -> None:
 
 def commands(text: str) -> Iterator[tuple[str, list[str]]]:
     """Each picture that a page shows, with the command that draws it."""
-    lines = [shlex.split(line) for block in BLOCK.findall(text) for line in block.splitlines() if line]
+    lines = [
+        shlex.split(line) for block in BLOCK.findall(text) for line in block.replace("\\\n", "").splitlines() if line
+    ]
     for picture in dict.fromkeys(SHOWN.findall(text)):
         yield picture, next(words for words in lines if picture in words)
 

@@ -18,5 +18,5 @@ def blocks(root, page, language):
 
 def commands(page):
     """The lines of a page that call elvis, as lists of words."""
-    lines = [line for block in blocks(ROOT, page, "sh") for line in block.splitlines()]
+    lines = [line for block in blocks(ROOT, page, "sh") for line in block.replace("\\\n", "").splitlines()]
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("elvis ")]
