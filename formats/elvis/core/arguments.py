@@ -89,7 +89,8 @@ def triples(text: str, count: int) -> tuple[Triple, ...]:
     """``0,0,0:1,0``: ``count`` triples; a third coordinate left out is zero."""
     parts = text.split(":")
     if len(parts) != count:
-        raise click.BadParameter(f"expected {count} points with colons between them, found {text!r}")
+        expected = f"{count} points with colons between them" if count > 1 else "one point such as 0.5,0,0.1"
+        raise click.BadParameter(f"expected {expected}, found {text!r}")
     padded = [(*numbers(part, 2, 3), 0.0) for part in parts]
     return tuple((p[0], p[1], p[2]) for p in padded)
 

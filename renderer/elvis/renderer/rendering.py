@@ -168,6 +168,13 @@ def _arrange(scene: Scene, kind: Kind) -> Scene:
         ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
         if not scene.every_object:
             return replace(scene, plane=ground)
+        named = [
+            name for item in scene.every_object if isinstance(item, Faces) for name in item.select if name != "all"
+        ]
+        if named:
+            raise SceneError(
+                f"2D data are drawn whole, in their own plane: expected no faces but all, found {named[0]!r}"
+            )
         if any(isinstance(item, CutSurface) and item.surface != ground for item in scene.every_object):
             raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
         objects = (CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects)
@@ -180,7 +187,7 @@ def _note(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
     shown = frame.scene.objects
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
         remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
-    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ())]
+    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
     return frame
 
 
@@ -263,7 +270,6 @@ class Renderer:
             pixels=frame.counts(),
             remarks=[
                 *frame.stats.get("remarks", ()),
-                *_constants(frame),
                 *self.device.passed,
                 *self.device.cache.remarks,
             ],

@@ -7,3 +7,7 @@ from elvis.core.errors import ElvisError
 
 class SceneError(ElvisError, ValueError):
     """A scene that can't be drawn: an unknown field, an empty picture, a camera without direction."""
+
+
+class KeywordError(SceneError, TypeError):
+    """A keyword that there is not."""

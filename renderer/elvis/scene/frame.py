@@ -184,9 +184,7 @@ class Frame:
     @property
     def _legend(self) -> Legend:
         """That of a plane alone."""
-        low, high = np.fmin.reduce(self.field, axis=None), np.fmax.reduce(self.field, axis=None)
-        one = float(low) if self.scene.range is None and is_constant(low, high) else None
-        return Legend(self.scene.field, self.palette, bar=self.scene.bar, constant=one)
+        return Legend(self.scene.field, self.palette, bar=self.scene.bar, constant=constant_of(self.scene, self.field))
 
     @cached_property
     def alpha(self) -> Floats:
@@ -288,3 +286,9 @@ class Frame:
 def whole(color: Floats | NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Colours in [0, 1], or already in [0, 255], in [0, 255]."""
     return color if color.dtype == np.uint8 else np.rint(255 * color).astype(np.uint8)  # type: ignore[return-value]
+
+
+def constant_of(scene: Scene, values: Floats) -> float | None:
+    """The only value that is seen, NaN aside, where colours go by the range of those; None where there are several."""
+    low, high = np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)
+    return float(low) if scene.range is None and is_constant(low, high) else None

@@ -34,7 +34,7 @@ from elvis.scene import (
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import STYLES
-from elvis.scene.errors import SceneError
+from elvis.scene.errors import KeywordError, SceneError
 from elvis.scene.objects import Style
 from elvis.scene.settings import Setting, settings
 from elvis.scene.tables import scene_of, table_of
@@ -47,10 +47,6 @@ ELSEWHERE = {
     "panels": "several scenes are drawn one by one",
 }
 _SURFACES = get_args(Surface)
-
-
-class KeywordError(SceneError, TypeError):
-    """A keyword that there is not."""
 
 
 @dataclass(frozen=True)

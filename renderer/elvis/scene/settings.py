@@ -10,9 +10,12 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from functools import cache
 from math import inf, isfinite
 from types import NoneType, UnionType
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar, Union, get_args, get_origin
 
-from elvis.scene.errors import SceneError
+from elvis.core.hints import nearest
+from elvis.scene.errors import KeywordError, SceneError
+
+Made = TypeVar("Made", bound="Model")
 
 #: entries of a list, at most
 LONGEST = 10_000
@@ -168,6 +171,20 @@ class Model:
     noun: ClassVar[str] = ""
     #: how pydantic reads tables
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+
+    def __new__(cls: type[Made], *values: Any, **named: Any) -> Made:
+        """An empty object; KeywordError with a near name for a keyword that there is not."""
+        known = cls.__dataclass_fields__  # type: ignore[attr-defined]
+        for name in named.keys() - known.keys():
+            near = nearest(name, known)
+            told = cls.elsewhere(name) or (f"did you mean {near}?" if near else f"there are {', '.join(known)}")
+            raise KeywordError(f"{cls.__name__} has no keyword {name!r}: {told}")
+        return object.__new__(cls)
+
+    @classmethod
+    def elsewhere(cls, name: str) -> str:
+        """A clause about a keyword that is at home elsewhere; empty where none is known."""
+        return ""
 
     def __init_subclass__(cls, of: str = "") -> None:
         """``of`` is the noun: radius of a sphere."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from elvis.core.hints import perhaps
+from elvis.core.hints import nearest, perhaps
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import COLOR, POSITIVE, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
 from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check, settings
@@ -317,6 +317,16 @@ class Scene(Model):
     ] = ()
     plain: Annotated[bool, Setting("The bare image, without title and colour bar.", option="--plain")] = False
     stats: Annotated[FilePath | None, Setting("Write seconds, bytes and counts as JSON.", option="--stats")] = None
+
+    @classmethod
+    def elsewhere(cls, name: str) -> str:
+        """What render's keywords call a style or an object."""
+        from elvis.scene.keywords import keywords
+
+        near = nearest(name, [*cls.__dataclass_fields__, *keywords()])
+        if not near or near in cls.__dataclass_fields__:
+            return ""
+        return f"render(data, {near}=...) has, a scene has objects with styles"
 
     def check(self) -> None:
         """SceneError for a size that no picture has, an unknown view, a range that doesn't ascend."""

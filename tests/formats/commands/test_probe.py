@@ -104,15 +104,18 @@ def test_no_points_give_a_header(channel, tmp_path, elvis):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ([], "expected one of --points, --line, --plane and --grid"),
-        (["--line", "0,0:1,1", "--plane", "0,0:1,0:0,1"], "expected one of --points, --line, --plane and --grid"),
+        ([], "expected one of --points, --point, --line, --plane and --grid"),
+        (
+            ["--line", "0,0:1,1", "--plane", "0,0:1,0:0,1"],
+            "expected one of --points, --point, --line, --plane and --grid",
+        ),
         (["--line", "0,0,0"], "expected 2 points with colons"),
         (["--line", "0,0,0:1,a,0"], "expected 2 or 3 numbers"),
         (["--line", "0,0,0:1,nan,0"], "expected 2 or 3 numbers"),
         (["--line", "0,0:1,1", "-n", "1"], "each at least 2"),
         (["--line", "0,0:1,1", "-n", "many"], "each at least 2"),
         (["--line", "0,0:1,1", "-n", "3x4"], "one number of points along a line"),
-        (["--points", "p.csv", "-n", "3"], "no -n beside --points"),
+        (["--points", "p.csv", "-n", "3"], "no -n beside points"),
     ],
 )
 def test_usage(channel, elvis, arguments, sentence):

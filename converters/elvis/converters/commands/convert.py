@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,7 +143,7 @@ def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **opt
 def _place(files: tuple[Path, ...], output: Path | None) -> Path:
     """The mesh file to write: by default named after the first file, in the current folder; .xml is added to stems."""
     if output is None:
-        stem = Path(files[0].resolve().name.removesuffix(".gz")).stem
+        stem = Path(os.path.basename(os.path.abspath(files[0])).removesuffix(".gz")).stem
         return Path(f"{stem}.xml")
     return output if output.suffix or not output.name else output.with_name(f"{output.name}.xml")
 

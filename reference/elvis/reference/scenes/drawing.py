@@ -41,7 +41,7 @@ from elvis.scene import (
 )
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, missed, surrounding
-from elvis.scene.frame import Drawing, Frame, Legend, Status
+from elvis.scene.frame import Drawing, Frame, Legend, Status, constant_of
 from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
 
@@ -185,7 +185,7 @@ class Scenery:
             status.ravel()[covered[status.ravel()[covered] == Status.MISS]] = Status.CERTAIN
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.named(scene.palette, *ends).spread(scene.bar)
-        legends = (Legend(scene.field, palette, bar=scene.bar),)
+        legends = (Legend(scene.field, palette, bar=scene.bar, constant=constant_of(scene, made.field)),)
         drawing = Drawing(made.depth, made.normal, made.color, legends, made.uncertainty, line_status)
         stats = {} if line_status is None else {"contours": counted(line_status)}
         return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)

@@ -62,6 +62,7 @@ EPILOG = """\b
 Examples:
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 -n 200 -o line.csv
   elvis probe wing.xml wing.fld --plane 0,0,0:1,0,0:0,1,0 -n 100x50 --fields u,v -o plane.npz
+  elvis probe wing.xml wing.fld --point 0.5,0,0.1 --field p
   elvis probe wing.xml wing.fld --points sensors.csv --all
   elvis probe wing.xml wing.fld --grid 128,128,64 --box 0,0,0:1,1,0.5 --fields p -o pressure.nrrd
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
@@ -70,6 +71,14 @@ Examples:
 
 @click.command("probe", epilog=EPILOG, short_help="Evaluate fields exactly at points, along a line or over a plane.")
 @click.option("--points", metavar="FILE", help="Points from a table, - for standard input: columns x, y, z.")
+@click.option(
+    "--point",
+    "single",
+    metavar="P",
+    multiple=True,
+    type=TextType(partial(triples, count=1)),
+    help="A point, as 0,0,0.  Repeatable.",
+)
 @click.option("--line", metavar="P:Q", type=_PAIR, help="Points from P to Q, as 0,0,0:1,0,0.")
 @click.option(
     "--plane",
@@ -98,6 +107,7 @@ Examples:
 def probe(
     data: Data,
     points: str | None,
+    single: tuple[tuple[Triple], ...],
     line: tuple[Triple, Triple] | None,
     plane: tuple[Triple, Triple, Triple] | None,
     grid: tuple[int, int, int] | None,
@@ -121,10 +131,10 @@ def probe(
     if output is not None:
         _check_output(output, (grid or box) is not None, data.inputs(points), overwrite)
     if grid is not None or box is not None:
-        others = [way for way in (points, line, plane, counts) if way is not None]
+        others = [way for way in (points, single or None, line, plane, counts) if way is not None]
         _write_grid(data, texts_of(fields, quantities), grid, box, output, alone=not others and not every)
         return
-    places = _places(points, line, plane, counts)
+    places = _places(points, single, line, plane, counts)
     columns = _columns(data.source(), places, texts_of(fields, quantities), every)
     if output is not None:
         write_columns(output, columns)
@@ -148,23 +158,29 @@ def _check_output(output: Path, is_grid: bool, read: list[Path], overwrite: bool
 
 def _places(
     points: str | None,
+    single: tuple[tuple[Triple], ...],
     line: tuple[Triple, Triple] | None,
     plane: tuple[Triple, Triple, Triple] | None,
     counts: tuple[int, ...] | None,
 ) -> Floats:
     """(n, 3) the points asked for; usage error unless there is just one way."""
+    import numpy as np
+
     from elvis.core.queries import points_in_table, points_on_line, points_on_plane
 
-    if sum(way is not None for way in (points, line, plane)) != 1:
-        raise click.UsageError("expected one of --points, --line, --plane and --grid", click.get_current_context())
+    if sum(way is not None for way in (points, single or None, line, plane)) != 1:
+        ways = "--points, --point, --line, --plane and --grid"
+        raise click.UsageError(f"expected one of {ways}", click.get_current_context())
     if plane is not None:
         n, m = counts * 2 if counts and len(counts) == 1 else counts or (_ALONG, _ALONG)
         return points_on_plane(*plane, (n, m))
-    if counts and (points is not None or len(counts) == 2):
-        expected = "no -n beside --points" if points is not None else "one number of points along a line"
+    if counts and (line is None or len(counts) == 2):
+        expected = "no -n beside points" if line is None else "one number of points along a line"
         raise click.BadParameter(f"expected {expected}", click.get_current_context(), param_hint="'-n'")
     if line is not None:
         return points_on_line(*line, counts[0] if counts else _ALONG)
+    if single:
+        return np.array([point for (point,) in single], np.float64)
     assert points is not None
     return points_in_table(points)
 

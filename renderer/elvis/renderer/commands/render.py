@@ -28,6 +28,12 @@ UNSURE = {
     "ambiguous": "they lie within rounding of an element's border, an edge or another surface, or it is not proved "
     "that nothing lies before what they show; -o record.npz keeps the status of each",
 }
+#: part of a plane cut that is ambiguous where the plane runs along borders, and what to make of it
+ALONG = 0.5
+BESIDE = (
+    "the plane runs along borders of elements, so each pixel shows one of two neighbours, which have the same value "
+    "where the field is continuous; a plane a little beside it, a millionth of the domain away, has certain pixels"
+)
 EPILOG = """\b
 Examples:
   elvis render flow.vtu                                      writes flow.png
@@ -100,7 +106,7 @@ def _free_name(data: tuple[Path, ...], overwrite: bool) -> str:
     from elvis.scene.files import is_scene_file
 
     first = next(filter(is_scene_file, data), data[0])
-    stem = Path(first.resolve().name.removesuffix(".gz")).stem
+    stem = Path(os.path.basename(os.path.abspath(first)).removesuffix(".gz")).stem
     names = (f"{stem}.png" if number == 1 else f"{stem}-{number}.png" for number in count(1))
     return next(name for name in names if overwrite or not os.path.lexists(name))
 
@@ -197,7 +203,10 @@ def _report(frame: Frame, known: Sequence[str]) -> None:
 
     counts = frame.counts()
     shown = max(1, sum(counts[name] for name in ("certain", "ambiguous", "failed")))
-    for name, reason in UNSURE.items():
+    reasons = dict(UNSURE)
+    if frame.scene.only_plane and counts["ambiguous"] > ALONG * shown:
+        reasons["ambiguous"] = BESIDE
+    for name, reason in reasons.items():
         if counts[name] > (0 if name == "failed" else SHARE * shown):
             verb = "failed" if name == "failed" else f"are {name}"
             warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.3g} % of what is seen: {reason}")

@@ -1,0 +1,110 @@
+"""What new users try in Python: the lines of an afternoon, and what they expect of them."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SIZE = {"size": (40, 30), "device": "reference"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def place(tmp_path_factory):
+    """A working folder with the sample data."""
+    folder = tmp_path_factory.mktemp("data")
+    runpy.run_path(str(ROOT / "examples" / "generate.py"))["main"](folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield folder
+
+
+def test_data_tell_what_they_are():
+    from elvis.formats import ElvisError, read
+
+    ds = read("cylinder.xml", "cylinder.fld")
+    assert len(repr(ds)) < 300
+    assert "288 triangles" in repr(ds)
+    assert list(ds) == ["u", "v", "Cp"]
+    assert "u" in ds
+    assert "speed" not in ds
+    assert len(repr(ds["u"])) < 300
+    assert "<table" in ds._repr_html_()
+    assert len(repr(ds.mesh)) < 500
+    with pytest.raises(KeyError, match=r"there is no field 'cp' \(perhaps Cp\)"):
+        ds["cp"]
+    with pytest.raises(ElvisError, match="there is no such file"):
+        read("nothing.vtu")
+    foreign = read("eddies0.f00000")
+    assert list(foreign) == ["velocity_x", "velocity_y"]
+    assert "converted in memory" in foreign.remarks[0]
+
+
+def test_values_are_exact():
+    from elvis.formats import line, norms, read, sample
+
+    ds = read("cylinder.xml", "cylinder.fld")
+    found = sample(ds, ["speed", "d(u,x)"], (0.0, 2.0))
+    assert found["speed"] == pytest.approx([1.25 - 2.5 / (4 * np.pi)], abs=1e-4)
+    assert sample(ds, "u", [(0.0, 2.0), (9.0, 9.0)])["u"].shape == (2,)
+    assert np.isnan(sample(ds, "u", (9.0, 9.0))["u"]).all()
+    along = line(ds, "Cp", (1.5, 0.0), (4.0, 0.0), 11)
+    assert len(along["Cp"]) == 11
+    assert list(along.to_pandas()["Cp"]) == list(along["Cp"])
+    assert norms(ds)["u"].l2 > 0
+
+
+def test_pictures_take_the_names_of_the_command_line():
+    from elvis.formats import read
+    from elvis.renderer import Plane, Scene, render
+
+    frame = render("cylinder.xml", "cylinder.fld", "u", **SIZE)
+    assert frame.image.shape == (30, 40, 3)
+    assert frame.image.dtype == np.uint8
+    assert frame._repr_png_().startswith(b"\x89PNG")
+    assert len(repr(frame)) < 500
+    frame.save("u.png")
+    frame.save("u.npz")
+    assert Path("u.png").stat().st_size
+    assert np.load("u.npz")["status"].shape == (30, 40)
+    blocks = read("blocks.xml", "blocks.fld")
+    cut = ((1.5, 0.5, 0.45), (0.1, 0.2, 1))
+    # NumPy takes a minute for contours of order 6
+    picture = render(blocks, "wave", contours=5, colormap="turbo", plane=cut, size=(40, 30))
+    same = render(blocks, Scene("wave", plane=Plane(*cut), palette="turbo", size=(40, 30)), contours=5)
+    assert np.array_equal(picture.image, same.image)
+    assert picture.counts()["failed"] == 0
+    assert render("eddies0.f00000", "vorticity_z", **SIZE).counts()["certain"] > 500
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda api: api.render("cylinder.xml", "cylinder.fld", "u", colourmap="turbo"), "did you mean colormap"),
+        (lambda api: api.render("cylinder.xml", "cylinder.fld", "U"), r"there is no 'U' \(perhaps u\)"),
+        (lambda api: api.Scene(plnae=3), "Scene has no keyword 'plnae': did you mean plane"),
+        (lambda api: api.Scene(contours=3), r"Scene has no keyword 'contours': render\(data, contours=...\) has"),
+        (lambda api: api.Plane((0, 0, 0), normale=(0, 0, 1)), "Plane has no keyword 'normale': did you mean normal"),
+        (lambda api: api.render("blocks.xml", "blocks.fld", "wave", plane=((9, 9, 9), (0, 0, 1))), "picture is empty"),
+    ],
+)
+def test_mistakes_are_told_with_a_hint(make, words):
+    from elvis import renderer
+    from elvis.formats import ElvisError
+
+    with pytest.raises(ElvisError, match=words):
+        make(renderer)
+
+
+def test_other_libraries_take_and_give():
+    from elvis.formats import from_arrays, read, sample, to_meshio, to_pyvista
+
+    ds = read("blocks.xml", "blocks.fld")
+    grid = to_pyvista(ds, refinement=1)
+    assert grid.n_cells > 4
+    assert grid.field_data["error of wave"].max() > 0
+    assert to_meshio(ds, refinement=0).points.shape[1] == 3
+    corners = np.array([[(0, 0), (1, 0), (0, 1), (1, 1)]], float)
+    square = from_arrays({"quadrilateral": corners}, u=corners[..., 0] * corners[..., 1])
+    assert sample(square, "u", (0.25, 0.5))["u"] == pytest.approx([0.125])
