@@ -156,7 +156,7 @@ def test_wrong_keywords_get_hints(cube, name, told):
         ({"samples": 1.5}, "samples: expected a whole number, found 1.5"),
         ({"colormap": "turbo", "palette": "gray"}, "given twice"),
         ({"colormap": "Turbbo"}, "unknown colour map 'Turbbo' (perhaps turbo)"),
-        ({"bar": {"units": "Pa"}}, "bar: expected KEY=VALUE"),
+        ({"bar": {"units": "Pa"}}, "bar: ColorBar has no keyword 'units': did you mean unit?"),
         ({"field": "sped"}, "(perhaps speed)"),
     ],
 )
