@@ -32,7 +32,7 @@ def test_every_area_has_its_page_and_its_types(root, area):
     assert (root / area / "README.md").is_file()
     found = {path.name for path in (root / area / "elvis").iterdir()} - {"__pycache__"}
     assert found == {*AREAS[area], *(["__main__.py"] if area == "plugins" else [])}
-    for name in slices:
+    for name in AREAS[area]:
         assert (root / area / "elvis" / name / "py.typed").is_file()
 
 
