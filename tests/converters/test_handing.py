@@ -10,7 +10,7 @@ from elvis.converters.linear import _weights, linear_cells
 from elvis.core.cutting import template
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple
-from elvis.formats import Dataset, ElvisError, sample, to_meshio, to_pyvista, to_xarray
+from elvis.formats import Dataset, ElvisError, read, sample, to_meshio, to_pyvista, to_xarray
 
 pyvista = pytest.importorskip("pyvista")
 meshio = pytest.importorskip("meshio")
@@ -80,6 +80,29 @@ def test_cells_fill_the_domain(refinement):
     sizes = to_pyvista(straight, "x", refinement).compute_cell_sizes()["Volume"]
     assert (sizes > 0).all()
     assert sizes.sum() == pytest.approx(to_pyvista(straight, "x", 0).compute_cell_sizes()["Volume"].sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("refinement", [0, 1])
+def test_fourier_directions_become_cells(nektar, refinement):
+    """Triangles and quadrilaterals over a period: values are exact, cells are positive and fill the box."""
+    quasi = read(*sorted((nektar / "triquad_h1d").glob("*[!t]")))
+    found = to_pyvista(quasi, ["u", "x*w"], refinement)
+    at = sample(quasi, ["u", "x*w"], found.points, all=True)
+    for name in ("u", "x*w"):
+        differences = np.full(found.n_points, np.inf)
+        np.minimum.at(differences, at.location.point, np.abs(at[name] - found[name][at.location.point]))
+        assert differences.max() < 1e-12
+    sizes = found.compute_cell_sizes()["Volume"]
+    assert (sizes > 0).all()
+    assert sizes.sum() == pytest.approx(np.prod(np.ptp(np.reshape(found.bounds, (3, 2)), axis=1)), rel=1e-12)
+    assert set(found.celltypes) == {pyvista.CellType.WEDGE, pyvista.CellType.HEXAHEDRON}
+    assert to_meshio(quasi, "u", refinement).cells_dict.keys() == {"wedge", "hexahedron"}
+
+
+def test_cells_of_high_order_have_no_fourier_directions(nektar):
+    quasi = read(*sorted((nektar / "triquad_h1d").glob("*[!t]")))
+    with pytest.raises(ElvisError, match="without Fourier directions, found some with"):
+        to_pyvista(quasi, "u", refinement=None)
 
 
 def test_linear_data_arrive_exactly(plane):

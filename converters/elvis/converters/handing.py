@@ -46,7 +46,7 @@ def to_pyvista(
     Cell data ``element`` are the ids of elements; points belong to one element each, so jumps stay.  Field data
     ``error of NAME`` are the largest difference to the exact values, measured between the points, and its share of the
     range; ``error of coordinates`` is that of the cells' shape.
-    ElvisError where an error is larger than allowed, where there are Fourier directions, and without PyVista.
+    ElvisError where an error is larger than allowed, for Lagrange cells along Fourier directions, and without PyVista.
     """
     pyvista = needed("pyvista", "to_pyvista", "notebook")
     losses: Sequence[Loss]

@@ -26,6 +26,14 @@ from elvis.plugins.exporting import Loss
 _CHECKS = 3
 #: points that are evaluated together
 _AT_ONCE = 1 << 18
+#: cells along a Fourier direction, at least, before they are cut
+_FEWEST = 4
+#: shape -> that of its cells along one more coordinate; for each vertex of these its own one, and whether it lies above
+_EXTRUDED = {
+    Shape.SEGMENT: (Shape.QUADRILATERAL, (0, 1, 1, 0), (0, 0, 1, 1)),
+    Shape.TRIANGLE: (Shape.PRISM, (0, 1, 1, 0, 2, 2), (1, 1, 0, 0, 1, 0)),
+    Shape.QUADRILATERAL: (Shape.HEXAHEDRON, (0, 1, 2, 3, 0, 1, 2, 3), (0, 0, 0, 0, 1, 1, 1, 1)),
+}
 #: most times that elements are halved
 HIGHEST = 8
 
@@ -63,18 +71,17 @@ def linear_cells(dataset: Dataset, quantities: str | Sequence[str] | None, refin
     """The dataset as linear cells, every element cut so often that it has 2^refinement cells along an edge.
 
     quantities  as `sample` takes them
-    ElvisError for what names no quantity, and for data with Fourier directions.
+    Along a Fourier direction a period has as many cells as planes, or _FEWEST, each of them cut so, too.
+    ElvisError for what names no quantity.
     """
     if not 0 <= refinement <= HIGHEST:
         raise ElvisError(f"expected a refinement from 0 to {HIGHEST}, found {refinement}")
     names = Names.of(dataset)
-    if names.dimension != dataset.mesh.space:
-        raise ElvisError("expected data without Fourier directions, found some with")
     texts = names.fields if quantities is None else [quantities] if isinstance(quantities, str) else list(quantities)
     evaluator = Evaluator(dataset, [Expression.parse(text, names) for text in texts])
     parts, losses = _Parts(values=[[] for _ in texts]), [Loss("coordinates", 1), *(Loss(text, 1) for text in texts)]
     for patch in evaluator.patches:
-        _add(parts, losses, evaluator, patch, template(patch.shape, refinement))
+        _add(parts, losses, evaluator, patch, _cut(patch, refinement))
     return LinearCells(
         np.concatenate([np.empty((0, 3)), *parts.points]),
         {text: np.concatenate([np.empty(0), *own]) for text, own in zip(texts, parts.values, strict=True)},
@@ -82,6 +89,27 @@ def linear_cells(dataset: Dataset, quantities: str | Sequence[str] | None, refin
         {shape: np.concatenate(own) for shape, own in parts.element.items()},
         losses,
     )
+
+
+def _cut(patch: Patch, refinement: int) -> Template:
+    """The cells of a patch's elements, along Fourier directions too."""
+    cut, homogeneous = template(patch.shape, refinement), patch.homogeneous
+    ids = () if homogeneous is None else (homogeneous.y_ids, homogeneous.z_ids)[-len(patch.periods) :]
+    for own in ids:
+        cut = _extruded(cut, max(_FEWEST, len(set(own))) << refinement)
+    return cut
+
+
+def _extruded(cut: Template, layers: int) -> Template:
+    """Cells between copies of the points at ``layers`` + 1 places of one more coordinate, from -1 to 1."""
+    count = len(cut.points)
+    zeta = np.repeat(np.linspace(-1.0, 1.0, layers + 1), count)
+    cells = {}
+    for shape, rows in cut.cells.items():
+        made, corners, above = _EXTRUDED[shape]
+        ends = rows[:, corners] + count * np.array(above)
+        cells[made] = (count * np.arange(layers)[:, None, None] + ends).reshape(-1, len(corners))
+    return Template(np.column_stack([np.tile(cut.points, (layers + 1, 1)), zeta]), cells)
 
 
 def _add(parts: _Parts, losses: Sequence[Loss], evaluator: Evaluator, patch: Patch, cut: Template) -> None:
@@ -94,7 +122,7 @@ def _add(parts: _Parts, losses: Sequence[Loss], evaluator: Evaluator, patch: Pat
             ids = np.repeat(patch.element_ids[rows], len(cells))
             parts.element.setdefault(shape, []).append(ids)
             weights = _weights(shape)
-            inside = np.einsum("sv,cvd->csd", weights, cut.points[cells]).reshape(-1, patch.shape.dimension)
+            inside = np.einsum("sv,cvd->csd", weights, cut.points[cells]).reshape(-1, patch.dimension)
             exact = _evaluated(evaluator, patch, rows, inside)
             for loss, table, true in zip(losses, own, exact, strict=True):
                 found = np.einsum("sv,ncvk->ncsk", weights, table[:, cells])
