@@ -78,9 +78,9 @@ def first_crossings(dataset, quantity, value, view):
     return np.where(crosses.any(axis=1), depths[1 + crosses.argmax(axis=1)], np.inf)
 
 
-def refute(iso, dataset, quantity, value, size, share):
+def refute(iso, dataset, quantity, value, size, share, camera=CAMERA):
     """Certain hits lie on the level, nothing lies before them nor on certain misses; ``share`` are certain."""
-    view = View.through(CAMERA, size)
+    view = View.through(camera, size)
     hits = iso(dataset, view, quantity, value)
     hit, sure = np.isfinite(hits.depth), hits.status != Status.AMBIGUOUS
     assert (hit & sure).mean() > 0.02
@@ -106,6 +106,18 @@ def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
 def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value):
     """The size of the vorticity has its values where its square, without a kink, has theirs."""
     refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), 0.98)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "share"),
+    [("swirl", 1.2, 0.97), ("lambda2", -1.0, 0.9), ("max(u, 0.1 * q_criterion)", 0.3, 0.93)],
+)
+def test_zeros_of_products_are_shown_where_they_count(iso, quantity, value, share):
+    """Levels of eigenvalues and of the greater of two are zeros of products, which have others: seen from near.
+
+    Edges, where both of two have the level, are ambiguous.
+    """
+    refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), share, replace(CAMERA, fov=5.0))
 
 
 @pytest.mark.parametrize("degree", [3, 7])

@@ -83,10 +83,38 @@ def test_levels_are_in_the_same_places(text):
     assert level is not None
     rng = np.random.default_rng(1)
     ends = rng.uniform(0.05, 1.5, (2, 400, 2))
-    other = [evaluated(level[0], end) - level[1] for end in ends]
+    other = [evaluated(level.root, end) - level.value for end in ends]
     own = [evaluated(Expression.parse(text, names).root, end) - TEXTS[text] for end in ends]
     assert np.array_equal(other[0] * other[1] < 0, own[0] * own[1] < 0)
     assert (own[0] * own[1] < 0).any()
+
+
+#: functions whose values are zeros of a product, which has others
+PRODUCTS = {
+    "max(x, y*y)": 0.6,
+    "1 - min(x, x*y)/2": 0.7,
+    "middle_eigenvalue(x, y, 1, 0.3, x*y, 0.2)": 0.6,
+    "2*imaginary_root(x - 0.4, y - 0.5)": 1.1,
+    "imaginary_root(x - 0.4, 0.01*y)": 0.4,
+}
+
+
+@pytest.mark.parametrize("text", PRODUCTS)
+def test_zeros_of_products_count_where_nothing_says_that_they_are_spurious(text):
+    """Between points near to each other the expression passes its value where the other one does, and counts."""
+    level = same_level(Expression.parse(text, Names(("u",))).root, PRODUCTS[text])
+    rng = np.random.default_rng(1)
+    starts = rng.uniform(0.05, 1.5, (40000, 2))
+    ends = [starts, starts + rng.uniform(-0.01, 0.01, starts.shape)]
+    own = [evaluated(Expression.parse(text, Names(("u",))).root, end) - PRODUCTS[text] for end in ends]
+    zeros, spurious = ([evaluated(root, end) for end in ends] for root in (level.root, level.spurious))
+    assert level.value == 0.0
+    counts = (spurious[0] < 0) & (spurious[1] < 0)
+    unclear = spurious[0] * spurious[1] <= 0
+    passes, passed = own[0] * own[1] < 0, zeros[0] * zeros[1] < 0
+    assert np.array_equal(passes[~unclear], (passed & counts)[~unclear])
+    assert (passes & counts).sum() > 40 > (passes & unclear).sum()
+    assert "max" not in text or (passed & ~counts).any()
 
 
 def evaluated(root, points):
@@ -104,7 +132,8 @@ def test_values_that_nothing_has_and_what_is_no_quotient_have_no_other_level():
     names = Names(("u", "v"))
     for text, value in (
         ("sqrt(u)", -1.0),
-        ("min(u, v)", 0.2),
+        ("min(u, abs(v))", 0.2),
+        ("imaginary_root(u, v)", 0.0),
         ("sin(u)", 0.1),
         ("exp(u)", -0.5),
         ("sqrt(u)*sqrt(v)", 1.0),

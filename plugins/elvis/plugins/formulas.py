@@ -60,7 +60,7 @@ struct Given : IFormula
     {{
         {gradient}
     }}
-    static Disc within(Leaves leaves)
+    static Disc within(Leaves leaves, out Disc spurious)
     {{
         {within}
     }}
@@ -89,6 +89,7 @@ class Formula:
     fields  names of the fields that one element after the other holds in V: number m of M is that of V(e M + m)
     ideal   (3, 3) from the reference to the ideal element, for the quality
     facets  (k, 4) of the reference shape, as coefficients of x, y, z and 1; none where the shape isn't known
+    spurious  optional: what is positive where the expression's level isn't to be shown (`elvis.core.quantities.levels`)
     """
 
     expression: Expression
@@ -96,6 +97,7 @@ class Formula:
     ideal: Floats
     dimension: int
     facets: Floats
+    spurious: Node | None = None
 
     @property
     def constants(self) -> tuple[str, ...]:
@@ -130,22 +132,28 @@ class Formula:
         Only where it has no kinks, jumps and poles: sub-elements that hold one would be halved on and on.
         """
         known = (is_constant(leaf.name) if leaf.op == "attribute" else len(leaf.axes) <= 1 for leaf in self._leaves)
-        return all(known) and all(map(_is_smooth, ordered(self.expression.root)))
+        return all(known) and all(map(_is_smooth, ordered(*self._enclosed)))
+
+    @property
+    def _enclosed(self) -> tuple[Node, ...]:
+        """What discs are asked of."""
+        return (self.expression.root, *([] if self.spurious is None else [self.spurious]))
 
     @property
     def _leaves(self) -> Sequence[Node]:
-        return leaves(self.expression.root)
+        return leaves(*self._enclosed)
 
     def _within(self) -> Iterator[str]:
         """The same of discs."""
         if not self.is_enclosed:
+            yield "spurious = anything();"
             yield "return anything();"
             return
-        root = self.expression.root
-        for m in self._rows([leaf.name for leaf in leaves(root) if leaf.op == "field" and leaf.axes]):
+        for m in self._rows([leaf.name for leaf in self._leaves if leaf.op == "field" and leaf.axes]):
             yield f"Disc3 gradient{m} = leaves.gradient({m});"
-        names = yield from self._statements(self._discs, root)
-        yield f"return {names[root]};"
+        names = yield from self._statements(self._discs, *self._enclosed)
+        yield f"spurious = {'Disc(-1.0lf)' if self.spurious is None else names[self.spurious]};"
+        yield f"return {names[self.expression.root]};"
 
     def _gradient(self) -> Iterator[str]:
         """The chain rule over the leaves; by differences where their own gradients aren't at hand."""

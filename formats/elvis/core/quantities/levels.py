@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial, reduce
 
-from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, folded, number, whole_exponent
+from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, folded, negative, number, whole_exponent
 
 Fraction = tuple[Node, Node]
 
@@ -25,8 +27,21 @@ _INVERSES: Mapping[str, Callable[[float], float]] = {
 _MOST_POWER = 16
 
 
-def same_level(root: Node, value: float) -> tuple[Node, float] | None:
-    """An expression and its value: it has it exactly where the first has its own, but for poles.  None: none is known.
+@dataclass(frozen=True, eq=False)
+class Level:
+    """An expression and its value, where another expression has its own.
+
+    spurious  positive where only the first has its value, negative where both have, but for single points and curves;
+              None where there are no such places
+    """
+
+    root: Node
+    value: float
+    spurious: Node | None = None
+
+
+def same_level(root: Node, value: float) -> Level | None:
+    """Where an expression has a value, but for poles, as the level of another.  None: none is known.
 
     What comes out is made of + - * and whole powers of the leaves.
     """
@@ -34,6 +49,8 @@ def same_level(root: Node, value: float) -> tuple[Node, float] | None:
         root, value = _peel(root, value)
     except OverflowError:
         return None
+    if root.op in _PRODUCTS and math.isfinite(value):
+        return _of_product(_PRODUCTS[root.op](*root.operands, value=value))
     squares = _square(root) if value > 0 else None
     fraction = _fraction(root)
     if fraction is None and squares is not None and squares[1] <= 1:
@@ -41,7 +58,77 @@ def same_level(root: Node, value: float) -> tuple[Node, float] | None:
     if fraction is None or not math.isfinite(value):
         return None
     above, below = fraction
-    return (above, value) if below is ONE else (call("-", above, call("*", number(value), below)), 0.0)
+    if below is ONE:
+        return Level(above, value)
+    return Level(call("-", above, call("*", number(value), below)), 0.0)
+
+
+def _of_product(found: tuple[Node, Node] | None) -> Level | None:
+    """The level 0 of a product, whose factors vanish where they are not to count, too."""
+    if found is None:
+        return None
+    zero, other = map(_fraction, found)
+    if zero is None or other is None:
+        return None
+    return Level(zero[0], 0.0, other[0] if other[1] is ONE else call("*", *other))
+
+
+def _larger(a: Node, b: Node, value: float) -> tuple[Node, Node]:
+    """max(a, b): one of both is v, and neither is greater."""
+    one, two = (call("-", each, number(value)) for each in (a, b))
+    return call("*", one, two), call("+", one, two)
+
+
+def _smaller(a: Node, b: Node, value: float) -> tuple[Node, Node]:
+    product, total = _larger(a, b, value)
+    return product, negative(total)
+
+
+def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Node, value: float) -> tuple[Node, Node]:
+    """With M the matrix less v, det M = 0: and the other two eigenvalues of M have no product above zero.
+
+    Where one eigenvalue is zero, the sum of the principal minors is the product of the others.
+    """
+    a, b, c = (call("-", each, number(value)) for each in (xx, yy, zz))
+    minors = [_minus(call("*", p, q), call("*", r, r)) for p, q, r in ((b, c, yz), (a, c, xz), (a, b, xy))]
+    by_row = (
+        call("*", a, minors[0]),
+        call("*", xy, _minus(call("*", xz, yz), call("*", xy, c))),
+        call("*", xz, _minus(call("*", xy, yz), call("*", xz, b))),
+    )
+    return _total(*by_row), _total(*minors)
+
+
+def _imaginary_root(a: Node, b: Node, value: float) -> tuple[Node, Node] | None:
+    """With roots -2 s and s + i v, s - i v of t^3 + a t + b: 3 s^2 = v^2 - a and b = 2 s (s^2 + v^2).
+
+    So b^2 = 4/27 (v^2 - a) (4 v^2 - a)^2, which also holds where a = 4 v^2 and b = 0; elsewhere a is v^2 at most.  All
+    roots are real where v = 0: None then.
+    """
+    if not value > 0:
+        return None
+    square = number(value * value)
+    far = _minus(number(4.0 * square.value), a)
+    cubic = call("*", _minus(square, a), call("*", far, far))
+    zero = _minus(call("*", b, b), call("*", number(4.0 / 27.0), cubic))
+    return zero, _minus(a, number(2.0 * square.value))
+
+
+def _minus(a: Node, b: Node) -> Node:
+    return call("-", a, b)
+
+
+def _total(*nodes: Node) -> Node:
+    return reduce(partial(call, "+"), nodes)
+
+
+#: functions whose values are zeros of a product: of their operands and the value, that, and what is `Level.spurious`
+_PRODUCTS: Mapping[str, Callable[..., tuple[Node, Node] | None]] = {
+    "max": _larger,
+    "min": _smaller,
+    "middle_eigenvalue": _middle_eigenvalue,
+    "imaginary_root": _imaginary_root,
+}
 
 
 def _peel(node: Node, value: float) -> tuple[Node, float]:

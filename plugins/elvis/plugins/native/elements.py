@@ -19,7 +19,7 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes, from_ideal, is_constant
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import reference_values
-from elvis.core.quantities.levels import same_level
+from elvis.core.quantities.levels import Level, same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
@@ -100,9 +100,11 @@ class Elements:
         found = (own.homogeneous for patch in self.patches for own in patch.fields if own is not None)
         return next((series for series in found if series), None)
 
-    def _quantity(self, expression: Expression, *, bounded: bool = False) -> Quantity:
-        """The type and buffers of an expression on these elements; ``bounded`` where it stands for another's level."""
-        polynomial = None if expression.is_field or self.series else self._expand(expression)
+    def _quantity(self, expression: Expression, stands_for: Level | None = None) -> Quantity:
+        """The type and buffers of an expression on these elements, or of one that stands for another's level."""
+        spurious = None if stands_for is None else stands_for.spurious
+        is_expanded = not (expression.is_field or self.series or spurious)
+        polynomial = self._expand(expression) if is_expanded else None
         if polynomial is not None:
             return self._of_net(polynomial)
         names = expression.fields if len(expression.fields) < 2 else self._several
@@ -120,16 +122,18 @@ class Elements:
                 return Quantity(type, source, buffers)
             degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
             return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
-        formula = Formula(expression, names, *_ideal(shape, shape.dimension + self._directions), facets_of(shape))
+        ideal = _ideal(shape, shape.dimension + self._directions)
+        formula = Formula(expression, names, *ideal, facets_of(shape), spurious)
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
-        highest = HIGHEST_STRAIGHT if bounded and self._is_affine and shape is Shape.TETRAHEDRON else HIGHEST
-        known = 0 if found is None or found > highest or self.series else max(*self.geometry.degrees, found)
-        bounds = partial(self._certify, expression) if (bounded or not known) and not self.series else None
+        highest = HIGHEST_STRAIGHT if stands_for and self._is_affine and shape is Shape.TETRAHEDRON else HIGHEST
+        is_beyond = found is None or found > highest or self.series or spurious
+        known = 0 if is_beyond or found is None else max(*self.geometry.degrees, found)
+        bounds = partial(self._certify, expression) if (stands_for or not known) and not self.series else None
         plain = expression.root.op == "attribute" and bool(formula.targets)
-        level = None if known or plain else partial(self._level, expression)
         rounding = cache(partial(self._rounding_of, expression)) if known else None
         enclosure = None if known or self.series or plain else self._enclosure(formula, type, space)
+        level = None if known or plain else partial(self._level, expression)
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
         return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure)
 
@@ -212,13 +216,12 @@ class Elements:
         found = same_level(expression.root, value)
         if found is None:
             return None
-        root, level = found
-        quantity = self._quantity(Expression(f"{expression.text} at {value!r}", root), bounded=True)
+        quantity = self._quantity(Expression(f"{expression.text} at {value!r}", found.root), found)
         if not quantity.degree:
-            return None if quantity.enclosure is None else (quantity, level)
+            return None if quantity.enclosure is None else (quantity, found.value)
         rounding = quantity.rounding
         assert rounding is not None
-        return replace(quantity, rounding=lambda: rounding() + LEVEL_ROUNDING * abs(level)), level
+        return replace(quantity, rounding=lambda: rounding() + LEVEL_ROUNDING * abs(found.value)), found.value
 
     def _certify(self, expression: Expression) -> tuple[Floats, Floats]:
         """(n,) what an expression is not less and not greater than on each element, by interval arithmetic."""

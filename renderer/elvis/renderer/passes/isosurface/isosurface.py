@@ -36,6 +36,8 @@ _OF_AN_ELEMENT, _AT_LEAST = 128, 1 << 13
 _FITTED = 1 << 16
 #: rounds of halving, and sub-elements that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
+#: degree of the series that tell where such a quantity hasn't the level, as in iso_sift.slang
+COARSE = 4
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 #: drafts of a part: sub-elements in which rays take too many steps are drawn once more in parts, with closer bounds
@@ -170,41 +172,44 @@ class IsosurfaceDrawer:
     def _sub_elements(self, level: _Level, unfinished: NDArray[Any] | None = None) -> NDArray[Any]:
         """What is to be drawn of a part, in order of depth: of all its elements, or parts of the sub-elements given."""
         number, quantity, value = level.number, level.quantity, level.value
-        split = self._kernel("iso_split", number, quantity)
         of_polynomials = self.traversal.degree(number, quantity) > 0
+        split = self._kernel("iso_split", number, quantity)
         parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
-        buffers = {**self.loaded.bindings(number, quantity), **self._constants(number, quantity)}
         done = [parents[:0]]
         enclosed = max(_OF_AN_ELEMENT * len(parents), _AT_LEAST)
         most = MOST_SUB_ELEMENTS if of_polynomials else min(enclosed, MOST_SUB_ELEMENTS)
         for iteration in range(_ROUNDS):
             last = len(parents) > most or iteration == _ROUNDS - 1
-            level_view = partial(self._level_view, split, level, last=last)
             halved = iteration > 0 or unfinished is not None
             batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
-            found = [self._keep(split, batch, halved, buffers, level_view) for batch in batches]
+            found = [self._keep(level, batch, halved, last) for batch in batches]
             done += [sub_elements[sub_elements["outcome"] != SPLIT] for sub_elements in found]
             parents = _join([parents[:0], *(sub_elements[sub_elements["outcome"] == SPLIT] for sub_elements in found)])
             if not len(parents):
                 break
         return self._sorted(_join(done))
 
-    def _keep(
-        self,
-        kernel: Kernel,
-        parents: NDArray[Any],
-        halved: bool,
-        buffers: dict[str, Buffer],
-        level_view: Callable[..., Buffer],
-    ) -> NDArray[Any]:
-        """What is left of some sub-elements, halved thrice or as they are."""
+    def _keep(self, level: _Level, parents: NDArray[Any], halved: bool, last: bool) -> NDArray[Any]:
+        """What is left of some sub-elements, halved thrice or as they are; the ``last`` are halved no more."""
+        number, quantity = level.number, level.quantity
+        split = self._kernel("iso_split", number, quantity)
+        most = (8 if halved else 1) * len(parents)
+        groups = len(parents) if halved else -(-most // 8)
+        is_enclosed = self._is_enclosed(number, quantity)
         lists = {
-            "level_view": level_view(count=len(parents), whole=not halved),
+            **self.loaded.bindings(number, quantity),
+            **self._constants(number, quantity),
+            "level_view": self._level_view(split, level, count=len(parents), whole=not halved, last=last),
             "parents": self.device.buffer(parents),
-            "sub_elements": self.device.empty(parents.dtype, (8 if halved else 1) * len(parents)),
+            "sub_elements": self.device.empty(parents.dtype, most),
             "count": self.device.buffer(np.zeros(1, np.uint32)),
+            "sifted": self.device.empty(parents.dtype, most if is_enclosed else 1),
+            "enclosures": self.device.empty(split.dtype("enclosures"), most if is_enclosed else 1),
+            "sifted_count": self.device.buffer(np.zeros(1, np.uint32)),
         }
-        kernel(len(parents) if halved else -(-len(parents) // 8), {**buffers, **lists}, groups=True)
+        if is_enclosed:
+            self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
+        split(groups, lists, groups=True)
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
@@ -239,9 +244,12 @@ class IsosurfaceDrawer:
 
     def _certified(self, number: int, quantity: str | None) -> bool:
         """Whether map and quantity are polynomials, or enclosed, so that proofs hold."""
-        return (
-            self.traversal.degree(number, quantity) > 0 or self.loaded.quantity(number, quantity).enclosure is not None
-        )
+        return self.traversal.degree(number, quantity) > 0 or self._is_enclosed(number, quantity)
+
+    def _is_enclosed(self, number: int, quantity: str | None) -> bool:
+        """Whether a quantity is no polynomial, but enclosed."""
+        own = self.loaded.quantity(number, quantity)
+        return not own.degree and own.enclosure is not None
 
     def _constants(self, number: int, quantity: str | None) -> dict[str, Buffer]:
         """What the stages before the drawing read beside a part's own buffers: on the device once."""
@@ -258,6 +266,7 @@ class IsosurfaceDrawer:
         nodes, transform = _series(degree)
         leaf_nodes, leaf_series = _series(1 if enclosure is None else enclosure.degree)
         leaf_transform = powers(leaf_series)
+        coarse_nodes, coarse_transform = _series(COARSE)
         return {
             "nodes": nodes,
             "transform": transform,
@@ -268,6 +277,9 @@ class IsosurfaceDrawer:
             "axes": np.array(AXES),
             "box_sizes": np.array(BOXES),
             "tails": tails(degree),
+            "coarse_nodes": coarse_nodes,
+            "coarse_transform": coarse_transform,
+            "coarse_tails": tails(COARSE),
         }
 
     def _fits(self, level: _Level, sub_elements: NDArray[Any]) -> Buffer:
