@@ -18,9 +18,9 @@ elvis render out/data/bend.xml out/data/bend.fld --plane 0,0,0:0,0,1 -o out/bend
 elvis render out/data/bend.xml out/data/bend.fld --plane 1.4,1.4,0:-1,1,0 -o out/bend-across.png
 elvis render out/data/blocks.xml out/data/blocks.fld --plane 1.5,0.5,0.45:0.1,0.2,1 -o out/blocks.png -o out/blocks.npz
 elvis render out/data/blocks.xml out/data/blocks.fld --faces all --mesh-lines --camera iso -o out/blocks-faces.png
-elvis render out/data/eddies0.f00000 --field vorticity_z --contours 8 -o out/eddies.png
+elvis render out/data/eddies0.f00000 --field vorticity_z -o out/eddies.png
 elvis convert out/data/eddies0.f00000 -o out/eddies.xml
-elvis compare out/data/blocks.xml out/data/blocks.fld --plane 1.5,0.5,0.45:0.1,0.2,1 --size 600x450 -o out/report
+elvis compare out/data/blocks.xml out/data/blocks.fld --plane 1.5,0.5,0.45:0.1,0.2,1 --size 300x225 -o out/report
 elvis probe out/data/bend.xml out/data/bend.fld --line 0,1.4,0:0,2.6,0 -n 7
 """
 
