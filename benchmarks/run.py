@@ -50,11 +50,11 @@ def cut(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 
 def shown_scenes(kinds: tuple[str, ...], options: argparse.Namespace) -> tuple[Any, list[Table]]:
-    """Some kinds of pictures of both wings."""
+    """Some kinds of pictures of both wings; of one where it is to be quick."""
     side, rounds = (100, 1) if options.quick else (1000, max(2, options.rounds // 2))
     peak = max(floor.peaks(options.device).values())
     numbers, tables = {}, []
-    for each in shown.SHOWN:
+    for each in shown.SHOWN[:1] if options.quick else shown.SHOWN:
         found = scenes.compare(kinds, each, options.device, side, rounds, options.quick)
         numbers[each.name] = found
         tables.append(scenes.table(found, peak))

@@ -28,7 +28,7 @@ def quick(tmp_path_factory):
 def test_every_part_prints_its_table(quick):
     text, numbers = quick
     titles = [line for line in text.splitlines() if line.startswith("## ")]
-    assert len(titles) == 18
+    assert len(titles) == 16
     assert set(numbers) == {
         "machine", "cut", "surfaces", "isosurface", "volume", "orders", "compile", "million", "convert", "start",
         "repeat", "large"

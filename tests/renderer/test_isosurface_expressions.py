@@ -100,24 +100,18 @@ def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
     refute(iso, flow(shape), "q_criterion", 1.0, (20, 16), 0.99)
 
 
-@pytest.mark.parametrize(
-    ("quantity", "value"), [("sin(2 * u) + x * y", 0.4), ("exp(u) * v + tanh(w)", 0.3), ("vorticity", 4.0)]
-)
+@pytest.mark.parametrize(("quantity", "value"), [("sin(2 * u) + exp(v) * x * y + tanh(w)", 0.4), ("vorticity", 4.0)])
 def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value):
     """The size of the vorticity has its values where its square, without a kink, has theirs."""
     refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), 0.98)
 
 
-@pytest.mark.parametrize(
-    ("quantity", "value", "share"),
-    [("swirl", 1.2, 0.97), ("lambda2", -1.0, 0.9), ("max(u, 0.1 * q_criterion)", 0.3, 0.93)],
-)
-def test_zeros_of_products_are_shown_where_they_count(iso, quantity, value, share):
+def test_zeros_of_products_are_shown_where_they_count(iso):
     """Levels of eigenvalues and of the greater of two are zeros of products, which have others: seen from near.
 
     Edges, where both of two have the level, are ambiguous.
     """
-    refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), share, replace(CAMERA, fov=5.0))
+    refute(iso, flow(Shape.HEXAHEDRON), "lambda2", -1.0, (20, 16), 0.9, replace(CAMERA, fov=5.0))
 
 
 @pytest.mark.parametrize("degree", [3, 7])

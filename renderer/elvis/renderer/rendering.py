@@ -187,7 +187,8 @@ def _note(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
     shown = frame.scene.objects
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
         remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
-    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
+    known = [*remarks, *frame.stats.get("remarks", ())]
+    frame.stats["remarks"] = [*known, *(sentence for sentence in _constants(frame) if sentence not in known)]
     return frame
 
 
@@ -270,6 +271,7 @@ class Renderer:
             pixels=frame.counts(),
             remarks=[
                 *frame.stats.get("remarks", ()),
+                *_constants(frame),
                 *self.device.passed,
                 *self.device.cache.remarks,
             ],
