@@ -12,24 +12,13 @@ from time import perf_counter, process_time
 import numpy as np
 from tables import Table, percent, seconds
 
-from elvis.core.testing import approximated, curved, grid
+from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.formats import Dataset, Shape
 from elvis.renderer import Camera, Isosurface, Renderer, Scene
 
 CAMERA = Camera((2.5, -2.0, 1.9), (0.5, 0.5, 0.5), fov=30.0)
 #: cells of a grid each way, and modes of the fields: 27 hexahedra of order 4, 48 tetrahedra and 16 prisms of order 3
 CASES = {Shape.HEXAHEDRON: (3, 5), Shape.TETRAHEDRON: (2, 4), Shape.PRISM: (2, 4)}
-VELOCITY = {
-    "u": lambda p: np.sin(3 * p[:, 0]) * np.cos(2 * p[:, 1]),
-    "v": lambda p: -np.cos(3 * p[:, 0]) * np.sin(2 * p[:, 1] + p[:, 2]),
-    "w": lambda p: np.sin(3 * p[:, 2] + p[:, 0] * p[:, 1]),
-}
-
-
-def bent(points):
-    """Bends that no element of three nodes an edge follows."""
-    x, y, z = points.T
-    return points + 0.05 * np.stack([np.sin(4 * y), np.sin(5 * z), np.sin(3 * x + 2 * y)], axis=1)
 
 
 def drawn(dataset: Dataset, quantity: str, value: float, size: int, rounds: int) -> list[str]:
@@ -61,8 +50,8 @@ def main() -> None:
     columns = ["", "% certain", "% of hits", "hits", "first s", "s", "CPU s"]
     table = Table(f"Isosurfaces on bent elements, {options.size} x {options.size} pixels", columns)
     for shape, (cells, modes) in CASES.items():
-        mesh = Dataset(curved(grid(shape, cells), bent, 3))
-        fields = tuple(approximated(mesh, name, wave, modes) for name, wave in VELOCITY.items())
+        mesh = Dataset(curved(grid(shape, cells), swirled, 3))
+        fields = tuple(approximated(mesh, name, wave, modes) for name, wave in VORTICES.items())
         dataset = replace(mesh, fields=fields)
         for quantity, value in (("u", 0.3), ("q_criterion", 3.0)):
             row = drawn(dataset, quantity, value, options.size, options.rounds)

@@ -9,7 +9,7 @@ from numpy.polynomial import chebyshev
 from elvis.core.dataset import Dataset
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid
+from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Status
 from elvis.renderer.device_volume import DeviceVolume
@@ -20,25 +20,14 @@ from elvis.scene.view import View
 CAMERA = Camera((1.7, -1.2, 1.4), (0.5, 0.5, 0.5), fov=45.0)
 #: samples of a ray, between these depths
 COUNT, DEPTHS = 300, (0.9, 3.4)
-WAVES = {
-    "u": lambda p: np.sin(3 * p[:, 0]) * np.cos(2 * p[:, 1]),
-    "v": lambda p: -np.cos(3 * p[:, 0]) * np.sin(2 * p[:, 1] + p[:, 2]),
-    "w": lambda p: np.sin(3 * p[:, 2] + p[:, 0] * p[:, 1]),
-}
-
-
-def bent(points):
-    """Bends that no element of three nodes an edge follows: its own map is what counts."""
-    x, y, z = points.T
-    return points + 0.05 * np.stack([np.sin(4 * y), np.sin(5 * z), np.sin(3 * x + 2 * y)], axis=1)
 
 
 def flow(shape, cells=1):
     """Velocities on bent elements, each with random coefficients of its own around waves."""
     rng = np.random.default_rng(7)
-    dataset = Dataset(curved(grid(shape, cells), bent, 3))
+    dataset = Dataset(curved(grid(shape, cells), swirled, 3))
     fields = []
-    for name, wave in WAVES.items():
+    for name, wave in VORTICES.items():
         field = approximated(dataset, name, wave, 4)
         blocks = [
             replace(b, coefficients=b.coefficients + 0.02 * rng.normal(size=b.coefficients.shape)) for b in field.blocks

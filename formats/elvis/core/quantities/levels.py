@@ -60,7 +60,7 @@ def same_level(root: Node, value: float) -> Level | None:
     above, below = fraction
     if below is ONE:
         return Level(above, value)
-    return Level(call("-", above, call("*", number(value), below)), 0.0)
+    return Level(_minus(above, call("*", number(value), below)), 0.0)
 
 
 def _of_product(found: tuple[Node, Node] | None) -> Level | None:
@@ -75,7 +75,7 @@ def _of_product(found: tuple[Node, Node] | None) -> Level | None:
 
 def _larger(a: Node, b: Node, value: float) -> tuple[Node, Node]:
     """max(a, b): one of both is v, and neither is greater."""
-    one, two = (call("-", each, number(value)) for each in (a, b))
+    one, two = (_minus(each, number(value)) for each in (a, b))
     return call("*", one, two), call("+", one, two)
 
 
@@ -89,7 +89,7 @@ def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Nod
 
     Where one eigenvalue is zero, the sum of the principal minors is the product of the others.
     """
-    a, b, c = (call("-", each, number(value)) for each in (xx, yy, zz))
+    a, b, c = (_minus(each, number(value)) for each in (xx, yy, zz))
     minors = [_minus(call("*", p, q), call("*", r, r)) for p, q, r in ((b, c, yz), (a, c, xz), (a, b, xy))]
     by_row = (
         call("*", a, minors[0]),

@@ -1,10 +1,11 @@
 """Datasets made on the spot, for tests, demonstrations and benchmarks: every shape, straight and curved, any size."""
 
-from elvis.core.testing.bending import curved, ripple, shuffled
-from elvis.core.testing.fields import approximated, with_field
+from elvis.core.testing.bending import curved, ripple, shuffled, swirled
+from elvis.core.testing.fields import VORTICES, approximated, with_field
 from elvis.core.testing.meshes import grid, mixed_plane, mixed_volume, one_element, rotated, scattered
 
 __all__ = [
+    "VORTICES",
     "approximated",
     "curved",
     "grid",
@@ -15,5 +16,6 @@ __all__ = [
     "rotated",
     "scattered",
     "shuffled",
+    "swirled",
     "with_field",
 ]

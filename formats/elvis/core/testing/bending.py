@@ -16,6 +16,13 @@ from elvis.core.shapes import Shape
 Warp = Callable[[Floats], Floats]
 
 
+def swirled(points: Floats) -> Floats:
+    """A smooth map of points (n, 3) that no element of three nodes an edge follows: maps of elements must be bent."""
+    x, y, z = points.T
+    shifts: Floats = np.stack([np.sin(4 * y), np.sin(5 * z), np.sin(3 * x + 2 * y)], axis=1)
+    return points + 0.05 * shifts
+
+
 def ripple(amplitude: float, seed: int = 0, waves: int = 3) -> Warp:
     """A smooth map of points (n, 3): each coordinate is shifted by up to ``amplitude`` along a few random waves."""
     rng = np.random.default_rng(seed)

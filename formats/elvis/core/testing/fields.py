@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 
 import numpy as np
@@ -20,6 +20,13 @@ from elvis.core.shapes import Shape
 
 #: elements sampled at once
 _CHUNK = 1 << 12
+
+#: components of a velocity (n,) at points (n, 3), with vortices
+VORTICES: Mapping[str, Callable[[Floats], Floats]] = {
+    "u": lambda p: np.sin(3 * p[:, 0]) * np.cos(2 * p[:, 1]),
+    "v": lambda p: -np.cos(3 * p[:, 0]) * np.sin(2 * p[:, 1] + p[:, 2]),
+    "w": lambda p: np.sin(3 * p[:, 2] + p[:, 0] * p[:, 1]),
+}
 
 
 def approximated(dataset: Dataset, name: str, function: Callable[[Floats], Floats], modes: int) -> Field:
