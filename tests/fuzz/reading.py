@@ -1,20 +1,8 @@
 """What is done with files: everything that a command does with them before it draws or writes."""
 
-import importlib
 import os
-import resource
-import signal
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import redirect_stdout
 from functools import cache
-from pathlib import Path
-
-#: what workers load
-MODULES = {
-    "gmsh_library": ("gmsh",),
-    "mfem_library": ("mfem.ser",),
-    "ngsolve_library": ("ngsolve",),
-    "vtk_library": ("vtkmodules.vtkIOLegacy", "vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
-}
 
 
 @cache
@@ -121,54 +109,3 @@ def _command(*arguments):
 
     with open(os.devnull, "w") as nothing, redirect_stdout(nothing):
         elvis.main([str(each) for each in arguments], "elvis", standalone_mode=False, obj=Settings(debug=False))
-
-
-@contextmanager
-def forked():
-    """Libraries at work in forks of this process, which has them loaded, instead of in processes that load them.
-
-    Their memory has a limit of its own and is not counted; their time is.
-    """
-    from elvis.converters import apart
-
-    original = apart.launched
-    apart.launched = _Fork
-    try:
-        yield
-    finally:
-        apart.launched = original
-
-
-class _Fork:
-    """A fork of this process that serves a worker, with what `subprocess.Popen` has and is asked of it."""
-
-    def __init__(self, worker, memory):
-        from elvis.converters.apart import serve
-
-        importlib.import_module(worker.partition(":")[0])
-        for module in MODULES.get(worker.partition(":")[0].rpartition(".")[2], ()):
-            importlib.import_module(module)
-        requests, self._asking = os.pipe()
-        self._answering, answers = os.pipe()
-        self._status = None
-        self.pid = os.fork()
-        if not self.pid:
-            with suppress(BaseException):
-                os.dup2(requests, 0)
-                os.dup2(answers, 1)
-                os.closerange(3, 256)
-                taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-                serve(worker, taken + memory)
-            os._exit(1)
-        os.close(requests)
-        os.close(answers)
-        self.stdin, self.stdout = os.fdopen(self._asking, "wb"), os.fdopen(self._answering, "rb")
-
-    def kill(self):
-        if self._status is None:
-            os.kill(self.pid, signal.SIGKILL)
-
-    def wait(self):
-        if self._status is None:
-            self._status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
-        return self._status

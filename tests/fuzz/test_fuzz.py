@@ -104,6 +104,30 @@ def test_time_is_that_of_one_thread(tmp_path):
     assert done.stdout == "1\n", done.stderr
 
 
+@pytest.mark.parametrize(("reader", "library"), [("gmsh", "gmsh"), ("vtk", "vtkmodules"), ("mfem", "mfem")])
+def test_libraries_read_sound_files_in_their_copies(tmp_path, reader, library):
+    pytest.importorskip(library)
+    done = run("--small", "--cases", "3", "--only", reader, "--keep", str(tmp_path))
+    assert "sound files aren't read" not in done.stderr, done.stderr
+    assert f"| {reader}" in done.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes of processes are found in /proc")
+def test_time_of_those_that_others_started_counts(tmp_path):
+    spin = "import time\nwhile time.process_time() < 0.5: pass"
+    starting = f"import subprocess, sys\nsubprocess.run([sys.executable, '-c', {spin!r}])\nprint(flush=True)\ninput()"
+    (tmp_path / "a.py").write_text(
+        f"import subprocess, sys\nsys.path.insert(0, {str(HERE)!r})\nimport work\nbefore = work._seconds()\n"
+        f"child = subprocess.Popen([sys.executable, '-c', {starting!r}], stdin=-1, stdout=-1)\n"
+        "child.stdout.readline()\nprint(work._seconds() - before)\nchild.communicate(b'\\n')\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "a.py")], capture_output=True, text=True, check=False, env=environment
+    )
+    assert 0.45 < float(done.stdout) < 5, done.stderr
+
+
 def test_a_case_is_damaged_alike_each_time(tmp_path):
     mutations = loaded("mutations")
     sound = "".join(f"<V ID='{i}'>{i / 7} 0 1</V>\n" for i in range(50)).encode()
