@@ -5,7 +5,7 @@ AREAS := formats plugins converters renderer reference
 DEMO  := .venv/.demo
 READY := .venv/.ready
 
-.PHONY: help demo test check lint pages every-page docs bench exactness fuzz setup clean
+.PHONY: help demo test check lint pages every-test docs bench exactness fuzz setup clean
 
 help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
@@ -13,7 +13,7 @@ help:
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff and mypy alone"
 	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md, gallery.md, elvis.1, what notebooks show, from what they are about"
-	@echo "make every-page  run all commands of all pages, of which make test runs a third"
+	@echo "make every-test  all cases of the families of tests of which make test runs samples (SAMPLE_SEED=2: others)"
 	@echo "make docs    the site, in out/site: pages, reference of commands and Python, gallery, notebooks"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
@@ -46,8 +46,9 @@ pages: $(READY)
 	@$(RUN) examples/generate.py out/data
 	@$(RUN) tools/notebooks.py out/data
 
-every-page: $(READY)
-	@EVERY_PAGE=1 $(RUN) -m pytest tests/house/test_pages_run.py --numprocesses auto --maxprocesses 4 --dist worksteal
+every-test: $(READY)
+	@sh tools/browser.sh
+	@EVERY_TEST=1 $(RUN) -m pytest -m sampled --numprocesses auto --maxprocesses 4 --dist worksteal
 
 docs: $(READY)
 	@$(RUN) -m pip install --quiet --editable '.[docs]'

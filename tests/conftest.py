@@ -1,8 +1,11 @@
+import gc
 import os
+import random
 import shutil
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from importlib.metadata import version
 from pathlib import Path
 
@@ -55,15 +58,64 @@ JOB_SECONDS = 0.045
 LONG = (Path(__file__).parent / "long.txt").read_text(encoding="utf-8").split()
 
 
+#: of families of tests samples run, for which this is the seed; whole families where EVERY_TEST is in the environment
+SEED = os.environ.get("SAMPLE_SEED", "1")
+
+
 def pytest_configure(config):
     config.addinivalue_line("markers", "long: in a module of many seconds, which `make check` leaves out")
+    config.addinivalue_line(
+        "markers",
+        "sampled(least=1, free=()): of these cases a sample runs, so many at least, in which each parameter but those"
+        " that are free has each of its values; `make every-test` runs all",
+    )
+    config.addinivalue_line("markers", "own_devices: about opening and closing devices: none is kept open for these")
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     here = Path(__file__).parent
     for item in items:
         if str(item.path.relative_to(here).with_suffix("")) in LONG:
             item.add_marker("long")
+
+    # a test that is named runs, whether it is in the sample or not
+    if "EVERY_TEST" not in os.environ and not any("::" in argument for argument in config.args):
+        families = defaultdict(list)
+        for item in items:
+            families[item.nodeid.partition("[")[0] if item.get_closest_marker("sampled") else item.nodeid].append(item)
+        chosen = {item for name, family in families.items() for item in sample(name, family)}
+        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+        items[:] = [item for item in items if item in chosen]
+
+
+def pytest_collection_finish():
+    """Thousands of tests and their modules stay until the end: the garbage collector needn't look at them each time."""
+    gc.collect()
+    gc.freeze()
+
+
+def sample(name, family):
+    """The cases that run of a family of tests, which the marker ``sampled`` tells; always the same for a seed.
+
+    Greedily: the case with most values that none before it has, the first of those in a random order.
+    """
+    marker = family[0].get_closest_marker("sampled")
+    if marker is None:
+        return family
+    least, free = marker.kwargs.get("least", 1), marker.kwargs.get("free", ())
+    left, chosen, seen = random.Random(f"{SEED} {name}").sample(family, len(family)), [], set()
+
+    def new(case):
+        return {value for value in case.callspec.indices.items() if value[0] not in free} - seen
+
+    while left:
+        best = max(left, key=lambda case: len(new(case)))
+        if len(chosen) >= least and not new(best):
+            break
+        seen |= new(best)
+        chosen.append(best)
+        left.remove(best)
+    return chosen
 
 
 @pytest.fixture(scope="session")
@@ -72,6 +124,60 @@ def nektar():
     if not DATA.is_dir():
         pytest.skip(f"there is no {DATA}")
     return DATA
+
+
+@pytest.fixture(scope="session")
+def devices():
+    """``devices(name)`` in place of ``Device(name)``: each is opened once and stays open, so that slang, which no cache
+    spares the work, links a kernel once for all tests that run in this process."""
+    from elvis.renderer.device import Device
+
+    class Kept(Device):
+        def close(self):
+            """Leave it open."""
+
+    opened = {}
+
+    def device(name="auto"):
+        if name not in opened:
+            fresh = Kept(name)
+            opened[name] = opened.setdefault(fresh.adapter.name, fresh)
+            if opened[name] is not fresh:
+                Device.close(fresh)
+        return opened[name]
+
+    yield device
+    for each in opened.values():
+        Device.close(each)
+
+
+@pytest.fixture(autouse=True)
+def kept_devices(request, devices, monkeypatch):
+    """Renderers take these, but for tests that are about devices (marker ``own_devices``)."""
+    if request.node.get_closest_marker("own_devices") is None:
+        monkeypatch.setattr("elvis.renderer.rendering.Device", devices)
+
+
+@pytest.fixture(scope="session")
+def renderer(devices):
+    """A renderer by name of the device; only a missing Vulkan driver is a reason to skip, and not in CI."""
+    from elvis.renderer import Renderer
+    from elvis.renderer.adapters import ADVICE, adapters
+
+    made = {}
+
+    def make(name):
+        if name == "vulkan" and not any(adapter.kind == "vulkan" for adapter in adapters()):
+            if os.environ.get("CI"):
+                pytest.fail(f"no Vulkan device: {ADVICE}")
+            pytest.skip(f"no Vulkan device: {ADVICE}")
+        if name not in made:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr("elvis.renderer.rendering.Device", devices)
+                made[name] = Renderer(name)
+        return made[name]
+
+    return make
 
 
 @pytest.fixture(scope="session")

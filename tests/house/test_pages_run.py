@@ -1,10 +1,6 @@
-"""What the pages say can be done can be done: their commands, Python examples and notebooks run.
-
-Of most pages' commands a third, always the same, where EVERY_PAGE is not in the environment (``make every-page``).
-"""
+"""What the pages say can be done can be done: their commands, Python examples and notebooks run."""
 
 import json
-import os
 import runpy
 from importlib import import_module
 from importlib.util import find_spec
@@ -19,25 +15,37 @@ from page_blocks import PAGES, ROOT, blocks, commands
 OPTIONAL = {"to_pyvista": "pyvista", "to_meshio": "meshio", "to_xarray": "xarray", "to_pandas": "pandas"}
 
 
-def sample(pages):
-    """The README, and every third of the other pages; all where the environment asks for them."""
-    others = [page for page in pages if page != "README.md"]
-    return pages if "EVERY_PAGE" in os.environ else ["README.md", *others[::3]]
+#: the pages with commands, but for the first, the README
+WITH_COMMANDS = [page for page in PAGES[1:] if commands(page)]
 
 
-@pytest.mark.parametrize("page", sample([page for page in PAGES if commands(page)]))
-def test_commands_run(page, page_folder, monkeypatch):
+@pytest.fixture
+def run_commands(page_folder, monkeypatch):
     """Small pictures will do; without the solvers' files the commands that read them are left out."""
     from elvis.plugins.command import elvis
 
     monkeypatch.syspath_prepend(ROOT / "examples")
-    absent = {name for name in import_module("page_data").SOURCES if name and not Path(name).exists()}
-    for words in commands(page):
-        if words[0] == "render":
-            words += ["--size", "160x120", "--samples", "1"]
-        if not absent.intersection(words):
-            outcome = CliRunner().invoke(elvis, words, standalone_mode=False)
-            assert outcome.exception is None, f"{words}: {outcome.exception}"
+
+    def run(page):
+        absent = {name for name in import_module("page_data").SOURCES if name and not Path(name).exists()}
+        for words in commands(page):
+            if words[0] == "render":
+                words += ["--size", "160x120", "--samples", "1"]
+            if not absent.intersection(words):
+                outcome = CliRunner().invoke(elvis, words, standalone_mode=False)
+                assert outcome.exception is None, f"{words}: {outcome.exception}"
+
+    return run
+
+
+def test_commands_of_the_readme_run(run_commands):
+    run_commands("README.md")
+
+
+@pytest.mark.sampled(least=len(WITH_COMMANDS) // 3, free=("page",))
+@pytest.mark.parametrize("page", WITH_COMMANDS)
+def test_commands_run(page, run_commands):
+    run_commands(page)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(ROOT, page, "python")])

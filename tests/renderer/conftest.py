@@ -1,6 +1,5 @@
 """Devices that draw, and what it means that two of them agree."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +14,7 @@ from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as render_reference
-from elvis.renderer import Renderer, Scene, Status
-from elvis.renderer.adapters import ADVICE, adapters
+from elvis.renderer import Scene, Status
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
@@ -64,25 +62,6 @@ def liveliest():
         return dataset.fields[int(np.argmax(spread))].name
 
     return find
-
-
-@pytest.fixture(scope="session")
-def renderer():
-    """An open device by name, opened once; only a missing Vulkan driver is a reason to skip, and not in CI."""
-    opened = {}
-
-    def open_device(name):
-        if name == "vulkan" and not any(adapter.kind == "vulkan" for adapter in adapters()):
-            if os.environ.get("CI"):
-                pytest.fail(f"no Vulkan device: {ADVICE}")
-            pytest.skip(f"no Vulkan device: {ADVICE}")
-        if name not in opened:
-            opened[name] = Renderer(name)
-        return opened[name]
-
-    yield open_device
-    for device in opened.values():
-        device.device.close()
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,10 @@ NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
 FACES = Scene("u", objects=(Faces(),), camera=NEAR, size=(40, 30))
 
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc")
+pytestmark = [
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc"),
+    pytest.mark.own_devices,
+]
 
 
 @pytest.fixture(scope="module")

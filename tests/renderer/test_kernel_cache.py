@@ -135,6 +135,7 @@ def test_without_a_temporary_folder_kernels_are_in_memory(process, compose, tmp_
         )
 
 
+@pytest.mark.own_devices
 def test_remarks_are_in_the_statistics_of_a_picture(process, renderer, linear):
     renderer("vulkan")
     kernel_cache.kernel_cache().remarks.append("compiled kernels can't be kept in a test")

@@ -87,6 +87,7 @@ def test_time_limits(draw, cube):
 
 
 @pytest.mark.parametrize("scene", [{"plane": PLANE}, {"objects": (CutSurface(PLANE), Faces())}], ids=["one", "many"])
+@pytest.mark.own_devices
 def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkeypatch, scene):
     """A device that fails whenever it has many pixels to draw at once."""
     renderer("vulkan")
@@ -110,6 +111,7 @@ def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkey
     assert np.allclose(whole.field, again.field, rtol=0, atol=1e-12, equal_nan=True)
 
 
+@pytest.mark.own_devices
 def test_a_device_that_always_fails_is_given_up(cube, renderer, monkeypatch):
     renderer("vulkan")
 

@@ -1,0 +1,61 @@
+"""Of families of tests samples run: the same for a seed, with each value of each parameter that is not free."""
+
+from dataclasses import dataclass, field
+from itertools import product
+from types import SimpleNamespace
+
+import pytest
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is asked of an item of pytest."""
+
+    shape: int
+    view: int
+    seed: int
+    mark: object = field(compare=False)
+
+    @property
+    def callspec(self):
+        return SimpleNamespace(indices={"shape": self.shape, "view": self.view, "seed": self.seed})
+
+    def get_closest_marker(self, name):
+        return self.mark
+
+
+@pytest.fixture
+def tests(request, root):
+    """The module that pytest has made of the tests' conftest.py."""
+    return request.config.pluginmanager.get_plugin(str(root / "tests" / "conftest.py"))
+
+
+def cases(mark):
+    return [Case(*numbers, mark) for numbers in product(range(4), range(2), range(10))]
+
+
+@pytest.mark.parametrize("name", ["a", "b", "c"])
+def test_each_value_occurs_and_no_more_cases_than_that_takes(tests, name):
+    chosen = tests.sample(name, cases(SimpleNamespace(kwargs={"free": ("seed",)})))
+    assert {case.shape for case in chosen} == set(range(4))
+    assert {case.view for case in chosen} == {0, 1}
+    assert len(chosen) == 4
+    assert len({case.seed for case in tests.sample(name, cases(SimpleNamespace(kwargs={})))}) == 10
+
+
+def test_more_are_taken_where_so_many_are_asked_for(tests):
+    chosen = tests.sample("a", cases(SimpleNamespace(kwargs={"least": 7, "free": ("seed",)})))
+    assert len(chosen) == len(set(chosen)) == 7
+
+
+def test_a_seed_has_a_sample_of_its_own(tests, monkeypatch):
+    family = cases(SimpleNamespace(kwargs={"free": ("seed",)}))
+    first, again = tests.sample("a", family), tests.sample("a", family)
+    assert first == again
+    assert first != tests.sample("b", family)
+    monkeypatch.setattr(tests, "SEED", "another")
+    assert first != tests.sample("a", family)
+
+
+def test_families_without_the_marker_are_whole(tests):
+    assert tests.sample("a", cases(None)) == cases(None)
