@@ -100,10 +100,12 @@ CASES = [
 def row(case: Case, data: Path) -> list[str]:
     """A line of the table."""
     from elvis.plugins.converting import convert
-    from elvis.plugins.discovery import chosen, installed, with_defaults
+    from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
 
     paths = [data / case.folder / name for name in case.files]
-    converter = chosen([each for each in installed() if each.name == case.converter], paths).converter
+    converter = choose_converter(
+        [each for each in installed_converters() if each.name == case.converter], paths
+    ).converter
     assert converter is not None
     conversion, timing = once(lambda: convert(converter(paths, **with_defaults(converter, case.options)), files=paths))
     report = conversion.report

@@ -28,7 +28,7 @@ from elvis.core.picturing import Kind
 from elvis.core.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.converting import convert
-from elvis.plugins.discovery import chosen, installed, with_defaults
+from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
 from elvis.renderer import Faces, Plane, Renderer, Scene
@@ -83,7 +83,7 @@ def opened(files: tuple[Path, ...]) -> Dataset:
     """The dataset of native files, or of converted ones."""
     if (SHARED / "nektar") in files[0].parents:
         return read(*files)
-    converter = chosen(installed(), files).converter
+    converter = choose_converter(installed_converters(), files).converter
     assert converter is not None
     return convert(converter(files, **with_defaults(converter, {})), files=files).dataset
 

@@ -115,7 +115,7 @@ def _model(model: Any, is_one_of_many: bool) -> str:
 
 def _row(name: str, setting: Setting, hint: Any, default: Any) -> str:
     """A line of the table of a model."""
-    value, allowed = _value(hint), setting.allowed
+    value, allowed = _value(hint), setting.values_text
     if allowed.startswith("a "):
         value = value.replace("number", allowed.removeprefix("a "))
     elif allowed not in ("", "finite numbers"):

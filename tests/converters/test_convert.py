@@ -13,7 +13,7 @@ from elvis.core.polynomials.quadrature import gll
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.formats import ElvisError, FormatError, read
-from elvis.plugins.discovery import Candidate, chosen, in_file, installed
+from elvis.plugins.discovery import Candidate, choose_converter, in_file, installed_converters
 from elvis.plugins.nodal import tensor_nodes
 from elvis.plugins.registry import PluginError
 from elvis.plugins.testing import check, values_found
@@ -121,7 +121,7 @@ def test_options_of_converters_are_options_of_the_command(elvis_json, elvis, pyf
 
 def test_the_list_tells_what_there_is(elvis):
     said = elvis("convert", "--list")
-    for candidate in installed():
+    for candidate in installed_converters():
         assert candidate.converter, candidate.fault
         assert candidate.name in said
         assert candidate.converter.format
@@ -165,15 +165,15 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(case, plugin):
     candidate.converter.needs = ("no_such_library",)
     assert candidate.missing == ("no_such_library",)
     with pytest.raises(ElvisError, match="needs no_such_library, which is not installed; pip install no_such_library"):
-        chosen([candidate], [case])
+        choose_converter([candidate], [case])
     own = type("Own", (candidate.converter,), {"__module__": "elvis.converters.own"})
     with pytest.raises(ElvisError, match=r"the converter mfem needs .*; pip install 'elvis-viz\[mfem\]' brings it"):
-        chosen([Candidate("mfem", own)], [case])
+        choose_converter([Candidate("mfem", own)], [case])
 
 
 def test_every_library_comes_with_an_extra_of_its_converter():
     text = (PAGE.parents[1] / "pyproject.toml").read_text()
-    for candidate in installed():
+    for candidate in installed_converters():
         for need in candidate.converter.needs:
             assert re.search(rf'^{candidate.name} = \["{need}[>=]', text, re.M)
 
@@ -182,8 +182,8 @@ def test_several_claims_ask_for_a_choice(case, plugin):
     (candidate,) = in_file(plugin)
     both = [Candidate("one", candidate.converter), Candidate("two", candidate.converter)]
     with pytest.raises(ElvisError, match="one and two open them all; choose one with --from"):
-        chosen(both, [case])
-    assert chosen(both, [case], "two").name == "two"
+        choose_converter(both, [case])
+    assert choose_converter(both, [case], "two").name == "two"
 
 
 @pytest.mark.parametrize(

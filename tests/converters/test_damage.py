@@ -8,7 +8,7 @@ import pytest
 
 from elvis.formats import ElvisError
 from elvis.plugins.converting import convert
-from elvis.plugins.discovery import chosen, installed, with_defaults
+from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
 from elvis.plugins.report import Report
 
 CASES = {
@@ -60,20 +60,22 @@ DAMAGES = (cut, changed, shortened, renumbered)
 def converted(paths):
     """The report on files, or the sentence why there is none."""
     try:
-        converter = chosen([each for each in installed() if not each.missing], paths).converter
+        converter = choose_converter([each for each in installed_converters() if not each.missing], paths).converter
         return convert(converter(paths, **with_defaults(converter, {})), files=paths).report
     except ElvisError as error:
         return str(error)
 
 
 def test_every_converter_has_a_case():
-    assert {name.split()[0] for name in CASES} | {"elvisdat"} == {candidate.name for candidate in installed()}
+    assert {name.split()[0] for name in CASES} | {"elvisdat"} == {
+        candidate.name for candidate in installed_converters()
+    }
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers as large as they come
 @pytest.mark.parametrize("name", CASES)
 def test_damaged_files_are_refused_in_a_sentence_or_read(solvers, tmp_path, name):
-    if next(each for each in installed() if each.name == name.split()[0]).missing:
+    if next(each for each in installed_converters() if each.name == name.split()[0]).missing:
         pytest.skip("its library is not installed")
     whole = [path for file in CASES[name] for path in found(solvers / file)]
     for number, damage in enumerate(DAMAGES * 3):

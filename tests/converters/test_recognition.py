@@ -9,7 +9,7 @@ import pytest
 from elvis.converters.vtk import Vtk
 from elvis.core.errors import ElvisError, FormatError
 from elvis.formats.reading import read
-from elvis.plugins.discovery import chosen, installed
+from elvis.plugins.discovery import choose_converter, installed_converters
 
 
 def legacy(kind):
@@ -77,7 +77,7 @@ def test_what_a_file_is_and_what_to_do(tmp_path, name):
     content, words = FILES[name]
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ElvisError, match=rf"{name}: expected a file of a known format \(.*\), found {words}") as told:
-        chosen(installed(), [tmp_path / name])
+        choose_converter(installed_converters(), [tmp_path / name])
     assert "\n" not in str(told.value)
     assert "found others" not in str(told.value)
 
@@ -99,10 +99,10 @@ def test_hdf5_files_are_told_by_what_they_hold(tmp_path):
                 file[name] = value
             file.attrs.update(attributes)
         with pytest.raises(ElvisError, match=f"found {words}"):
-            chosen(installed(), [path])
+            choose_converter(installed_converters(), [path])
     path.write_bytes(path.read_bytes()[:20])
     with pytest.raises(ElvisError, match="found a damaged HDF5 file"):
-        chosen(installed(), [path])
+        choose_converter(installed_converters(), [path])
 
 
 def test_files_that_do_not_belong_together(solvers, tmp_path):
@@ -110,13 +110,13 @@ def test_files_that_do_not_belong_together(solvers, tmp_path):
     with pytest.raises(
         ElvisError, match=r"found mixed_o3\.msh \(gmsh\), mfem_escher_p3\.vtu \(vtk\): give them one by"
     ):
-        chosen(installed(), [mesh, grid])
+        choose_converter(installed_converters(), [mesh, grid])
     ball = solvers / "cgns" / "gmsh_ball_tet_o3.cgns"
     with pytest.raises(ElvisError, match="expected files that belong together, found 2 that cgns opens one at a time"):
-        chosen(installed(), [ball, ball])
+        choose_converter(installed_converters(), [ball, ball])
     (tmp_path / "a.txt").write_text("hello\n")
     with pytest.raises(ElvisError, match=r"a\.txt: expected a file of a known format .* begins 'hello'"):
-        chosen(installed(), [mesh, tmp_path / "a.txt"])
+        choose_converter(installed_converters(), [mesh, tmp_path / "a.txt"])
 
 
 def test_a_converter_that_is_named_says_the_same(tmp_path):

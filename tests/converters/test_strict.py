@@ -10,7 +10,7 @@ from elvis.core.shapes import Shape
 from elvis.formats import write
 from elvis.formats.strict import findings
 from elvis.plugins.converting import convert
-from elvis.plugins.discovery import chosen, installed, with_defaults
+from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
 
 #: cases of shared data by converter; those of `MADE` are made here
 CASES = [
@@ -68,10 +68,10 @@ def conversion(solvers, tmp_path, request):
         paths = [tmp_path / file if file in MADE else solvers / file for file in files]
         if paths[0].is_dir():
             paths = sorted(path for path in paths[0].iterdir() if path.suffix in (".xml", ".fld"))
-        candidate = next(each for each in installed() if each.name == name)
+        candidate = next(each for each in installed_converters() if each.name == name)
         if candidate.missing:
             pytest.skip("its library is not installed")
-        converter = chosen([each for each in installed() if not each.missing], paths).converter
+        converter = choose_converter([each for each in installed_converters() if not each.missing], paths).converter
         assert converter is candidate.converter
         return convert(converter(paths, **with_defaults(converter, {})), files=paths)
 
@@ -85,7 +85,7 @@ def written(dataset, folder, form):
 
 
 def test_every_converter_has_a_case():
-    assert {case[0] for case in CASES} == {candidate.name for candidate in installed()}
+    assert {case[0] for case in CASES} == {candidate.name for candidate in installed_converters()}
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case[1])

@@ -13,7 +13,7 @@ from elvis.core.queries import points_in_table
 from elvis.formats import ElvisError
 from elvis.formats.reading import read
 from elvis.formats.strict import findings
-from elvis.plugins.discovery import chosen, installed
+from elvis.plugins.discovery import choose_converter, installed_converters
 from elvis.plugins.opening import open_files
 from elvis.reference.record import Record
 from elvis.renderer.passes.solids.hits import triangles
@@ -23,7 +23,7 @@ from elvis.scene.palette import points_in
 #: how a file is read, and the suffix by which some are told
 DOORS = {
     "data": (read, ".xml"),
-    "data for a converter": (lambda path: chosen(installed(), [path]), ".vtu"),
+    "data for a converter": (lambda path: choose_converter(installed_converters(), [path]), ".vtu"),
     "data for a plugin": (lambda path: open_files([path]), ".npz"),
     "scene": (read_scene, ".yaml"),
     "palette": (lambda path: points_in(str(path)), ".xml"),
@@ -71,7 +71,7 @@ def test_a_file_that_is_not_there(door, tmp_path):
 
 def test_a_converter_or_plugin_that_looks_into_a_file_opens_none_but_plain_ones(others, monkeypatch):
     for path in others(".msh").values():
-        for candidate in installed():
+        for candidate in installed_converters():
             if not (path.is_dir() and candidate.name == "native"):
                 assert not candidate.converter.opens([path])
         assert leading(path, 10) == b""
@@ -92,7 +92,7 @@ def test_files_that_a_file_names_are_plain_too(tmp_path):
     (tmp_path / "series.pvd").write_text(
         '<VTKFile type="Collection"><Collection><DataSet timestep="0" file="part.vtu"/></Collection></VTKFile>'
     )
-    converter = chosen(installed(), [tmp_path / "whole.pvtu"]).converter
+    converter = choose_converter(installed_converters(), [tmp_path / "whole.pvtu"]).converter
     with pytest.raises(ElvisError, match=r"part\.vtu: expected a file, found a pipe"):
         converter([tmp_path / "whole.pvtu"])
     with pytest.raises(ElvisError, match=r"expected a VTK file part\.vtu next to it, found none"):

@@ -75,13 +75,13 @@ def test_incompressible_flows_have_a_total_pressure_of_their_own():
 def same(text, other, names, density):
     """Whether two texts have equal values at random ones of their leaves."""
     from elvis.core.quantities.functions import function
-    from elvis.core.quantities.tree import folded, leaves
+    from elvis.core.quantities.tree import fold, leaves
 
     roots = [Expression.parse(each, names).root for each in (text, other)]
     rng = np.random.default_rng(0)
     given = {leaf: rng.uniform(1, 2, 5) for leaf in leaves(*roots)}
     leaf = lambda node: node.value if node.op == "number" else given[node]  # noqa: E731
-    first, second = (folded(root, leaf, lambda node, parts: function(node).numpy(*parts)) for root in roots)
+    first, second = (fold(root, leaf, lambda node, parts: function(node).numpy(*parts)) for root in roots)
     return np.allclose(first, second, rtol=1e-14)
 
 

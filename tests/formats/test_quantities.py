@@ -259,10 +259,10 @@ def test_derivatives_of_functions_are_their_differences(name):
 
 def evaluated(root, given):
     from elvis.core.quantities.functions import function
-    from elvis.core.quantities.tree import folded
+    from elvis.core.quantities.tree import fold
 
     leaf = lambda node: node.value if node.op == "number" else given[node.name]  # noqa: E731
-    return folded(root, leaf, lambda node, parts: function(node).numpy(*parts))
+    return fold(root, leaf, lambda node, parts: function(node).numpy(*parts))
 
 
 # what is known of elements

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from elvis.core.relative import allowed, scale
+from elvis.core.relative import error_limit, scale
 
 EPS = 2.0**-52
 
@@ -23,13 +23,13 @@ def test_digits_that_a_source_lacks_count_as_rounding():
 
 
 def test_rounding_of_large_numbers_is_within_any_bound():
-    assert allowed(1e-10, 2.0, 1.0) == 2e-10
-    assert allowed(1e-10, 1e-9, 1.0) == 64 * EPS
-    assert allowed(0.0, 1.0, 1e6) == 64 * EPS * 1e6
+    assert error_limit(1e-10, 2.0, 1.0) == 2e-10
+    assert error_limit(1e-10, 1e-9, 1.0) == 64 * EPS
+    assert error_limit(0.0, 1.0, 1e6) == 64 * EPS * 1e6
 
 
 def test_zero_and_nothing():
     assert scale(0.0, 0.0) == 1.0
-    assert allowed(1e-3, 0.0, 0.0) == 1e-3
+    assert error_limit(1e-3, 0.0, 0.0) == 1e-3
     assert scale(-math.inf, math.inf) == 1.0
-    assert allowed(1e-3, math.nan, math.nan) == 1e-3
+    assert error_limit(1e-3, math.nan, math.nan) == 1e-3

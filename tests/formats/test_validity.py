@@ -93,7 +93,7 @@ def test_listed_elements_and_all_together_are_tight(shape, nodes):
     whole = found.range
     assert whole.least - whole.lower <= 1e-10 * abs(whole.least) + found.error.max()
     assert whole.upper - whole.greatest <= 1e-10 * abs(whole.greatest) + found.error.max()
-    listed = found.listed
+    listed = found.failing_rows
     assert (found.status[listed] == ValidityStatus.NOT_POSITIVE).all()
     size = np.maximum(np.abs(found.least), np.abs(found.greatest))[listed]
     assert (found.least[listed] - found.lower[listed] <= 1e-10 * size).all()

@@ -7,9 +7,9 @@ from functools import cache
 
 @cache
 def _candidates():
-    from elvis.plugins.discovery import installed
+    from elvis.plugins.discovery import installed_converters
 
-    return [each for each in installed() if not each.missing]
+    return [each for each in installed_converters() if not each.missing]
 
 
 def evaluated(paths):
@@ -39,10 +39,10 @@ def checked(paths):
 def converted(paths):
     """The data, converted by the converter that says it opens them."""
     from elvis.plugins.converting import convert
-    from elvis.plugins.discovery import chosen, with_defaults
+    from elvis.plugins.discovery import choose_converter, with_defaults
 
     given = _given(paths)
-    converter = chosen(_candidates(), given).converter
+    converter = choose_converter(_candidates(), given).converter
     options = with_defaults(converter, {"spaces": "H1:4"} if any(p.suffix == ".gfu" for p in given) else {})
     convert(converter(given, **options), files=given).report.metadata()
 
@@ -70,7 +70,7 @@ def coloured(paths):
     """A colour map."""
     from elvis.scene.palette import Palette
 
-    Palette.named(str(paths[0]), 0.0, 1.0)
+    Palette.of_name(str(paths[0]), 0.0, 1.0)
 
 
 def triangulated(paths):

@@ -14,7 +14,7 @@ from elvis.formats import ElvisError, read, write
 from elvis.plugins import kept_conversions
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import convert
-from elvis.plugins.kept_conversions import Work, kept
+from elvis.plugins.kept_conversions import Work, load_or_convert
 
 
 class Cubes(Converter):
@@ -83,7 +83,7 @@ def same(one, other):
 def asked(*paths, converter=Cubes, is_kept=True, **keywords):
     """The largest value of the dataset, its remarks but for that on errors, and whether it was made anew."""
     before = Cubes.made
-    dataset = kept(Work("cubes", converter, paths, keywords), is_kept)
+    dataset = load_or_convert(Work("cubes", converter, paths, keywords), is_kept)
     (field,) = dataset.fields
     highest = 2 * max(block.coefficients.max() for block in field.blocks)
     assert dataset.remarks[0].startswith(f"{paths[0].name}: converted in memory, exact to the rounding")
@@ -102,7 +102,9 @@ def test_what_comes_out_is_what_convert_writes(home, case, tmp_path):
     path = case(slope=3)
     by_hand = read(*write(convert(Cubes([path]), files=[path]).dataset, tmp_path / "by_hand.xml"))
     for is_kept in (False, True, True):
-        assert same(dataclasses.replace(kept(Work("cubes", Cubes, (path,), {}), is_kept), remarks=()), by_hand)
+        assert same(
+            dataclasses.replace(load_or_convert(Work("cubes", Cubes, (path,), {}), is_kept), remarks=()), by_hand
+        )
 
 
 @pytest.mark.parametrize("change", ["content", "option", "converter", "name", "file beside", "code", "not to be kept"])
@@ -213,7 +215,7 @@ def test_the_work_goes_on_without_a_temporary_folder(home, case, monkeypatch):
 
 def test_a_conversion_that_fails_leaves_nothing(home, case):
     with pytest.raises(ElvisError):
-        kept(Work("cubes", Cubes, (case(cubes=0),), {}))
+        load_or_convert(Work("cubes", Cubes, (case(cubes=0),), {}))
     assert not home.exists()
 
 

@@ -13,9 +13,9 @@ from elvis.plugins.nodal import (
     NodalBlock,
     NodalConverter,
     NodalValues,
+    affine_image,
     bernstein,
     component_names,
-    moved,
     native_points,
     nearest_nodes,
     order_of_space,
@@ -32,7 +32,7 @@ def inside(shape, count=9):
 
 def unit_of(shape, points):
     """(n, d) the points in coordinates from 0 to 1."""
-    return moved(points, shape.vertices, UNIT[shape].frame)
+    return affine_image(points, shape.vertices, UNIT[shape].frame)
 
 
 def powers_of(order, points):

@@ -9,8 +9,8 @@ from elvis.core.testing import grid, mixed_volume
 from elvis.formats import Shape
 from elvis.plugins.converting import convert
 from elvis.plugins.projection.frames import MIRRORED, PROPER, affine, source_points
-from elvis.plugins.projection.numbering import TRIANGLES, Corners, chosen_orders, disputed, ranks
-from elvis.plugins.projection.vertices import clusters, connected_labels, unified
+from elvis.plugins.projection.numbering import TRIANGLES, Corners, chosen_orders, conflicting_elements, ranks
+from elvis.plugins.projection.vertices import clusters, connected_labels, merge_vertices
 from elvis.plugins.testing import Analytic, AnalyticField
 
 
@@ -53,7 +53,7 @@ def test_ranks_let_prisms_and_pyramids_follow(seed):
     for block in blocks:
         table = np.array(PROPER[block.shape])[chosen_orders(block, rank)]
         native.append(Corners(block.shape, np.take_along_axis(block.vertices, table, axis=1)))
-    assert not any(mark.any() for mark in disputed(native, rank))
+    assert not any(mark.any() for mark in conflicting_elements(native, rank))
     for block in native:
         for face in TRIANGLES[block.shape]:
             assert (rank[block.vertices[:, list(face)]].argmax(axis=1) == 2).all()
@@ -125,7 +125,7 @@ def test_labels_of_connected_items():
 
 def test_vertices_by_number_and_by_place():
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 0]], float)
-    vertex, places = unified(np.array([4, 9, 9, 4, -1]), corners, 1e-9)
+    vertex, places = merge_vertices(np.array([4, 9, 9, 4, -1]), corners, 1e-9)
     assert len(places) == 4
     assert vertex[1] == vertex[2]
     assert len({vertex[0], vertex[3], vertex[4]}) == 3

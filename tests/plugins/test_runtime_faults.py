@@ -248,7 +248,7 @@ def test_of_several_plugins_the_user_chooses(opened, monkeypatch):
 
 
 def test_plugins_that_do_not_load_leave_the_others_alone(miniature):
-    assert {"fourier", "nurbs"} <= set(opening.installed())
+    assert {"fourier", "nurbs"} <= set(opening.installed_plugins())
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.plugins.opening import PluginData, named
+from elvis.plugins.opening import PluginData, plugin_named
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
 from elvis.plugins.volume import interface_folder
@@ -119,7 +119,7 @@ def _arguments(words):
 
 
 def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
-    ((name, plugin),) = named(str(folder / "rings.py")).items()
+    ((name, plugin),) = plugin_named(str(folder / "rings.py")).items()
     opened = PluginData(name, plugin([folder / "case.npz"]))
     drawing, scene = renderer("vulkan"), Scene("p", objects=(Faces(),), camera="iso", size=(80, 60))
     drawing.show(opened.volume("p"))
@@ -146,7 +146,7 @@ def test_an_author_writes_less_than_a_third_of_what_elvis_asked_for():
 
 @pytest.mark.parametrize("device", ["vulkan", "cpu"])
 def test_it_keeps_what_the_kit_asks(folder, renderer, device):
-    ((name, plugin),) = named(str(folder / "rings.py")).items()
+    ((name, plugin),) = plugin_named(str(folder / "rings.py")).items()
     assert name == "Rings"
     source = plugin([folder / "case.npz"])
     assert (tuple(source.fields), source.time) == (("p",), 0.5)

@@ -33,7 +33,7 @@ def test_points_come_back_to_where_they_came_from(shape):
     patch = bent(shape)
     inner = scattered(shape, 300, 1)
     rows = np.zeros(len(inner), np.int64)
-    reference, status = Inverter(patch).solved(rows, positions(patch, rows, inner))
+    reference, status = Inverter(patch).invert(rows, positions(patch, rows, inner))
     assert (status == Status.INSIDE).all()
     assert np.abs(reference - inner).max() < 1e-11
 
@@ -57,9 +57,9 @@ def test_points_beyond_the_border_are_proved_to_be_outside(shape):
     points = np.concatenate(beyond)
     rows = np.zeros(len(points), np.int64)
     world = positions(patch, rows, points)
-    _, status = Inverter(patch).solved(rows, world)
+    _, status = Inverter(patch).invert(rows, world)
     left = np.flatnonzero(status != Status.OUTSIDE)
-    _, searched = Inverter(patch).searched(rows[left], world[left])
+    _, searched = Inverter(patch).search(rows[left], world[left])
     assert (searched == Status.OUTSIDE).all()
 
 
@@ -70,10 +70,10 @@ def test_a_root_that_newton_misses_is_found_by_halving(monkeypatch):
     inner = scattered(Shape.HEXAHEDRON, 50, 4)
     rows = np.zeros(len(inner), np.int64)
     world = positions(patch, rows, inner)
-    _, status = Inverter(patch).solved(rows, world)
+    _, status = Inverter(patch).invert(rows, world)
     assert (status == Status.UNCERTAIN).any()
     monkeypatch.setattr(inversion, "_STEPS", 40)
-    reference, status = Inverter(patch).searched(rows, world)
+    reference, status = Inverter(patch).search(rows, world)
     assert (status == Status.INSIDE).all()
     assert np.abs(reference - inner).max() < 1e-11
 

@@ -13,7 +13,7 @@ from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.bounding import candidates
 from elvis.reference.scenes.rasters import on_screen
 from elvis.reference.scenes.zeros import zeros
-from elvis.reference.solids import margins_of, placed
+from elvis.reference.solids import map_points, margins_of
 from elvis.renderer import Camera, Scene, Status
 from elvis.scene import Isosurface, Style
 from elvis.scene.view import View
@@ -107,7 +107,7 @@ def test_no_pair_of_an_element_and_a_ray_is_left_out(shape):
     points = start[margins_of(patch, start) > 0][:1500]
     rows = rng.integers(len(patch), size=len(points))
     values = quantities.values("u", patch, rows, points)
-    (place, _), missed = on_screen(view, placed(patch, rows, points)[0]), 0
+    (place, _), missed = on_screen(view, map_points(patch, rows, points)[0]), 0
     for value in np.linspace(values.min(), values.max(), 5)[1:-1]:
         # pixels next to places whose values are next to the one that is looked for
         near = np.flatnonzero(np.abs(values - value) < 0.02)

@@ -119,7 +119,7 @@ def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(shader, fragmen
 
 def test_colours_are_those_of_the_colour_map(shader):
     """To the last bit; what is not a finite number has its own."""
-    palette = Palette.named("viridis", -1.0, 2.0)
+    palette = Palette.of_name("viridis", -1.0, 2.0)
     values = np.concatenate([np.linspace(-1.5, 2.5, 40), [np.nan, np.inf, -np.inf]])
     hits = hits_at(np.ones(len(values))).showing(values)
     painted = shader.over(sight(len(values)), hits, Material(palette), WHITE, whole=False)

@@ -149,7 +149,7 @@ def test_colours_are_spread_as_the_bar_says(draw, plane, bar):
     )
     plain = draw(plane, field="exp(3*u)", size=(60, 50), bar=bar)
     low, high = plain.range
-    palette = Palette.named("viridis", low, high).spread(bar)
+    palette = Palette.of_name("viridis", low, high).over_range(bar)
     assert np.array_equal(
         plain.rgb[plain.seen], np.rint(255 * palette.colors(plain.field[plain.seen])).astype(np.uint8)
     )
@@ -163,7 +163,7 @@ def test_colours_are_spread_as_the_bar_says(draw, plane, bar):
 @pytest.mark.parametrize("ends", [(1e-3, 1e4), (-5.0, 100.0), (-2.0, -1.0)])
 def test_colours_of_scales_go_up_evenly(ends):
     bar = ColorBar(scale="log" if ends[0] > 0 else "symlog", bands=9)
-    edges = Palette.named("viridis", *ends).spread(bar).edges
+    edges = Palette.of_name("viridis", *ends).over_range(bar).edges
     assert len(edges) == 8
     assert (np.diff([ends[0], *edges, ends[1]]) > 0).all()
     if ends[0] > 0:

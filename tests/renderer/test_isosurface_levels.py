@@ -120,12 +120,12 @@ def test_zeros_of_products_count_where_nothing_says_that_they_are_spurious(text)
 def evaluated(root, points):
     """(n,) an expression of x and y at points (n, 2)."""
     from elvis.core.quantities.functions import function
-    from elvis.core.quantities.tree import folded
+    from elvis.core.quantities.tree import fold
 
     def leaf(node):
         return np.full(len(points), node.value) if node.op == "number" else points[:, node.axes[0]]
 
-    return folded(root, leaf, lambda node, parts: function(node).numpy(*parts))
+    return fold(root, leaf, lambda node, parts: function(node).numpy(*parts))
 
 
 def test_values_that_nothing_has_and_what_is_no_quotient_have_no_other_level():

@@ -14,7 +14,7 @@ from elvis.renderer import Camera, Plane
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import beside
 from elvis.renderer.passes.faces.faces import FaceDrawer
-from elvis.renderer.passes.lines.lines import Lines, covered, levels
+from elvis.renderer.passes.lines.lines import Lines, levels, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
@@ -106,7 +106,7 @@ def curve(view, function):
 def check(hits, coverage, distance, width, close=CLOSE):
     """Coverage as the distances say wherever something is hit, and none elsewhere."""
     hit = hits.owner != NOBODY
-    expected = covered(distance, width)
+    expected = line_coverage(distance, width)
     assert (expected[hit] > 0.2).any()
     assert np.abs(coverage - expected)[hit].max() < close
     assert (coverage[~hit] == 0.0).all()
@@ -229,7 +229,7 @@ def test_waves_of_five_pixels(cut, values):
     apart = np.min([distances(view, curve(view, lambda p, v=v: waves(p) - v)) for v in values], axis=0)
     near = np.isfinite(hits.depth).reshape(view.height, view.width)
     inner = (near & ~grown(~near, 2)).ravel()
-    difference = lines.contours(view, hits, np.array(values), 1.0).coverage - covered(apart, 1.0)
+    difference = lines.contours(view, hits, np.array(values), 1.0).coverage - line_coverage(apart, 1.0)
     assert np.abs(difference)[inner].max() < 0.025
 
 
@@ -269,7 +269,7 @@ def test_contours_in_bent_elements(cut, camera):
     inner = near & ~grown(~near, 3)
     coverage = lines.contours(view, hits, values, 1.5).coverage
     assert inner.sum() > 500
-    assert np.abs(coverage - covered(apart, 1.5)).reshape(inner.shape)[inner].max() < CLOSE
+    assert np.abs(coverage - line_coverage(apart, 1.5)).reshape(inner.shape)[inner].max() < CLOSE
 
 
 def grown(mask, steps):
@@ -327,7 +327,7 @@ def test_mesh_lines_of_bent_volumes(cut):
     apart = np.min([nearest(axis, level) for axis, level in crossed], axis=0)
     near = np.isfinite(hits.depth).reshape(view.height, view.width)
     inner = near & ~grown(~near, 2)
-    difference = np.abs(lines.mesh(view, hits, 1.5).coverage - covered(apart, 1.5)).reshape(inner.shape)
+    difference = np.abs(lines.mesh(view, hits, 1.5).coverage - line_coverage(apart, 1.5)).reshape(inner.shape)
     assert difference[inner].max() < CLOSE
 
 

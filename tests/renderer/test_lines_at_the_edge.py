@@ -6,7 +6,7 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.renderer import Camera, Contours, CutSurface, Faces, MeshLines, Plane, Style, rendering
-from elvis.renderer.passes.lines.lines import covered
+from elvis.renderer.passes.lines.lines import line_coverage
 
 SIZE, STEP = (24, 20), 0.008
 #: sides and corners of a picture, in columns to the right and rows downwards
@@ -45,7 +45,7 @@ def test_lines_beyond_the_edge_cover_pixels_within_their_width(draw, surface, ki
         line = Contours((place - 0.1,), width=width, color=black) if kind == "contours" else MeshLines(width, black)
         style = Style(color=(1.0, 1.0, 1.0), lit=False, **{kind: line})
         found = 1.0 - draw(data, objects=(item(style),), camera=camera, size=SIZE).color[..., 0]
-        expected = covered(distance, width)
+        expected = line_coverage(distance, width)
         assert np.abs(found - expected).max() < 1e-3, side
         covering += (expected > 0.2).sum()
     assert covering > 80

@@ -8,7 +8,7 @@ from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Plane
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.passes.lines.lines import Lines, covered
+from elvis.renderer.passes.lines.lines import Lines, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
@@ -51,7 +51,7 @@ def test_lines_closer_together_than_samples_have_no_gaps(cut, level, slope, sign
     lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 3), field))
     inner = hits.owner != NOBODY
     coverage = lines.contours(view, hits, np.array([sign * level]), 1.0).coverage
-    expected = covered(distance_of_line(view, 0.1003, slope), 1.0)
+    expected = line_coverage(distance_of_line(view, 0.1003, slope), 1.0)
     assert np.abs(coverage - expected)[inner].max() < 0.03
     assert not lines.contours(view, hits, np.array([-sign * 1e-11]), 1.0).coverage.any()
 
@@ -60,7 +60,7 @@ def test_lines_that_are_touched_on_a_border_are_drawn(cut):
     """Each of the two elements sees half of a valley, which is as deep as rounding of its coefficients lets it be."""
     lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 2), lambda p: (p[..., 1] - 0.5) ** 2, 3))
     coverage = lines.contours(view, hits, np.array([1e-12]), 1.0).coverage
-    expected = np.where(hits.owner == NOBODY, 0.0, covered(distance_of_line(view, 0.5), 1.0))
+    expected = np.where(hits.owner == NOBODY, 0.0, line_coverage(distance_of_line(view, 0.5), 1.0))
     assert np.abs(coverage - expected).max() < CLOSE
 
 
@@ -87,4 +87,4 @@ def test_nothing_is_drawn_at_poles_and_jumps(cut, quantity, value, roots):
     close = 0.13 if quantity.startswith("tanh") else CLOSE
     x, y, _ = view.points().reshape(-1, 3).T
     inner = (np.abs(x - 0.5) < 0.47) & (np.abs(y - 0.5) < 0.47)
-    assert np.abs(coverage - covered(np.min(away, axis=0), 1.0))[inner].max() < close
+    assert np.abs(coverage - line_coverage(np.min(away, axis=0), 1.0))[inner].max() < close

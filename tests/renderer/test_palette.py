@@ -29,7 +29,7 @@ def rainbow(tmp_path):
 
 def test_a_file_of_the_first_elvis_is_its_colour_map(rainbow):
     assert points_in(rainbow) == FIRST["elvis:rainbow"]
-    found, named = (Palette.named(name, -2.0, 3.0) for name in (rainbow, "elvis:rainbow"))
+    found, named = (Palette.of_name(name, -2.0, 3.0) for name in (rainbow, "elvis:rainbow"))
     assert np.array_equal(found.table, named.table)
     assert found.table.shape == (STEPS, 3)
     assert np.abs(found.colors(np.array([-2.0, 0.5, 3.0])) - [[0, 0, 1], [0, 1, 0], [1, 0, 0]]).max() < 0.01
@@ -37,7 +37,7 @@ def test_a_file_of_the_first_elvis_is_its_colour_map(rainbow):
 
 @pytest.mark.parametrize("name", [*FIRST, "elvis:diverging"])
 def test_the_first_elvis_has_five(name):
-    assert Palette.named(name, 0.0, 1.0).table.shape == (STEPS, 3)
+    assert Palette.of_name(name, 0.0, 1.0).table.shape == (STEPS, 3)
 
 
 def test_places_beyond_the_unit_interval_are_scaled(tmp_path):
@@ -53,7 +53,7 @@ def test_scenes_name_files_beside_them(rainbow, tmp_path, monkeypatch):
     scene = Scene("u", palette=rainbow)
     write_scene(scene, tmp_path / "scene.toml")
     assert 'palette = "rainbow.xml"' in (tmp_path / "scene.toml").read_text()
-    assert Palette.named(read_scene(tmp_path / "scene.toml").palette, 0, 1).table[0].tolist() == [0, 0, 1]
+    assert Palette.of_name(read_scene(tmp_path / "scene.toml").palette, 0, 1).table[0].tolist() == [0, 0, 1]
     (tmp_path / "plain.toml").write_text('palette = "magma"')
     assert read_scene(tmp_path / "plain.toml").palette == "magma"
 
@@ -82,13 +82,13 @@ def test_what_is_no_colour_map_is_said(tmp_path, text, sentence):
     path = tmp_path / "map.xml"
     path.write_text(text)
     with pytest.raises(SceneError, match=sentence) as said:
-        Palette.named(str(path), 0.0, 1.0)
+        Palette.of_name(str(path), 0.0, 1.0)
     assert str(said.value).startswith(str(path))
 
 
 def test_a_missing_file_is_said(tmp_path):
     with pytest.raises(FormatError, match=r"nowhere\.xml: there is no such file"):
-        Palette.named(str(tmp_path / "nowhere.xml"), 0.0, 1.0)
+        Palette.of_name(str(tmp_path / "nowhere.xml"), 0.0, 1.0)
     (tmp_path / "binary.xml").write_bytes(b"\xff\xfe<\x00")
     with pytest.raises(SceneError, match="expected a ColorMap of RGB points"):
-        Palette.named(str(tmp_path / "binary.xml"), 0.0, 1.0)
+        Palette.of_name(str(tmp_path / "binary.xml"), 0.0, 1.0)

@@ -90,7 +90,7 @@ def test_contours_have_the_digits_that_were_typed_or_that_tell_them_apart(draw, 
 
 
 def test_colours_go_through_the_table_in_equal_steps():
-    palette = Palette.named("viridis", 2.0, 4.0)
+    palette = Palette.of_name("viridis", 2.0, 4.0)
     assert palette.table.shape == (STEPS, 3)
     middles = 2.0 + (np.arange(STEPS) + 0.5) * 2 / STEPS
     assert np.array_equal(palette.colors(middles), palette.table)
@@ -104,7 +104,7 @@ def test_unknown_colour_maps_are_refused():
     with pytest.raises(
         SceneError, match=r"colour map 'rainbowish' \(perhaps rainbow\): expected an \.xml file or a name of"
     ):
-        Palette.named("rainbowish", 0, 1)
+        Palette.of_name("rainbowish", 0, 1)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ FIRST = {
 
 @pytest.mark.parametrize("name", FIRST)
 def test_colour_maps_of_the_first_elvis(name):
-    table = Palette.named(name, 0.0, 1.0).table
+    table = Palette.of_name(name, 0.0, 1.0).table
     assert table.shape == (STEPS, 3)
     assert np.allclose(table[[0, -1]], FIRST[name], atol=1e-5)
     assert np.abs(np.diff(table, axis=0)).max() < 0.03

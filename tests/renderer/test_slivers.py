@@ -8,7 +8,7 @@ from elvis.core.testing import grid, with_field
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.renderer import Camera, Plane
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.passes.lines.lines import Lines, covered
+from elvis.renderer.passes.lines.lines import Lines, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import PlaneView, View
@@ -76,7 +76,7 @@ def test_a_contour_within_a_strip_of_a_fifth_of_a_pixel(cut, shape, turn, power)
     coverage = lines.contours(view, hits, np.array([0.3**power]), 1.0).coverage
     i, j = np.meshgrid(np.arange(view.width), np.arange(view.height))
     across, along = turned(view.points_of(i.ravel(), j.ravel()), turn).T / PIXEL
-    expected = covered(np.hypot(across, np.maximum(np.abs(along) - 0.4 / PIXEL, 0.0)), 1.0)
+    expected = line_coverage(np.hypot(across, np.maximum(np.abs(along) - 0.4 / PIXEL, 0.0)), 1.0)
     hit = hits.owner != NOBODY
     assert expected[hit].sum() > 70
     assert np.abs(coverage - expected)[hit].max() < 0.02

@@ -5,7 +5,7 @@ import pytest
 
 from elvis.renderer import Camera, Plane, Scene, SceneError
 from elvis.scene import NAMED_VIEWS
-from elvis.scene.view import PlaneView, face_on, fitted, named
+from elvis.scene.view import PlaneView, face_on, fit_camera, named_camera
 
 PLANES = (Plane((0.2, -0.3, 0.5), (0.1, 0.2, 1.0)), Plane((1e3, 0.0, 0.0), (1.0, -1.0, 0.3)))
 SIZES = ((1, 1), (9, 17), (64, 48))
@@ -84,10 +84,10 @@ def test_the_normal_looks_at_the_viewer(turn):
 @pytest.mark.parametrize("name", ["fit", *NAMED_VIEWS])
 def test_a_fitted_camera_shows_all_of_an_extent(name):
     plane, size = Plane((0.3, 0.2, 0.1), (1.0, 2.0, 3.0)), (60, 40)
-    camera = named(name, plane)
+    camera = named_camera(name, plane)
     extent, box = np.array([[-1.0, 2.0], [3.0, 2.5]]), np.array([[-2.0, -2.0, -2.0], [3.0, 3.0, 3.0]])
     right, up, forward = camera.basis()
-    shown = fitted(camera, size, extent, box)
+    shown = fit_camera(camera, size, extent, box)
     assert np.allclose(np.array(shown.basis()), np.array([right, up, forward]))
     points = np.array([x * right + y * up for x in extent[:, 0] for y in extent[:, 1]])
     columns, rows = pixels_of(PlaneView.of(shown, plane, size), points)

@@ -76,7 +76,7 @@ class Arrays(NodalConverter):
 
     def __init__(self, places: Mapping[str, Any], fields: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
         if not isinstance(places, Mapping) or not places:
-            raise ElvisError(f"expected places of nodes by shape, as {{'hexahedron': …}}, found {_told(places)}")
+            raise ElvisError(f"expected places of nodes by shape, as {{'hexahedron': …}}, found {_short_text(places)}")
         self.blocks = [_block(name, nodes, reference.get(name)) for name, nodes in places.items()]
         for name, values in fields.items():
             self._add(name, values, list(places))
@@ -145,8 +145,8 @@ def _floats(what: str, values: Any) -> Floats:
             raise TypeError
         return np.asarray(found, np.float64)
     except (TypeError, ValueError) as error:
-        raise ElvisError(f"{what}: expected an array of real numbers, found {_told(values)}") from error
+        raise ElvisError(f"{what}: expected an array of real numbers, found {_short_text(values)}") from error
 
 
-def _told(value: Any) -> str:
+def _short_text(value: Any) -> str:
     return f"{value!r:.60}"

@@ -92,7 +92,7 @@ class _Origin:
         """A copy that may take so many bytes of memory; OSError where the origin has ended, or doesn't reply."""
         requests, replies = os.pipe(), os.pipe()
         try:
-            pid = self._asked(["copy", memory, os.getcwd()], [requests[0], replies[1]])
+            pid = self._ask(["copy", memory, os.getcwd()], [requests[0], replies[1]])
         except BaseException:
             os.close(requests[1])
             os.close(replies[0])
@@ -105,7 +105,7 @@ class _Origin:
     def status(self, pid: int) -> int:
         """How a copy has ended; as if it had failed where the origin has ended, too."""
         try:
-            return self._asked(["status", pid])
+            return self._ask(["status", pid])
         except OSError:
             return 1
 
@@ -114,7 +114,7 @@ class _Origin:
         with suppress(OSError):
             self._send(["forget", pid])
 
-    def _asked(self, message: list[Any], files: list[int] | None = None) -> int:
+    def _ask(self, message: list[Any], files: list[int] | None = None) -> int:
         with self._lock:
             self._send(message, files)
             text = self._channel.recv(_LONGEST)

@@ -170,7 +170,7 @@ class _Classic:
 
         self._path = path
         with self._guard():
-            self._file = netcdf_file(_Bounded(path), "r", mmap=True)
+            self._file = netcdf_file(_CheckedFile(path), "r", mmap=True)
             found = {name: getattr(own, "elem_type", b"") for name, own in self._file.variables.items()}
         self.types = {
             name: own.decode("ascii", "replace") if isinstance(own, bytes) else "" for name, own in found.items()
@@ -190,7 +190,7 @@ class _Classic:
             raise FormatError(f"expected a whole netCDF file, found: {reason}", file=self._path) from error
 
 
-class _Bounded:
+class _CheckedFile:
     """A file, of which no more is asked than it holds, whatever its header says."""
 
     def __init__(self, path: Path) -> None:

@@ -8,7 +8,7 @@ from elvis.converters.unit import SIMPLEX_AXES, UNIT, unit_basis
 from elvis.converters.unit import lattice as unit_lattice
 from elvis.core.arrays import Floats, Ints
 from elvis.core.shapes import Shape
-from elvis.plugins.nodal import ShapeFunctions, bernstein, moved, native_points, nearest_nodes, space_size
+from elvis.plugins.nodal import ShapeFunctions, affine_image, bernstein, native_points, nearest_nodes, space_size
 
 #: at least this many elements tell where nodes lie that no table orders
 _COMPARED = 200
@@ -76,7 +76,7 @@ class Bernstein(ShapeFunctions):
 
     def tabulate(self, points: Floats) -> Floats:
         """(n, m) values at our reference points (n, d)."""
-        unit = moved(points, self.shape.vertices, UNIT[self.shape].frame)
+        unit = affine_image(points, self.shape.vertices, UNIT[self.shape].frame)
         result = np.ones((len(unit), len(self._simplex)))
         axes = SIMPLEX_AXES.get(self.shape, 0)
         if axes:

@@ -122,7 +122,7 @@ class Gmsh(NodalConverter):
         shape = group.kind.shape
         key = (id(scheme), shape)
         if key not in self._known:
-            found = Functions.fitted(shape, group.kind.frame, lambda points: scheme.values(points, shape))
+            found = Functions.fit(shape, group.kind.frame, lambda points: scheme.values(points, shape))
             if found is None:
                 raise _error(section, f"a scheme of polynomials for a {shape.label.lower()}", "another")
             self._known[key] = found

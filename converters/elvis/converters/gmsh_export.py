@@ -20,7 +20,7 @@ from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss, require
-from elvis.plugins.nodal import moved, nearest_nodes
+from elvis.plugins.nodal import affine_image, nearest_nodes
 
 _FAMILIES = {
     Shape.SEGMENT: "Line",
@@ -52,13 +52,13 @@ class GmshTarget(Target):
         """The library's own nodes."""
         number = self.gmsh.model.mesh.getElementType(_FAMILIES[shape], order)
         nodes, frame = self._frame(number, shape)
-        return Cell(shape, order, number, moved(nodes, frame, shape.vertices))
+        return Cell(shape, order, number, affine_image(nodes, frame, shape.vertices))
 
     def table(self, cell: Cell, points: Floats) -> Floats:
         """As the library evaluates them."""
         _, frame = self._frame(cell.number, cell.shape)
         padded = np.zeros((len(points), 3))
-        padded[:, : cell.shape.dimension] = moved(points, cell.shape.vertices, frame)
+        padded[:, : cell.shape.dimension] = affine_image(points, cell.shape.vertices, frame)
         found = self.gmsh.model.mesh.getBasisFunctions(cell.number, padded.reshape(-1), "Lagrange")[1]
         return np.asarray(found, np.float64).reshape(len(points), -1)
 

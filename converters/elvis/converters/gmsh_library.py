@@ -180,7 +180,7 @@ class _Reading:
             table = self.gmsh.model.mesh.getBasisFunctions(number, points.reshape(-1), "Lagrange")[1]
             return np.asarray(table, np.float64).reshape(len(points), count)
 
-        functions = Functions.fitted(shape, nodes[own], evaluate, range(order, max(HIGHEST, order + 3)))
+        functions = Functions.fit(shape, nodes[own], evaluate, range(order, max(HIGHEST, order + 3)))
         if functions is None:
             raise FormatError(f"expected functions of some order in {name}, found others", file=self.path)
         return {

@@ -18,7 +18,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.nodal import ShapeFunctions, moved, native_points, space_values, tensor_nodes
+from elvis.plugins.nodal import ShapeFunctions, affine_image, native_points, space_values, tensor_nodes
 
 #: functions that differ by more from a polynomial aren't one
 _ROUNDING, HIGHEST = 1e-8, 15
@@ -43,7 +43,7 @@ class Kind:
         return self.nodes[self.corners]
 
     @classmethod
-    def received(cls, plain: Mapping[str, Any]) -> Kind:
+    def from_message(cls, plain: Mapping[str, Any]) -> Kind:
         """One that another process has told: all of its own by name, the functions by what makes them."""
         shape, nodes, corners = Shape[plain["shape"]], plain["nodes"], plain["corners"]
         functions = Functions(shape, plain["degree"], nodes[corners], plain["coefficients"])
@@ -93,7 +93,7 @@ class Functions(ShapeFunctions):
         return np.asarray(space_values(self.shape, self.order, own, PyramidSpace.RATIONAL) @ self.coefficients)
 
     @classmethod
-    def fitted(
+    def fit(
         cls, shape: Shape, frame: Floats, evaluate: Callable[[Floats], Floats], orders: range = range(HIGHEST + 1)
     ) -> Functions | None:
         """Of functions given by their values at points (n, 3); None where they are in no space of these orders."""
@@ -101,7 +101,7 @@ class Functions(ShapeFunctions):
             eta = tensor_nodes(_BOXES[shape.dimension], tuple(gauss(order + 2)[0].tolist()))
             own = uncollapse(shape, eta)
             points = np.zeros((len(own), 3))
-            points[:, : shape.dimension] = moved(own, shape.vertices, frame)
+            points[:, : shape.dimension] = affine_image(own, shape.vertices, frame)
             with np.errstate(over="ignore", invalid="ignore"):
                 table, wanted = space_values(shape, order, own, PyramidSpace.RATIONAL), evaluate(points)
             if not np.isfinite(wanted).all():  # of which least squares may never end
@@ -145,5 +145,5 @@ def read_mesh(contents: Contents, with_entities: bool = False, suffix: str = ".m
                 found = library.ask("mesh", str(path), str(contents.path), with_entities, size=size)
         except LibraryError as failure:
             raise FormatError(f"expected a whole mesh, found: {failure.reason}", file=contents.path) from failure
-    kinds, groups = [Kind.received(plain) for plain in found.pop("kinds")], found.pop("groups")
+    kinds, groups = [Kind.from_message(plain) for plain in found.pop("kinds")], found.pop("groups")
     return Mesh(groups=[Group(kinds[kind], *own) for kind, *own in groups], **found)

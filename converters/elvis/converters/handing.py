@@ -14,7 +14,7 @@ from elvis.converters.vtk_export import VtkTarget, grid_of
 from elvis.core.arrays import Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.needing import needed
+from elvis.core.needing import require_module
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss
 
@@ -48,7 +48,7 @@ def to_pyvista(
     range; ``error of coordinates`` is that of the cells' shape.
     ElvisError where an error is larger than allowed, for Lagrange cells along Fourier directions, and without PyVista.
     """
-    pyvista = needed("pyvista", "to_pyvista", "notebook")
+    pyvista = require_module("pyvista", "to_pyvista", "notebook")
     losses: Sequence[Loss]
     if refinement is None:
         names = None if quantities is None else _fields(dataset, quantities)
@@ -79,7 +79,7 @@ def to_meshio(
     Its ``info["errors"]`` has for the coordinates and each quantity ``error``, ``relative`` and the worst ``element``.
     ElvisError as `to_pyvista`, and without meshio.
     """
-    meshio = needed("meshio", "to_meshio", "notebook")
+    meshio = require_module("meshio", "to_meshio", "notebook")
     linear = linear_cells(dataset, quantities, refinement)
     _check(linear.losses, max_error)
     errors = {

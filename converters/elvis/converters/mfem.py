@@ -104,7 +104,7 @@ class Mfem(NodalConverter):
             self.add_field(number, labels, own, function.is_continuous, is_exact, orders)
 
 
-class _Asked:
+class _RemoteMesh:
     """A mesh in the library's process, by its number there; ``path`` is its file."""
 
     def __init__(self, library: Apart, number: int, path: Path) -> None:
@@ -145,7 +145,7 @@ class _Part:
 
     def __init__(self, number: int, piece: Piece, folder: Path, library: Apart) -> None:
         self.path, text = piece.mesh.named, piece.mesh.text
-        self._asked = _Asked(library, number, self.path)
+        self._asked = _RemoteMesh(library, number, self.path)
         check_mesh(self.path, text)
         found = self._asked.read("mesh", str(piece.mesh.file(folder)), size=len(text), path=self.path)
         self.vertices, self.attributes = found["vertices"], found["attributes"]
@@ -251,7 +251,7 @@ class _Table:
 class _Function:
     """A function, ``which`` of those that the library has on a mesh, made of what that says of it."""
 
-    def __init__(self, asked: _Asked, which: int, plain: Mapping[str, Any]) -> None:
+    def __init__(self, asked: _RemoteMesh, which: int, plain: Mapping[str, Any]) -> None:
         self._asked, self._which = asked, which
         self.is_nurbs, self.is_nodal, self.is_continuous = (plain[f"is_{w}"] for w in ("nurbs", "nodal", "continuous"))
         self.count, self.highest, self.orders = plain["count"], plain["highest"], plain["orders"]
@@ -263,7 +263,7 @@ class _Function:
         first = int(elements[0])
         order = int(self.orders[first])
         if not self.is_nodal:
-            return _Evaluated(
+            return _ElementValues(
                 np.empty((0, self.count)), None, asked=self._asked, which=self._which, elements=elements, degree=order
             )
         nodes = self._table.rows(elements)
@@ -274,7 +274,7 @@ class _Function:
 class _Basis(ShapeFunctions):
     """The functions of a space on elements like one, as the library evaluates them."""
 
-    def __init__(self, asked: _Asked, which: int, element: int, count: int, order: int) -> None:
+    def __init__(self, asked: _RemoteMesh, which: int, element: int, count: int, order: int) -> None:
         self._asked, self._which, self._element = asked, which, element
         self._count, self.order = count, order
 
@@ -285,7 +285,7 @@ class _Basis(ShapeFunctions):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Evaluated(NodalValues):
+class _ElementValues(NodalValues):
     """What the library finds element by element: places, or values of a function, which are no sums over nodes.
 
     asked, which  the function
@@ -293,7 +293,7 @@ class _Evaluated(NodalValues):
     degree        of the function
     """
 
-    asked: _Asked
+    asked: _RemoteMesh
     which: int
     elements: Ints
     degree: int

@@ -43,7 +43,7 @@ class Library:
         """
         own = _Mesh(self._mfem, file, named)
         self._meshes.append(own)
-        return own.described()
+        return own.description()
 
     def function(self, mesh: int, file: str, named: str) -> dict[str, Any]:
         """A function of a mesh, of which 0 is the map; FormatError, naming ``named``, where it can't be read.
@@ -58,7 +58,7 @@ class Library:
         own = self._meshes[mesh]
         found = _guard(named, lambda: self._mfem.GridFunction(own.mesh, file))
         own.functions.append(_Function(self._mfem, found, found.FESpace()))
-        return own.functions[-1].described(own.corners)
+        return own.functions[-1].description(own.corners)
 
     def basis(self, mesh: int, elements: Ints, points: Floats, function: int) -> Floats:
         """(n_points, n) the functions of the space of a function on the first of some elements."""
@@ -92,7 +92,7 @@ class _Mesh:
         self._table = _table(self._straight)
         self.corners = np.diff(self._table["offsets"])
 
-    def described(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         """See `Library.mesh`."""
         mesh = self.mesh
         faces = [np.array(list(mesh.GetBdrElementVertices(i)), np.int64) for i in range(mesh.GetNBE())]
@@ -109,7 +109,7 @@ class _Mesh:
             "is_conforming": self._straight.GetTrueVSize() == self._straight.GetVSize(),
             "has_nodes": mesh.GetNodes() is not None,
             "has_weights": mesh.NURBSext is not None,
-            "map": self.functions[0].described(self.corners),
+            "map": self.functions[0].description(self.corners),
         }
 
     def positions(self, elements: Ints, points: Floats) -> Floats:
@@ -152,7 +152,7 @@ class _Function:
         self.highest = max(int(first.GetOrder()), 1)
         self._is_by_node = dimension is not None or space.GetOrdering() == 0
 
-    def described(self, corners: Ints) -> dict[str, Any]:
+    def description(self, corners: Ints) -> dict[str, Any]:
         """See `Library.function`; ``corners`` (m,) of the elements tell their shapes."""
         found = {
             "is_nurbs": self.is_nurbs,

@@ -59,8 +59,8 @@ class Native(Converter):
         dataset = read(*paths)
         names = [field.name for field in dataset.solution]
         self.mesh = dataset.mesh if composites is None else None
-        wanted = None if composites is None else _wanted(dataset.mesh, composites)
-        self._parts = list(_parted(dataset.mesh, patches(dataset, names), wanted))
+        wanted = None if composites is None else _composites_named(dataset.mesh, composites)
+        self._parts = list(_split_patches(dataset.mesh, patches(dataset, names), wanted))
         self.blocks = [_block(dataset.mesh, i, region, part) for i, (region, part) in enumerate(self._parts)]
         self.fields = [plane for i, name in enumerate(names) for plane in self._planes(i, name)]
         self.boundaries = list(_boundaries(dataset.mesh))
@@ -123,7 +123,7 @@ def _domain(mesh: Mesh) -> list[Composite]:
     return [known[c] for composites in mesh.domains.values() for c in composites if c in known]
 
 
-def _wanted(mesh: Mesh, names: str) -> list[Composite]:
+def _composites_named(mesh: Mesh, names: str) -> list[Composite]:
     """Composites of the domain by names or numbers; ElvisError where there is none of that name."""
     domain = _domain(mesh)
     found = []
@@ -136,7 +136,9 @@ def _wanted(mesh: Mesh, names: str) -> list[Composite]:
     return found
 
 
-def _parted(mesh: Mesh, found: Sequence[Patch], wanted: Sequence[Composite] | None) -> Iterator[tuple[str, _Part]]:
+def _split_patches(
+    mesh: Mesh, found: Sequence[Patch], wanted: Sequence[Composite] | None
+) -> Iterator[tuple[str, _Part]]:
     """Patches whole; or, of composites that are ``wanted``, parted by these, with their names."""
     if wanted is None:
         yield from (("", _Part(patch, np.arange(len(patch)))) for patch in found)

@@ -24,7 +24,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.nodal import moved, space_size, space_values, tensor_nodes
+from elvis.plugins.nodal import affine_image, space_size, space_values, tensor_nodes
 
 #: our shape by the library's name of one, which is also its name in the files
 SHAPES = {
@@ -150,7 +150,7 @@ def _rule(shape: Shape, order: int) -> Floats:
     last_fastest = tensor_nodes(box, tuple(line.tolist()))[:, ::-1]
     many = uncollapse(shape, last_fastest)
     chosen = list(range(len(many))) if is_cube else _pivots(shape, order, many)
-    return frozen_floats(moved(many[chosen], shape.vertices, UNIT[shape].frame))
+    return frozen_floats(affine_image(many[chosen], shape.vertices, UNIT[shape].frame))
 
 
 def _pivots(shape: Shape, order: int, many: Floats) -> list[int]:

@@ -17,7 +17,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.output import write_text
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss, require
-from elvis.plugins.nodal import moved, space_size
+from elvis.plugins.nodal import affine_image, space_size
 
 _TYPES = {shape: number for number, shape in LAGRANGE.items()}
 
@@ -34,14 +34,14 @@ class VtkTarget(Target):
         """The library's own nodes."""
         own = self._own(shape, order)
         assert own.frame is not None
-        nodes = moved(own.nodes[:, : shape.dimension], own.frame, shape.vertices)
+        nodes = affine_image(own.nodes[:, : shape.dimension], own.frame, shape.vertices)
         return Cell(shape, order, own.kind.type, nodes)
 
     def table(self, cell: Cell, points: Floats) -> Floats:
         """As the library evaluates them."""
         own = self._own(cell.shape, cell.order)
         assert own.frame is not None
-        return own.at(moved(points, cell.shape.vertices, own.frame))
+        return own.at(affine_image(points, cell.shape.vertices, own.frame))
 
     def _own(self, shape: Shape, order: int) -> VtkCell:
         if (shape, order) not in self._known:

@@ -29,7 +29,7 @@ def line_of_mesh(mesh: Mesh) -> str:
 def line_of_block(block: Block) -> str:
     """``<Block of 48 tetrahedra: 10 coefficients each>``."""
     count = block.coefficients.shape[-1]
-    return f"<Block of {_counted(len(block), block.expansion.shape)}: {count} coefficients each>"
+    return f"<Block of {_shape_count(len(block), block.expansion.shape)}: {count} coefficients each>"
 
 
 def line_of_field(field: Field) -> str:
@@ -84,7 +84,7 @@ def table_of_columns(columns: Columns, caption: str) -> str:
 
 def elements_of(mesh: Mesh) -> str:
     """``48 tetrahedra, 12 prisms``."""
-    found = [_counted(len(entities), shape) for shape, entities in mesh.elements.items()]
+    found = [_shape_count(len(entities), shape) for shape, entities in mesh.elements.items()]
     return ", ".join(found) or "no elements"
 
 
@@ -92,7 +92,7 @@ def _dimensions(mesh: Mesh) -> str:
     return f"{mesh.dimension}D" if mesh.space == mesh.dimension else f"{mesh.dimension}D in {mesh.space}D"
 
 
-def _counted(count: int, shape: Shape) -> str:
+def _shape_count(count: int, shape: Shape) -> str:
     name = shape.label.lower()
     if count != 1:
         name = f"{name[:-2]}a" if name.endswith("hedron") else f"{name}s"

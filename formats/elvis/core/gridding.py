@@ -11,7 +11,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.nrrd import Grid
 from elvis.core.geometry import geometry
-from elvis.core.needing import needed
+from elvis.core.needing import require_module
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.summary import box as box_of
@@ -35,7 +35,7 @@ def to_xarray(
     Dimensions are z, y and x, as many as the data have, x fastest; ``element`` is the id of the element, -1 outside.
     ElvisError where counts or ends don't fit, and without xarray.
     """
-    xarray = needed("xarray", "to_xarray", "notebook")
+    xarray = require_module("xarray", "to_xarray", "notebook")
     names = Names.of(dataset)
     texts = names.fields if quantities is None else [quantities] if isinstance(quantities, str) else list(quantities)
     grid = _grid(dataset, names.dimension, counts, box)

@@ -8,8 +8,12 @@ from typing import Any
 from elvis.core.errors import ElvisError
 
 
-def needed(module: str, what: str, extra: str = "") -> Any:
-    """The module; ElvisError that tells what needs it, and how it is installed, where it is missing.
+class MissingPackageError(ElvisError):
+    """A package that only some uses need is not installed."""
+
+
+def require_module(module: str, what: str, extra: str = "") -> Any:
+    """The module; MissingPackageError that tells what needs it, and how it is installed, where it is missing.
 
     extra  of ElVis that brings it, where it has one
     """
@@ -18,4 +22,4 @@ def needed(module: str, what: str, extra: str = "") -> Any:
     except ImportError as error:
         package = module.partition(".")[0]
         command = f"pip install 'elvis-viz[{extra}]'" if extra else f"pip install {package}"
-        raise ElvisError(f"{what} needs {package}, which is not installed; {command} brings it") from error
+        raise MissingPackageError(f"{what} needs {package}, which is not installed; {command} brings it") from error

@@ -14,7 +14,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats
 from elvis.core.dataset import Block, Expansion
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
-from elvis.core.polynomials.boxnets import box_degrees, box_nets, corners, halved
+from elvis.core.polynomials.boxnets import all_halves, box_degrees, box_nets, corners
 from elvis.core.polynomials.evaluation import evaluate
 
 _ROUNDS = 15
@@ -126,5 +126,5 @@ def _refine(expansion: Expansion, coefficients: Floats, bounds: Floats, attained
         forgotten = max(forgotten, float(rest.max(initial=-np.inf)))
         if not len(worth):
             return attained, forgotten
-        nets = halved(nets[worth])
+        nets = all_halves(nets[worth])
     return max(attained, float(corners(nets).max())), max(forgotten, float(nets.max()))

@@ -27,7 +27,7 @@ def scale(spread: float, magnitude: float, precision: float = 0.0) -> float:
     return magnitude if isfinite(magnitude) and magnitude > 0 else 1.0
 
 
-def allowed(bound: float, spread: float, magnitude: float, precision: float = 0.0) -> float:
+def error_limit(bound: float, spread: float, magnitude: float, precision: float = 0.0) -> float:
     """The largest error that counts as within ``bound``: that share of `scale`, or rounding of the magnitude."""
     share = bound * scale(spread, magnitude, precision)
     return max(share, _ROUNDING * magnitude) if isfinite(magnitude) else share

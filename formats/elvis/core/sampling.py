@@ -17,7 +17,7 @@ from elvis.core.hints import perhaps
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.mapping.pointwise import gradients, values
-from elvis.core.needing import needed
+from elvis.core.needing import require_module
 from elvis.core.patch import patches
 from elvis.core.queries import points_on_line
 
@@ -64,7 +64,7 @@ class Samples:
 
     def to_pandas(self) -> Any:
         """A pandas.DataFrame of `columns`; ElvisError where pandas is not installed."""
-        return needed("pandas", "a table", "notebook").DataFrame(self.columns())
+        return require_module("pandas", "a table", "notebook").DataFrame(self.columns())
 
 
 class Sampler:

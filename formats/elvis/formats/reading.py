@@ -69,7 +69,7 @@ def is_native(path: Path) -> bool:
             return any(_is_piece(entry.name) for entry in path.iterdir())
         start = leading(path, _HEAD)
         if start.startswith(HDF5_SIGNATURE):
-            with hdf5.reading(path) as file, hdf5.guarded():
+            with hdf5.reading(path) as file, hdf5.format_errors():
                 return "NEKTAR" in file
         if start.startswith(GZIP_SIGNATURE):
             start = zlib.decompressobj(wbits=31).decompress(start, _HEAD)
@@ -138,7 +138,7 @@ class _Reader:
                 self.add(folder / name)
 
     def _add_hdf5(self, path: Path) -> None:
-        with hdf5.reading(path) as file, hdf5.guarded():
+        with hdf5.reading(path) as file, hdf5.format_errors():
             if "NEKTAR" not in file:
                 raise FormatError(f"expected a group NEKTAR, found none; {xml.OTHERS}", file=path)
             is_geometry = geometry_hdf5.is_geometry(file)
@@ -195,12 +195,14 @@ class _Reader:
     def _mesh(self, names: list[str]) -> Mesh:
         pieces = list(self._raw_geometries())
         if not pieces:
-            raise FormatError(f"no geometry among {', '.join(names)}{self._held()}; {_advice(Path(names[0]))}")
+            raise FormatError(
+                f"no geometry among {', '.join(names)}{self._describe_content()}; {_advice(Path(names[0]))}"
+            )
         self._geometries.clear()
         self._tags.clear()
         return with_remarks(assemble(unite(pieces)), self._remarks)
 
-    def _held(self) -> str:
+    def _describe_content(self) -> str:
         """What was found where a mesh should be."""
         kinds = [("fields", bool(self._sections)), ("conditions", "CONDITIONS" in self._tags)]
         held = [name for name, is_held in kinds if is_held]
@@ -239,7 +241,7 @@ def _advice(path: Path) -> str:
 
 def _file_name(entry: Element) -> str:
     """The name of a piece of a parallel run; FormatError where it leads out of the folder."""
-    name = entry.required("FileName")
+    name = entry.require("FileName")
     if name in (".", "..") or Path(name).name != name:
         raise entry.error(f"expected the name of a file in the same folder, found {name!r}")
     return name

@@ -23,7 +23,7 @@ from elvis.plugins.projection.placing import in_space, worse
 from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
-from elvis.plugins.projection.topology import Topology, given, topology
+from elvis.plugins.projection.topology import Topology, given_topology, topology
 from elvis.plugins.projection.traces import Skins, Traces
 from elvis.plugins.projection.verification import Findings, Tally, check, joint
 from elvis.plugins.report import Measure, Report, is_rounding
@@ -80,7 +80,7 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     ElvisError where the source can't be represented, or contradicts itself.
     """
     settings = settings or Settings()
-    fields = _chosen(source, settings.fields)
+    fields = _choose_fields(source, settings.fields)
     plan, sampler = _plan(source, fields, settings), Sampler(source)
     mesh = plan.mesh if source.mesh is not None else _curve(sampler, plan)
     projected = _project(sampler, mesh, plan, fields, settings)
@@ -111,7 +111,7 @@ def converted_object(source: Converter, name: str) -> Dataset:
 def _plan(source: Converter, fields: Sequence[SourceField], settings: Settings) -> Topology:
     """The mesh, its curves still to come unless the source has it whole, and the blocks with their expansions."""
     if source.mesh is not None:
-        plan = given(source, source.mesh)
+        plan = given_topology(source, source.mesh)
     else:
         plan = topology(source, lambda number: _is_collapsed(source, number, fields, settings))
     return replace(plan, blocks=tuple(_spaced(block, settings) for block in plan.blocks))
@@ -146,7 +146,7 @@ def _modes(block: NativeBlock, fields: Sequence[tuple[FieldFit, int]]) -> tuple[
     return kept
 
 
-def _chosen(source: Converter, names: tuple[str, ...] | None) -> list[SourceField]:
+def _choose_fields(source: Converter, names: tuple[str, ...] | None) -> list[SourceField]:
     """The fields to convert; ElvisError for unknown, doubled or reserved names, and where some elements lack one."""
     known = [field.name for field in source.fields]
     for name in names or ():

@@ -11,7 +11,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.terminal import stage
 from elvis.formats.reading import is_native, read_data
-from elvis.plugins.discovery import Candidate, chosen, converters_of, installed, with_defaults
+from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files
 
 
@@ -78,7 +78,7 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
         check_plain_or_folder(path)
     if not reading.options and all(map(is_native, paths)):
         return read_data(paths)
-    return _convert(paths, installed(), reading)
+    return _convert(paths, installed_converters(), reading)
 
 
 def _converters_in(plugin: str | None) -> list[Candidate]:
@@ -90,11 +90,11 @@ def _converters_in(plugin: str | None) -> list[Candidate]:
 
 def _convert(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Dataset:
     """The dataset that a converter makes of the files, or that was kept when it did."""
-    from elvis.plugins.kept_conversions import Work, kept
+    from elvis.plugins.kept_conversions import Work, load_or_convert
 
     options = dict(reading.options)
-    candidate = chosen(candidates, paths, options.pop("from", None))
+    candidate = choose_converter(candidates, paths, options.pop("from", None))
     assert candidate.converter is not None
     keywords = with_defaults(candidate.converter, options)
     with stage(f"converting {', '.join(path.name for path in paths)}"):
-        return kept(Work(candidate.name, candidate.converter, tuple(paths), keywords), reading.is_kept)
+        return load_or_convert(Work(candidate.name, candidate.converter, tuple(paths), keywords), reading.is_kept)

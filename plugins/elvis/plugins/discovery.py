@@ -36,7 +36,7 @@ class Candidate:
         return tuple(name for name in needs if name not in sys.modules and find_spec(name) is None)
 
 
-def installed() -> list[Candidate]:
+def installed_converters() -> list[Candidate]:
     """All converters that distributions offer, by name; those that don't load with the reason."""
     found = []
     for name, plugin in plugins(GROUP).items():
@@ -78,7 +78,7 @@ def defined_in(path: Path) -> list[type]:
     return [value for value in vars(module).values() if isinstance(value, type) and value.__module__ == spec.name]
 
 
-def chosen(candidates: Sequence[Candidate], paths: Sequence[Path], name: str | None = None) -> Candidate:
+def choose_converter(candidates: Sequence[Candidate], paths: Sequence[Path], name: str | None = None) -> Candidate:
     """The candidate of that name, or the one that opens the files; ElvisError where there isn't just one that can."""
     for path in paths:
         check_plain_or_folder(path)

@@ -13,7 +13,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.relative import allowed, scale
+from elvis.core.relative import error_limit, scale
 from elvis.plugins.discovery import installing
 from elvis.plugins.registry import load
 
@@ -58,7 +58,7 @@ class Loss:
 
     def is_within(self, bound: float) -> bool:
         """Whether the relative error is at most ``bound``, or rounding of the magnitude."""
-        return self.error <= allowed(bound, self.spread, self.magnitude)
+        return self.error <= error_limit(bound, self.spread, self.magnitude)
 
 
 class Exporter(Protocol):

@@ -21,7 +21,7 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import from_ideal, target_of
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.functions import function
-from elvis.core.quantities.tree import Node, folded
+from elvis.core.quantities.tree import Node, fold
 from elvis.core.shapes import Shape
 from elvis.plugins.volume import Part, Volume
 
@@ -150,7 +150,7 @@ def evaluate_expression(
         return np.asarray(gradient[:, node.axes[0]])
 
     with np.errstate(all="ignore"):
-        values = folded(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
+        values = fold(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
     return np.broadcast_to(np.asarray(values, np.float64), len(rows))
 
 

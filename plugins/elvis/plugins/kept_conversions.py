@@ -84,7 +84,7 @@ class _Result:
             return replace(read(*paths), remarks=(self.remark,))
 
 
-def kept(work: Work, is_kept: bool = True) -> Dataset:
+def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
     """The dataset of a conversion, which is looked for among those that were kept, and kept.
 
     is_kept  False does neither
@@ -93,20 +93,20 @@ def kept(work: Work, is_kept: bool = True) -> Dataset:
     """
     folder = cache_folder("conversions") if is_kept else None
     if folder is None:
-        return _made(work)[1]
+        return _convert(work)[1]
     store, remarks = Store(folder, "conversion", MOST_BYTES), list[str]()
     before = _digests(work.paths)
     key = None if before is None else _key(work, before)
-    found = None if key is None else _found(store, key, work.paths, remarks)
+    found = None if key is None else _find(store, key, work.paths, remarks)
     if found is not None:
         return replace(found, remarks=(*found.remarks, *remarks))
-    result, dataset = _made(work)
+    result, dataset = _convert(work)
     if key is not None and result is not None and _digests(work.paths) == before:
         _keep(store, key, result, remarks)
     return replace(dataset, remarks=(*dataset.remarks, *remarks))
 
 
-def _found(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -> Dataset | None:
+def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -> Dataset | None:
     """The dataset that was kept, if it is sound and nothing that it was made of has changed."""
     path = store.place(key)
     try:
@@ -129,7 +129,7 @@ def _found(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) 
     return dataset
 
 
-def _made(work: Work) -> tuple[_Result | None, Dataset]:
+def _convert(work: Work) -> tuple[_Result | None, Dataset]:
     """What is to be kept, None where nothing can be, and the dataset."""
     source = work.converter(work.paths, **work.keywords)
     conversion = convert(source, files=work.paths)

@@ -276,7 +276,7 @@ def nearest_nodes(nodes: Floats | Ints, places: Floats) -> Ints:
     return np.asarray(distance.argmin(axis=1), np.int64)
 
 
-def moved(points: Floats, source: Floats, target: Floats) -> Floats:
+def affine_image(points: Floats, source: Floats, target: Floats) -> Floats:
     """Points (n, d) moved as the affine map does that takes the vertices ``source`` to ``target``, both (v, d)."""
     matrix, offset = affine_between(np.asarray(source, np.float64), np.asarray(target, np.float64))
     return np.asarray(np.asarray(points, np.float64) @ matrix.T + offset)
@@ -287,4 +287,4 @@ def native_points(shape: Shape, frame: Floats, points: Floats) -> Floats:
 
     frame  (n_vertices, d) the source's reference coordinates of the vertices, in the local order of ``shape``
     """
-    return moved(points, frame, shape.vertices)
+    return affine_image(points, frame, shape.vertices)

@@ -34,11 +34,11 @@ class PluginData:
     @property
     def fields(self) -> tuple[str, ...]:
         """The names of the fields."""
-        return guarded(self.name, "its fields", lambda: tuple(self.source.fields))
+        return call_plugin(self.name, "its fields", lambda: tuple(self.source.fields))
 
     def volume(self, field: str) -> Volume:
         """The elements with one field, after a check of all that can be told without a device."""
-        volume = guarded(self.name, f"the volume of {field!r}", lambda: self.source.volume(field))
+        volume = call_plugin(self.name, f"the volume of {field!r}", lambda: self.source.volume(field))
         check_volume(self.name, volume)
         return volume
 
@@ -54,7 +54,7 @@ def open_files(
     """
     for path in paths:
         check_plain_or_folder(path)
-    candidates = named(plugin) if plugin is not None else installed()
+    candidates = plugin_named(plugin) if plugin is not None else installed_plugins()
     if plugin is None:
         candidates = {name: source for name, source in candidates.items() if _opens(name, source, paths, report)}
     if len(candidates) > 1:
@@ -63,10 +63,10 @@ def open_files(
     if not candidates:
         return None
     ((name, source),) = candidates.items()
-    return PluginData(name, guarded(name, f"opening {paths[0]}", lambda: source(paths)))
+    return PluginData(name, call_plugin(name, f"opening {paths[0]}", lambda: source(paths)))
 
 
-def installed() -> dict[str, type[VolumeSource]]:
+def installed_plugins() -> dict[str, type[VolumeSource]]:
     """All runtime plugins that open files, by name, without those that don't load (see ``elvis plugins``)."""
     found = {}
     for name, plugin in plugins(GROUP).items():
@@ -79,7 +79,7 @@ def installed() -> dict[str, type[VolumeSource]]:
     return found
 
 
-def named(plugin: str) -> dict[str, type[VolumeSource]]:
+def plugin_named(plugin: str) -> dict[str, type[VolumeSource]]:
     """The plugin of that name, or the one that a Python file defines; PluginError where there is none."""
     if Path(plugin).suffix == ".py":
         own = [kind for kind in defined_in(Path(plugin)) if issubclass(kind, VolumeSource)]
@@ -104,7 +104,7 @@ def _opens(name: str, source: type[VolumeSource], paths: Sequence[Path], report:
         return False
 
 
-def guarded(name: str, what: str, work: Callable[[], T]) -> T:
+def call_plugin(name: str, what: str, work: Callable[[], T]) -> T:
     """The result of a plugin's own code; what it raises becomes a PluginError with its name, but for our own errors."""
     try:
         return work()

@@ -84,10 +84,10 @@ def _hdf5(path: Path) -> str:
     """An HDF5 file by what is in it."""
     import h5py  # type: ignore[import-untyped]
 
-    from elvis.formats.nektar.hdf5 import guarded
+    from elvis.formats.nektar.hdf5 import format_errors
 
     try:
-        with guarded(), h5py.File(path) as file:
+        with format_errors(), h5py.File(path) as file:
             # a name that is no UTF-8 comes as bytes
             names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)
     except FormatError:

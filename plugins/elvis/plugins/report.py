@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from elvis.core.relative import allowed, scale
+from elvis.core.relative import error_limit, scale
 
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
@@ -55,7 +55,7 @@ class Measure:
 
     def is_within(self, bound: float) -> bool:
         """Whether no relative error is greater than ``bound``, but for rounding of the magnitude."""
-        return self.max <= allowed(bound, self.range, self.magnitude, self.precision)
+        return self.max <= error_limit(bound, self.range, self.magnitude, self.precision)
 
     @property
     def state(self) -> str:

@@ -26,7 +26,7 @@ from elvis.plugins.host_evaluation import (
 )
 from elvis.plugins.joining import join_fields
 from elvis.plugins.native import NativeVolume
-from elvis.plugins.opening import PluginData, guarded
+from elvis.plugins.opening import PluginData, call_plugin
 from elvis.plugins.volume import Part, PartsVolume, Quantity, Solution, Volume
 
 
@@ -40,18 +40,18 @@ def volume_of(data: Dataset | PluginData, quantities: Sequence[str]) -> Volume:
     """
     if isinstance(data, Dataset):
         return NativeVolume.of(data, quantities)
-    return _opened(data, quantities)
+    return _open(data, quantities)
 
 
 def names_of(data: Dataset | PluginData) -> Names:
     """What names in expressions can stand for."""
     if isinstance(data, Dataset):
         return Names.of(data)
-    own = guarded(data.name, "its time", lambda: float(data.source.time))
+    own = call_plugin(data.name, "its time", lambda: float(data.source.time))
     return Names(data.fields, time=own if data.time is None else data.time)
 
 
-def _opened(opened: PluginData, texts: Sequence[str]) -> Volume:
+def _open(opened: PluginData, texts: Sequence[str]) -> Volume:
     """A plugin's volume; expressions are made of the values and gradients of its fields."""
     names = names_of(opened)
     expressions = [Expression.parse(text, names) for text in texts]

@@ -15,24 +15,30 @@ from elvis.scene import Clip, Implicit
 _ON = 1e-11
 
 
-def clipped(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float) -> Bools:
+def is_clipped(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float) -> Bools:
     """(n,) which of the world points (n, 3) lie where nothing is to be shown; those that aren't numbers don't.
 
     values  of an expression at the points, by its text
     size    of the scene in world units
     """
-    return _gone(clips, points, values, size, 1.0)
+    return _is_taken_away(clips, points, values, size, 1.0)
 
 
 def unsure(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float) -> Bools:
     """(n,) which of the points lie so near to where they would be taken away, or stay, that either may be so."""
-    least, most = (_gone(clips, points, values, size, part) for part in (-2.0, 2.0))
-    on = _gone(clips, points, values, size, 0.01) if not any(isinstance(c.surface, Implicit) for c in clips) else least
+    least, most = (_is_taken_away(clips, points, values, size, part) for part in (-2.0, 2.0))
+    on = (
+        _is_taken_away(clips, points, values, size, 0.01)
+        if not any(isinstance(c.surface, Implicit) for c in clips)
+        else least
+    )
     return on & ~most
 
 
-def _gone(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float, part: float) -> Bools:
-    """As `clipped`, with this part of what lies on a surface."""
+def _is_taken_away(
+    clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float, part: float
+) -> Bools:
+    """As `is_clipped`, with this part of what lies on a surface."""
     gone = np.zeros(len(points), bool)
     for clip in clips:
         own, scale = clip.surface, size

@@ -89,7 +89,7 @@ def painted(surface: SurfaceHits, scene: Scene, view: View, ends: tuple[float, f
     hits, style = surface.hits, surface.style
     low, high = style.range or ends
     bar = style.bar or (scene.bar if surface.quantity == scene.field else None)
-    palette = Palette.named(style.palette or scene.palette, low, high).spread(bar)
+    palette = Palette.of_name(style.palette or scene.palette, low, high).over_range(bar)
     flat = style.color is not None
     colors = (
         np.tile(style.color or (0.0,) * 3, (view.count, 1)) if flat else palette.colors(hits.values[surface.quantity])
@@ -154,5 +154,5 @@ def colored(transfer: Transfer, scene: Scene, ends: tuple[float, float] | None) 
     if transfer.colors:
         return transfer
     low, high = ends or (transfer.values[0], transfer.values[-1])
-    colors = Palette.named(scene.palette, low, high).colors(np.asarray(transfer.values, np.float64))
+    colors = Palette.of_name(scene.palette, low, high).colors(np.asarray(transfer.values, np.float64))
     return replace(transfer, colors=tuple((float(r), float(g), float(b)) for r, g, b in colors))

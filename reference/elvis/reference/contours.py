@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats
-from elvis.reference.extras import needed
+from elvis.reference.extras import comparison_module
 from elvis.reference.record import Record
 
 #: neighbouring pixels that lie this many times farther apart than is usual are on different surfaces
@@ -66,7 +66,7 @@ def displacement(exact: Record, other: Record, value: float) -> Displacement:
     counts = (len(first), len(second))
     if not all(counts):
         return Displacement(value, None if any(counts) else 0.0, None if any(counts) else 0.0, None, counts)
-    tree = needed("scipy.spatial").cKDTree
+    tree = comparison_module("scipy.spatial").cKDTree
     away, back = tree(second).query(first)[0], tree(first).query(second)[0]
     far = first[away.argmax()] if away.max() >= back.max() else second[back.argmax()]
     both = np.concatenate([away, back])

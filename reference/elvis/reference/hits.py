@@ -63,7 +63,7 @@ class Hits:
         return other.depth < self.depth
 
 
-def turned(normals: Floats, directions: Floats) -> Floats:
+def face_eye(normals: Floats, directions: Floats) -> Floats:
     """(n, 3) normals at length 1, turned against the directions (n, 3) of the rays."""
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)

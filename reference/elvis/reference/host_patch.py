@@ -40,11 +40,11 @@ class HostPatch(Patch):
 
     host: HostEvaluation
 
-    def placed(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+    def map_points(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d) of elements (n,)."""
         return self.host.evaluate(rows, points)[0], self.host.derivatives(rows, points)[0]
 
-    def spread(self, rows: Ints, points: Floats) -> Floats:
+    def map_lattice(self, rows: Ints, points: Floats) -> Floats:
         """(e, k, 3) world coordinates of the same reference points (k, d) in some elements."""
         places = self.host.evaluate(np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))[0]
         return places.reshape(len(rows), len(points), 3)
@@ -57,13 +57,13 @@ class HostPatch(Patch):
         most = max(own.shape[1] for own in found)
         return np.concatenate([np.pad(own, ((0, 0), (0, most - own.shape[1]), (0, 0)), mode="edge") for own in found])
 
-    def solved(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+    def invert(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
         """Reference points (n, d) and `Status` (n,) of world points (n, 3) in elements (n,).
 
         Newton's method starts in the small cells that are near; outside all of them a point is outside.
         """
         elements, place = np.unique(rows, return_inverse=True)
-        corners = self.spread(elements, self.cells.reshape(-1, self.shape.dimension))
+        corners = self.map_lattice(elements, self.cells.reshape(-1, self.shape.dimension))
         corners = corners.reshape(len(elements), *self.cells.shape[:2], 3)
         middles = corners.mean(axis=2)
         radii = np.linalg.norm(corners - middles[:, :, None], axis=3).max(axis=2)
@@ -84,9 +84,9 @@ class HostPatch(Patch):
                 status[here[~root & (margin >= 0)]] = Status.FAILED
         return reference, status
 
-    def searched(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
-        """The same where `solved` is UNCERTAIN, which it never is."""
-        return self.solved(rows, points)
+    def search(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+        """The same where `invert` is UNCERTAIN, which it never is."""
+        return self.invert(rows, points)
 
     def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Where damped steps lead (n, d), a little beyond the shape at most, and whether that is a root (n,)."""

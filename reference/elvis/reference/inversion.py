@@ -69,11 +69,11 @@ class Inverter:
         """(n,) world distance within which a point is that of a root."""
         return np.asarray(np.maximum(_RESIDUAL * self.sizes[rows], _ROUNDINGS * _EPSILON * self.magnitudes[rows]))
 
-    def placed(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+    def map_points(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d)."""
         return evaluate_at_with_gradients(self.patch.geometry, self.patch.geometry_coefficients, rows, points)
 
-    def spread(self, rows: Ints, boxes: Floats, lines: Sequence[Floats]) -> Floats:
+    def map_lattice(self, rows: Ints, boxes: Floats, lines: Sequence[Floats]) -> Floats:
         """(n, k, 3) world coordinates on lattices in boxes (n, 2, d) of collapsed coordinates, the last one fastest.
 
         lines  for each direction the lattice's coordinates (k_i,) in [-1, 1]
@@ -95,7 +95,7 @@ class Inverter:
         world = first[own] @ weighted.reshape(len(rows), -1, last.shape[2]).transpose(0, 2, 1)
         return np.asarray(world.reshape(len(rows), -1, 3))
 
-    def solved(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+    def invert(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
         """Reference points (n, d) and `Status` (n,) of world points (n, 3): UNCERTAIN where absence is not proved."""
         reference = np.full((len(rows), self.shape.dimension), np.nan)
         status = np.full(len(rows), Status.OUTSIDE, np.uint8)
@@ -110,8 +110,8 @@ class Inverter:
             status[active[root & ~inside]] = Status.OUTSIDE
         return reference, status
 
-    def searched(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
-        """The same where `solved` is UNCERTAIN: INSIDE, proved to be OUTSIDE, or FAILED."""
+    def search(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+        """The same where `invert` is UNCERTAIN: INSIDE, proved to be OUTSIDE, or FAILED."""
         reference = np.full((len(rows), self.shape.dimension), np.nan)
         status = np.full(len(rows), Status.OUTSIDE, np.uint8)
         dimension = self.shape.dimension
@@ -142,7 +142,7 @@ class Inverter:
         places = _places(self.shape)
         elements, own = np.unique(rows, return_inverse=True)
         count = len(elements) * len(places)
-        images, _ = self.placed(np.repeat(elements, len(places)), np.tile(places, (len(elements), 1)))
+        images, _ = self.map_points(np.repeat(elements, len(places)), np.tile(places, (len(elements), 1)))
         images = images.reshape(len(elements), len(places), 3) if count else np.empty((0, len(places), 3))
         best = np.empty(len(rows), np.int64)
         step = max(1, _AT_ONCE // (3 * len(places)))
@@ -159,7 +159,7 @@ class Inverter:
         for _ in range(_STEPS):
             check_time()
             own, place = rows[active], found[active]
-            world, jacobians = self.placed(own, place)
+            world, jacobians = self.map_points(own, place)
             gap = points[active] - world
             distance = np.linalg.norm(gap, axis=1)
             nearer = distance < nearest[active]
@@ -186,7 +186,7 @@ class Inverter:
 
         A margin changes by at most half the sum of the changes of the reference coordinates.
         """
-        _, jacobians = self.placed(rows, places)
+        _, jacobians = self.map_points(rows, places)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             lengths = np.linalg.norm(duals(jacobians), axis=1).sum(axis=1)
             blur = 0.5 * _ROUNDINGS * _EPSILON * self.magnitudes[rows] * lengths
@@ -217,7 +217,7 @@ class _Bounds:
         shape, dimension = inverter.shape, inverter.shape.dimension
         middle, half = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
         centre = uncollapse(shape, middle)
-        origin, jacobians = inverter.placed(rows, centre)
+        origin, jacobians = inverter.map_points(rows, centre)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             tangents = np.nan_to_num(duals(jacobians), nan=0.0, posinf=0.0, neginf=0.0)
         axes = np.broadcast_to(np.eye(3), (len(rows), 3, 3))
@@ -228,7 +228,7 @@ class _Bounds:
         eta = middle[:, None] + half[:, None] * every
         places = uncollapse(shape, eta.reshape(-1, dimension)).reshape(len(rows), len(every), dimension)
         offsets = places - centre[:, None]
-        world = inverter.spread(rows, boxes, lattice_lines(inverter._degrees)) - origin[:, None]
+        world = inverter.map_lattice(rows, boxes, lattice_lines(inverter._degrees)) - origin[:, None]
 
         # coordinates xi are multilinear in eta, so that the linear part is extreme at the corners
         linear = np.einsum("ncw,nci->nwi", ways, jacobians)

@@ -28,11 +28,11 @@ from elvis.plugins.opening import PluginData
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
-from elvis.reference.settling import ranged, supersample
+from elvis.reference.settling import settle_range, supersample
 from elvis.reference.sources import DatasetSource, Source
 from elvis.scene import Faces, Scene
 from elvis.scene.errors import SceneError
-from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Frame, Status
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, view_of
@@ -57,7 +57,7 @@ def render(data: Dataset | PluginData, scene: Scene) -> Frame:
 
 def _render(source: Source, scene: Scene) -> Frame:
     """As `render`, but for the time."""
-    scene = ranged(source, scene)
+    scene = settle_range(source, scene)
     if scene.samples > 1:
         return supersample(_render, source, scene)
     if not isinstance(source, DatasetSource):
@@ -83,7 +83,7 @@ def _plain(dataset: Dataset, scene: Scene) -> Frame:
     margin = _margins(found, dataset.mesh.dimension)
     frame = _frame(scene, view, pixels, replace(found, margin=margin), field_of(chosen, found))
     if not frame.seen.any():
-        raise SceneError(missed(view.plane, surrounding(boxes)))
+        raise SceneError(empty_picture_remark(view.plane, surrounding(boxes)))
     frame.stats.update(
         device={"name": "reference", "label": "NumPy"},
         elements=sum(map(len, chosen)),

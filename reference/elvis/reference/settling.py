@@ -16,17 +16,17 @@ from elvis.scene.palette import automatic_range
 Draw = Callable[[Source, Scene], Frame]
 
 
-def ranged(source: Source, scene: Scene) -> Scene:
+def settle_range(source: Source, scene: Scene) -> Scene:
     """The scene with two values in place of the range ``all``: certified bounds; SceneError where there are none."""
     if scene.range != "all":
         return scene
 
-    def styled(item: SceneObject) -> SceneObject:
+    def settle_styles(item: SceneObject) -> SceneObject:
         if isinstance(item, VolumeRendering) or item.style.quantity is None or item.style.range is not None:
             return item
         return replace(item, style=replace(item.style, range=_bounds(source, item.style.quantity)))
 
-    return replace(scene, range=_bounds(source, scene.field), objects=tuple(map(styled, scene.objects)))
+    return replace(scene, range=_bounds(source, scene.field), objects=tuple(map(settle_styles, scene.objects)))
 
 
 def _bounds(source: Source, name: str) -> tuple[float, float]:
@@ -51,7 +51,7 @@ def supersample(draw: Draw, source: Source, scene: Scene) -> Frame:
 def _finer(scene: Scene, n: int) -> Scene:
     """The scene for pictures with n times the pixels each way: lines are as many times wider in pixels."""
 
-    def widened(item: SceneObject) -> SceneObject:
+    def widen(item: SceneObject) -> SceneObject:
         if isinstance(item, VolumeRendering):
             return item
         style, kept = item.style, {}
@@ -60,4 +60,4 @@ def _finer(scene: Scene, n: int) -> Scene:
             kept[name] = lines and replace(lines, width=n * lines.width)
         return replace(item, style=replace(style, **kept))
 
-    return replace(scene, objects=tuple(map(widened, scene.objects)))
+    return replace(scene, objects=tuple(map(widen, scene.objects)))

@@ -103,26 +103,26 @@ def cells_of(patch: Patch, level: int, layers: int | None = None) -> Template:
     return drawn_out(cut, max(2, len(patch.homogeneous.z_ids)) << (level if layers is None else layers))
 
 
-def spread(patch: Patch, rows: Ints, points: Floats) -> Floats:
+def map_lattice(patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(e, k, 3) world coordinates of the same reference points (k, 2 or 3) in some elements."""
     check_time()
     own = points[:, : patch.shape.dimension]
     if isinstance(patch, HostPatch):
-        return patch.spread(rows, own)
+        return patch.map_lattice(rows, own)
     world = evaluate(patch.geometry, patch.geometry_coefficients[rows], own).transpose(0, 2, 1).copy()
     for number, (axis, length) in enumerate(patch.periods):
         world[:, :, axis] = length * (1 + points[:, patch.shape.dimension + number]) / 2
     return np.asarray(world)
 
 
-def placed(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+def map_points(patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
     """World coordinates (n, 3) and their derivatives (n, 3, 3) at reference points (n, 3) of elements (n,).
 
     The third coordinate of a surface leads away at right angles; derivatives are right where it is zero.
     """
     check_time()
     if isinstance(patch, HostPatch):
-        return patch.placed(rows, points)
+        return patch.map_points(rows, points)
     if patch.shape.dimension == 3:
         return evaluate_at_with_gradients(patch.geometry, patch.geometry_coefficients, rows, points)
     world, jacobians = positions_and_jacobians(patch, rows, points)

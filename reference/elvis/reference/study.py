@@ -13,6 +13,7 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.memory import free_memory
+from elvis.core.needing import MissingPackageError
 from elvis.core.patch import Patch
 from elvis.core.picturing import Kind
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
@@ -20,7 +21,6 @@ from elvis.reference.baseline.exact import FINE, exact_isosurface
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.baseline.mesh import LinearMesh, estimate
 from elvis.reference.baseline.vtk import VtkBaseline
-from elvis.reference.extras import MissingExtraError
 from elvis.reference.metrics import Errors, check_comparable, errors, not_narrow
 from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
@@ -113,7 +113,7 @@ class Study:
 def compare_records(exact: Record, other: Record, name: str) -> Study:
     """Two records of one picture; ElvisError where they can't be compared."""
     check_comparable(exact, other)
-    found = errors(exact, other, contours=spread(exact.field))
+    found = errors(exact, other, contours=even_levels(exact.field))
     rival = Rival("other", name, record=other, errors=found)
     validation = Validation(
         (exact.shape[1], exact.shape[0]), check_tolerances(exact, other), name, _ambiguous(exact, other)
@@ -121,7 +121,7 @@ def compare_records(exact: Record, other: Record, name: str) -> Study:
     return Study(exact, [rival], found.range, [own.value for own in found.contours], validation=validation)
 
 
-def spread(values: Floats) -> tuple[float, ...]:
+def even_levels(values: Floats) -> tuple[float, ...]:
     """Values of contours, evenly between least and greatest of the finite values."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
@@ -210,7 +210,7 @@ class Rivals:
         try:
             made = Baseline.of(self.dataset, self.quantities, level)
             record = made.draw(self.scene, self.view, self.ends)
-        except MissingExtraError:
+        except MissingPackageError:
             raise
         except ElvisError as error:
             return Rival(f"n{level}", name, level, skipped=str(error))
@@ -242,7 +242,7 @@ class Rivals:
         try:
             made = VtkBaseline(self.dataset, self.quantities.names)
             record = made.draw(self.scene, self.view, self.ends)
-        except MissingExtraError:
+        except MissingPackageError:
             return []
         except ElvisError as error:
             return [Rival("vtk", name, skipped=str(error))]
@@ -319,7 +319,7 @@ def _contours(scene: Scene, exact: Record, ends: tuple[float, float]) -> tuple[f
     """The values of the scene's contours, else some that are spread over what is seen."""
     styles = [shown.style for shown in scene.every_object if hasattr(shown, "style")]
     drawn = sorted({value for style in styles for value in contour_values(style, ends)})
-    return tuple(drawn) or spread(exact.field)
+    return tuple(drawn) or even_levels(exact.field)
 
 
 def _pixel(view: View) -> float | None:

@@ -8,8 +8,9 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.files.plain import check_plain
+from elvis.core.needing import MissingPackageError
 from elvis.reference.baseline.mesh import LinearMesh
-from elvis.reference.extras import MissingExtraError, needed
+from elvis.reference.extras import comparison_module
 from elvis.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, Vector, unit
 from elvis.scene.errors import SceneError
 
@@ -38,7 +39,7 @@ def levels(surface: Surface, points: Floats) -> Floats:
 
 def _away(surface: TriangleMesh, points: Floats) -> Floats:
     """(n,) distances from triangles, negative where the winding number is above a half; NaN of what is no point."""
-    igl, mesh = needed("igl"), triangles(surface.file)
+    igl, mesh = comparison_module("igl"), triangles(surface.file)
     corners, faces = mesh.points, mesh.simplices.astype(np.int64)
     found, known = np.full(len(points), np.nan), np.flatnonzero(np.isfinite(points).all(axis=1))
     if len(known):
@@ -53,9 +54,9 @@ def triangles(file: str) -> LinearMesh:
     """The triangles of an STL, PLY, OBJ or GLB file; ElvisError where there are none."""
     check_plain(file)
     try:
-        mesh = needed("trimesh").load_mesh(file, process=False)
+        mesh = comparison_module("trimesh").load_mesh(file, process=False)
         points, corners = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
-    except MissingExtraError:
+    except MissingPackageError:
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats
-from elvis.core.relative import allowed
+from elvis.core.relative import error_limit
 from elvis.reference.metrics import Place, extent, not_narrow, value_errors, value_range, worst
 from elvis.reference.record import Record
 from elvis.scene.frame import Status
@@ -64,13 +64,13 @@ def check_tolerances(
     low, high = not_narrow(ends) if ends else value_range(exact)
     known = same & (uncertain <= POSITION * size)
     values = np.where(known, value_errors(exact, other, (low, high)), 0.0)
-    value_limit = allowed(VALUE, high - low, max(abs(low), abs(high))) / (high - low)
+    value_limit = error_limit(VALUE, high - low, max(abs(low), abs(high))) / (high - low)
     return [
         _measure("field value", value_limit, values, exact, other),
-        _measure("position", allowed(POSITION, size, away) / size, np.where(same, moved, 0.0), exact, other),
-        _counted("coverage", decided & (exact.seen != other.seen), exact, other),
-        _counted("element", decided & exact.seen & other.seen & (exact.element != other.element), exact, other),
-        _counted("failed pixels", gone, exact, other),
+        _measure("position", error_limit(POSITION, size, away) / size, np.where(same, moved, 0.0), exact, other),
+        _no_pixel("coverage", decided & (exact.seen != other.seen), exact, other),
+        _no_pixel("element", decided & exact.seen & other.seen & (exact.element != other.element), exact, other),
+        _no_pixel("failed pixels", gone, exact, other),
     ]
 
 
@@ -86,7 +86,7 @@ def _measure(name: str, limit: float, values: Floats, exact: Record, other: Reco
     return Check(name, limit, float(values.max(initial=0.0)), int(above.sum()), place)
 
 
-def _counted(name: str, wrong: Bools, exact: Record, other: Record) -> Check:
+def _no_pixel(name: str, wrong: Bools, exact: Record, other: Record) -> Check:
     """The check of pixels (h, w) of which there may be none."""
     place = worst(exact, other, wrong.astype(np.float64)) if wrong.any() else None
     return Check(name, 0, float(wrong.sum()), int(wrong.sum()), place)

@@ -106,7 +106,7 @@ def first_fit(name: str, every: Sequence[Adapter], open_: Callable[[Adapter], Op
     if name != "auto":
         fitting = [adapter for adapter in every if name in (adapter.name, adapter.kind)]
         if not fitting:
-            raise DeviceError(f"no device {name!r}: {_found(every)}{_advice(name)}")
+            raise DeviceError(f"no device {name!r}: {_adapter_names(every)}{_advice(name)}")
         return Choice(fitting[0], open_(fitting[0]))
     passed: list[str] = []
     for adapter in by_preference(every):
@@ -132,7 +132,7 @@ def lacking(has: Callable[[str], bool]) -> str:
     return f"has no {' and no '.join(missing)}, which the kernels need" if missing else ""
 
 
-def _found(every: Sequence[Adapter]) -> str:
+def _adapter_names(every: Sequence[Adapter]) -> str:
     return "found " + ", ".join(adapter.name for adapter in every) if every else "found none at all"
 
 

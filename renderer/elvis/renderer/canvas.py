@@ -93,13 +93,13 @@ class Canvas:
         self.total, room = len(first) + len(bands) * samples, KEPT
         kept: dict[int, Drawn] = {}
         for band in first:
-            drawn = self._drawn(band.view)
+            drawn = self._draw_hit_buffers(band.view)
             self.painter.note(drawn, band.cropped)
             room -= band.view.count * len(drawn)
             kept |= {band.rows.start: drawn} if room >= 0 else {}
         for band in bands:
             own = band.rows.start
-            self._fill(band, kept.pop(own) if own in kept else self._drawn(band.view))
+            self._fill(band, kept.pop(own) if own in kept else self._draw_hit_buffers(band.view))
         arrays = self.arrays
         drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.draw_calls))
         drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
@@ -110,7 +110,7 @@ class Canvas:
         if self._proves:
             stats["contours"] = {status.name.lower(): self.contours[status] for status in self.contours}
         if self.painter.volume_counts:
-            stats["volume"] = {**self.painter.volume_counts, "inverted_elements": self.stages.inverted}
+            stats["volume"] = {**self.painter.volume_counts, "inverted_elements": self.stages.inverted_elements}
         record, element, reference = (arrays[name] for name in ("field", "element", "reference"))
         reference = reference if self.records else None
         return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)
@@ -155,7 +155,7 @@ class Canvas:
         else:
             self.arrays[name][rows] = values
 
-    def _drawn(self, view: View) -> Drawn:
+    def _draw_hit_buffers(self, view: View) -> Drawn:
         """All hit buffers of all draw calls."""
         start, drawn = perf_counter(), []
         for draw_call in self.draw_calls:
@@ -175,7 +175,7 @@ class Canvas:
         self.through = np.zeros(view.count)
         for x, y in product(steps, steps):
             here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
-            hit_buffers = drawn if here is view else self._drawn(here)
+            hit_buffers = drawn if here is view else self._draw_hit_buffers(here)
             start = perf_counter()
             colors = self.painter.paint(
                 hit_buffers, here, whole=count == 1 and not (self.records or self.scene.is_clear)

@@ -13,10 +13,10 @@ from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
-from elvis.renderer.passes.lines.lines import covered
+from elvis.renderer.passes.lines.lines import line_coverage
 from elvis.scene import Camera, Faces, Plane, Scene, Style
 from elvis.scene.errors import SceneError
-from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Drawing, Frame, Legend, Status
 from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
@@ -97,11 +97,11 @@ def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
     view = _view(curves, scene, dataset.mesh.space < 3, width)
     distance, number = curves.nearest(view, 0.5 * width + 0.5)
     if not np.isfinite(distance).any():
-        raise SceneError(missed(None, surrounding([curves.boxes()])))
+        raise SceneError(empty_picture_remark(None, surrounding([curves.boxes()])))
     asked = style.range or scene.range
     ends = asked if isinstance(asked, tuple) else automatic_range(curves.value)
-    palette = Palette.named(style.palette or scene.palette, *ends).spread(scene.bar)
-    return _frame(scene, view, curves, covered(distance, width), number, palette, style)
+    palette = Palette.of_name(style.palette or scene.palette, *ends).over_range(scene.bar)
+    return _frame(scene, view, curves, line_coverage(distance, width), number, palette, style)
 
 
 def _view(curves: Curves, scene: Scene, is_flat: bool, width: float) -> View:

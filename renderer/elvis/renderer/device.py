@@ -197,7 +197,7 @@ class Device:
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
         return Kernel(self._device.create_compute_kernel(program), program, self.watch)
 
-    def listed(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
+    def appended(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
 
         It runs again with a longer list where the first was too short, so running twice must be harmless.
@@ -253,7 +253,7 @@ class Kernel:
         missing = self._globals.keys() - buffers.keys() - {OFFSET}
         if missing:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
-        bound = {name: self._given(name, buffers[name]) for name in self._globals if name != OFFSET}
+        bound = {name: self._argument(name, buffers[name]) for name in self._globals if name != OFFSET}
         total = count if groups else -(-count // self._group)
         fresh, start = not self._pace.compiled, perf_counter()
         with working():
@@ -263,7 +263,7 @@ class Kernel:
         if fresh:
             self._watch.compiled(perf_counter() - start)
 
-    def _given(self, name: str, buffer: Buffer) -> slangpy.Buffer | int:
+    def _argument(self, name: str, buffer: Buffer) -> slangpy.Buffer | int:
         """What stands for a buffer: its address where the module reads it through a pointer, else itself."""
         import slangpy
 

@@ -59,7 +59,7 @@ class Evaluation:
         return [Expression.parse(text, names) for text in (self.opened.fields if texts is None else texts)]
 
     @contextmanager
-    def _shown(self, expressions: Sequence[Expression]) -> Iterator[tuple[Volume, Renderer]]:
+    def _load(self, expressions: Sequence[Expression]) -> Iterator[tuple[Volume, Renderer]]:
         """The volume that serves quantities, brought to a device, after a few checks."""
         volume = volume_of(self.opened, [each.text for each in expressions])
         with Renderer() as device:
@@ -69,7 +69,7 @@ class Evaluation:
 
     def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
         """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""
-        with self._shown(expressions) as (volume, device):
+        with self._load(expressions) as (volume, device):
             row, part, local, reference, status = _places(points, volume, device, every)
             values = {each.text: _values(each.text, part, local, reference, volume, device) for each in expressions}
         ids = np.array([-1, *chain.from_iterable(own.element_ids for own in volume.parts)])
@@ -81,7 +81,7 @@ class Evaluation:
     def norms(self, texts: Sequence[str] | None) -> dict[str, Norm]:
         """Norms of coordinates and fields, or of quantities: by rules that are refined until they agree."""
         expressions = self.expressions(texts)
-        with self._shown(expressions) as (volume, device):
+        with self._load(expressions) as (volume, device):
             axes = AXES[: volume.dimension] if texts is None else ()
             return self._norms([*axes, *(each.text for each in expressions)], volume, device)
 
@@ -112,7 +112,7 @@ class Evaluation:
     def facts(self, texts: Sequence[str]) -> dict[str, Any]:
         """All facts, by topic, as plain data."""
         names = [*self.opened.fields, *texts]
-        with self._shown(self.expressions(names)) as (volume, device):
+        with self._load(self.expressions(names)) as (volume, device):
             sampled = [_sample(number, names, volume, device) for number in range(len(volume.parts))]
         fields = _ranges(names, volume, sampled)
         return {

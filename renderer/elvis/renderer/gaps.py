@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Ints
 from elvis.plugins.volume import Part
 from elvis.renderer.pixels import NOBODY, Pixels, resolve
-from elvis.renderer.proof import proved
+from elvis.renderer.proof import prove
 from elvis.renderer.tiles import TILE, tiles_of
 from elvis.scene.view import PlaneView
 
@@ -61,7 +61,7 @@ class Gaps:
             own[start:stop] = mask[start:stop]
             bands = [_between_rows(some, start, stop) for some in sections]
             candidates = [self._candidates(some, first, own) for some, first in zip(bands, self._first, strict=False)]
-            resolve(pixels, [proved(self._parts, view, some) for some in candidates if len(some)])
+            resolve(pixels, [prove(self._parts, view, some) for some in candidates if len(some)])
 
     def _candidates(self, sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
         """Undecided candidates: elements of a part's sections, by index in the volume, for the pixels of a mask."""

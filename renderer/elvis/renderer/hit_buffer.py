@@ -130,7 +130,7 @@ class HitBuffer:
             doubt=self.doubt,
         )
 
-    def clipped(self, gone: Bools, unsure: Bools) -> HitBuffer:
+    def clip(self, gone: Bools, unsure: Bools) -> HitBuffer:
         """The same without the hits in the pixels ``gone`` (n,); where that is ``unsure`` (n,), they may be there."""
         left = self.without(gone)
         doubt = np.full(len(gone), np.inf) if self.doubt is None else self.doubt

@@ -61,17 +61,17 @@ class Finder:
 
     def find(self, points: Floats) -> Places:
         """Places of world points (n, 3); those that rounding may have put outside of all elements are ambiguous."""
-        places = self._found(points)
+        places = self._find(points)
         missed = np.flatnonzero(places.status == Status.MISS)
         if self._loaded.is_far and len(missed):
             near = np.zeros(len(missed), bool)
             for corner in product((-1.0, 1.0), repeat=self._loaded.dimension):
                 step = np.append(corner, np.zeros(3 - len(corner))) * self._loaded.rounding
-                near |= self._found(np.asarray(points, np.float64)[missed] + step).element >= 0
+                near |= self._find(np.asarray(points, np.float64)[missed] + step).element >= 0
             places.status[missed[near]] = Status.AMBIGUOUS
         return places
 
-    def _found(self, points: Floats) -> Places:
+    def _find(self, points: Floats) -> Places:
         """Places of world points (n, 3) as coordinates are rounded."""
         device, count = self._loaded.device, len(points)
         start = np.zeros(count, self._kernels[0].dtype("places"))
@@ -84,7 +84,7 @@ class Finder:
             buffers = {**self._loaded.bindings(number), **self._buffers[number], **shared}
             buffers["query"] = self._query(number, kernel, count)
             run = partial(_run, kernel, count, buffers)
-            doubts.append(device.listed("doubts", kernel, run))
+            doubts.append(device.appended("doubts", kernel, run))
         found = device.read(shared["places"], start.dtype)[:count]
         doubts = [
             np.concatenate([some, self._missed(number, points, found, some.dtype)])

@@ -12,7 +12,7 @@ from elvis.plugins.volume import Part
 from elvis.scene.view import PlaneView
 
 
-def proved(parts: Sequence[Part], view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:
+def prove(parts: Sequence[Part], view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:
     """The candidates, by index of the element in the volume, with the results of the parts that can give some."""
     candidates, first = candidates.copy(), np.cumsum([0, *map(len, parts)])
     pixel, element = candidates["pixel"].astype(np.int64), candidates["element"].astype(np.int64)

@@ -38,7 +38,7 @@ from elvis.renderer.stages import Stages, quantities
 from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
-from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
 from elvis.scene.time_limit import check_time, limited
@@ -85,7 +85,7 @@ def _render(dataset: Dataset | PluginData, scene: Scene, device: str, progress: 
     scene = scene if scene.field else replace(scene, field=default_field(dataset))
     dataset = dataset if scene.time is None else replace(dataset, time=scene.time)
     if isinstance(dataset, PluginData):
-        return drawn(dataset, scene, device, progress)
+        return draw_plugin(dataset, scene, device, progress)
     kind = Kind.of(dataset)
     asked, scene = scene, _arrange(_with_quantity(scene, dataset), kind)
     other = _other(device)
@@ -108,7 +108,7 @@ def _at_hand(asked: Request) -> Dataset | PluginData:
     return open_data([Path(file) for file in scene.data], Reading(scene.plugin, pairs(scene.reader)), warn)
 
 
-def drawn(opened: PluginData, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
+def draw_plugin(opened: PluginData, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
     """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
     scene = _with_quantity(scene, opened)
     volume = volume_of(opened, quantities(scene))
@@ -264,7 +264,9 @@ class Renderer:
             check_time()
         if not frame.status.any():
             boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
-            raise SceneError("; ".join([missed(scene.only_plane, boxes), *frame.stats.get("remarks", ())]))
+            raise SceneError(
+                "; ".join([empty_picture_remark(scene.only_plane, boxes), *frame.stats.get("remarks", ())])
+            )
         frame.stats.update(
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
             elements=len(self.stages.loaded.ids) - 1,
@@ -294,14 +296,14 @@ class Renderer:
         most = BAND
         while True:
             try:
-                return self._drawn(scene, references, most)
+                return self._draw(scene, references, most)
             except DeviceLostError as error:
                 most //= 8
                 if most < FEWEST:
                     raise DeviceError(f"{error}, even where it draws a few rows of the picture at a time") from error
                 self._reopen()
 
-    def _drawn(self, scene: Scene, references: bool, most: int) -> Frame:
+    def _draw(self, scene: Scene, references: bool, most: int) -> Frame:
         """A frame of which `limit` pixels at most are drawn at once."""
         view = self._view(scene)
         check_time()

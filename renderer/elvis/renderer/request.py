@@ -32,7 +32,7 @@ class Request:
     @staticmethod
     def of(given: Sequence[Any], scene: Scene | None, keywords: Mapping[str, Any]) -> Request:
         """What positional values, a scene and keywords say; SceneError where they contradict one another."""
-        data, files, rest = _sorted(given)
+        data, files, rest = _sort_arguments(given)
         for each in rest:
             if isinstance(each, Scene):
                 scene = _only(scene, each, "scene")
@@ -58,7 +58,7 @@ class Request:
                 frame.save(name, plain=self.scene.plain, outputs=together)
 
 
-def _sorted(given: Sequence[Any]) -> tuple[Dataset | PluginData | None, list[Path], list[Any]]:
+def _sort_arguments(given: Sequence[Any]) -> tuple[Dataset | PluginData | None, list[Path], list[Any]]:
     """Data, files, and what else there is: a scene, a quantity."""
     items = list(_flat(given))
     if items and isinstance(items[0], (Dataset, PluginData)):

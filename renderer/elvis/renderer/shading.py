@@ -54,7 +54,7 @@ def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
         best.uncertainty[better] = np.nan if hits.uncertainty is None else hits.uncertainty[better]
     for draw_call, hits in drawn:
         counts = draw_call.style.opacity >= opacity
-        best.status[_overlooked(hits, best, counts, draw_call.style.opacity > opacity)] = Status.AMBIGUOUS
+        best.status[_may_be_overlooked(hits, best, counts, draw_call.style.opacity > opacity)] = Status.AMBIGUOUS
         pixel = np.flatnonzero(_beside(hits, best) & counts)
         around = _uncertain(hits, view, pixel)
         for other in np.unique(source[pixel]):
@@ -66,7 +66,7 @@ def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
     return best
 
 
-def _overlooked(hits: HitBuffer, best: HitBuffer, counts: Bools, more: Bools) -> Bools:
+def _may_be_overlooked(hits: HitBuffer, best: HitBuffer, counts: Bools, more: Bools) -> Bools:
     """(n,) where a hit buffer may have overlooked what should be there in place of the best hits.
 
     counts, more  (n,) where it is as opaque as these at least, and where it is more so
@@ -140,7 +140,7 @@ class Painter:
         contours = draw_call.style.contours
         if contours is None or contours.quantity is None:
             return draw_call.quantity
-        return self.stages.named(contours.quantity, self.scene)
+        return self.stages.parts_quantity(contours.quantity, self.scene)
 
     def range_of(self, quantity: str | None, asked: object) -> tuple[float, float]:
         """The ends of a colour map."""
@@ -178,7 +178,7 @@ class Painter:
         media = [self._medium(item) for item in volumes]
         for surface, away in clips:
             if isinstance(surface, Implicit):
-                media.append(Medium.clip(self.stages.named(surface.expression, self.scene), away))
+                media.append(Medium.clip(self.stages.parts_quantity(surface.expression, self.scene), away))
         error = min(item.error for item in volumes)
         light = self.stages.volumes.draw(view, media, fragments, error, self.scene.clip)
         self.volume_status = light.status()
@@ -186,7 +186,7 @@ class Painter:
 
     def _medium(self, item: VolumeRendering) -> Medium:
         """A volume with its colours."""
-        transfer, quantity = item.transfer, self.stages.named(item.quantity, self.scene)
+        transfer, quantity = item.transfer, self.stages.parts_quantity(item.quantity, self.scene)
         if not transfer.colors:
             values = np.asarray(transfer.values, dtype=np.float64)
             self._seen.setdefault(quantity or "", (values[0], values[-1]))
@@ -226,18 +226,18 @@ class Painter:
         key = (
             quantity or "",
             style.palette or self.scene.palette,
-            self._asked(quantity, style),
+            self._scene_range(quantity, style),
             self._bar(quantity, style),
         )
         if key not in self._palettes:
-            self._palettes[key] = Palette.named(key[1], *self.range_of(quantity, key[2])).spread(key[3])
+            self._palettes[key] = Palette.of_name(key[1], *self.range_of(quantity, key[2])).over_range(key[3])
         return self._palettes[key]
 
     def _bar(self, quantity: str | None, style: Style) -> ColorBar | None:
         """How a colour map's bar is to be; that of the scene is meant for the scene's own field."""
         return style.bar or (self.scene.bar if quantity is None else None)
 
-    def _asked(self, quantity: str | None, style: Style) -> object:
+    def _scene_range(self, quantity: str | None, style: Style) -> object:
         """The range of a colour map as the scene has it: two values are meant for the scene's own field."""
         general = self.scene.range if quantity is None or isinstance(self.scene.range, str) else None
         return style.range or general or "seen"
@@ -249,7 +249,7 @@ class Painter:
         if contours.count is None:
             return np.unique(np.asarray(contours.values, dtype=np.float64))
         quantity = self.of_contours(draw_call)
-        asked = self._asked(quantity, draw_call.style) if quantity == draw_call.quantity else "seen"
+        asked = self._scene_range(quantity, draw_call.style) if quantity == draw_call.quantity else "seen"
         return levels(*self.range_of(quantity, asked), contours.count)
 
     def legends(self, draw_calls: Sequence[DrawCall]) -> tuple[Legend, ...]:
@@ -315,7 +315,7 @@ class Painter:
     def is_complete(self, draw_calls: Sequence[DrawCall]) -> bool:
         """Whether nothing depends on the range of what is seen."""
         return all(
-            (draw_call.style.color is not None or self._asked(draw_call.quantity, draw_call.style) != "seen")
+            (draw_call.style.color is not None or self._scene_range(draw_call.quantity, draw_call.style) != "seen")
             and (draw_call.style.contours is None or draw_call.style.contours.count is None)
             for draw_call in draw_calls
         )

@@ -119,7 +119,7 @@ class Stages:
         return VolumeRenderer(self.loaded, self._faces_when_needed)
 
     @cached_property
-    def inverted(self) -> int:
+    def inverted_elements(self) -> int:
         """Elements whose Jacobian is certainly not positive all over: the straight tetrahedra, and all of a dataset."""
         corners = [self.volumes.traversal.corners(n) for n, part in enumerate(self.loaded.parts) if part.affine]
         sides = [some[:, 1:] - some[:, :1] for some in corners]
@@ -132,17 +132,17 @@ class Stages:
     def remarks(self, scene: Scene, counts: Mapping[str, int]) -> Iterator[str]:
         """What a user should know of volumes, of what rays meet in them, and of what isosurfaces leave out."""
         volumes = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
-        if volumes and self.inverted:
-            yield f"elements that are inverted, all or in part, and drawn nonetheless: {self.inverted}"
+        if volumes and self.inverted_elements:
+            yield f"elements that are inverted, all or in part, and drawn nonetheless: {self.inverted_elements}"
         for name in dict.fromkeys(item.quantity or scene.field for item in volumes):
-            if left := len(self._undefined(self.named(name, scene))):
+            if left := len(self._undefined(self.parts_quantity(name, scene))):
                 yield f"elements left out of a volume because their {name} is not a number: {left}"
         levels = [item for item in scene.every_object if isinstance(item, Isosurface)]
         for name in dict.fromkeys(item.quantity or scene.field for item in levels):
-            if left := len(self._undefined(self.named(name, scene))):
+            if left := len(self._undefined(self.parts_quantity(name, scene))):
                 yield f"elements left out of an isosurface because their {name} is not a number: {left}"
         for name, value in dict.fromkeys((item.quantity or scene.field, v) for item in levels for v in item.values):
-            if flat := self._flat(self.named(name, scene), value):
+            if flat := self._flat(self.parts_quantity(name, scene), value):
                 yield f"elements left out of an isosurface because their {name} is {value:g} all over: {flat}"
         if counts["lost"]:
             yield f"places along rays in a volume that were not found: {counts['lost']}"
@@ -180,7 +180,7 @@ class Stages:
         every = every[~np.isnan(every).any(axis=1)]
         return float(every[:, 0].min(initial=np.inf)), float(every[:, 1].max(initial=-np.inf))
 
-    def named(self, name: str | None, scene: Scene) -> str | None:
+    def parts_quantity(self, name: str | None, scene: Scene) -> str | None:
         """The parts' quantity that a name in a scene means; None is the parts' own field, the scene's."""
         return None if name in (None, scene.field) else name
 
@@ -191,7 +191,7 @@ class Stages:
             if isinstance(item, VolumeRendering):
                 continue
             name = "plane" if number < 0 else f"objects[{number}]"
-            style, own = item.style, self.named(item.style.quantity, scene)
+            style, own = item.style, self.parts_quantity(item.style.quantity, scene)
             if isinstance(item, CutSurface):
                 once = isinstance(item.surface, Plane)
                 draw = partial(self.cut, item.surface, own)
@@ -212,13 +212,13 @@ class Stages:
 
     def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> DrawCall:
         """One value of an isosurface, which its style may colour by another quantity."""
-        of = self.named(item.quantity, scene)
+        of = self.parts_quantity(item.quantity, scene)
         asked = item.quantity or scene.field
         # bounds of a distance take longer than its picture, so only an empty one asks for them
         is_distance = self.distances.knows(of)
         if not is_distance:
             self._in_range(asked, of, value)
-        own = of if item.style.quantity is None else self.named(item.style.quantity, scene)
+        own = of if item.style.quantity is None else self.parts_quantity(item.style.quantity, scene)
 
         def draw(view: View, beyond: Floats | None) -> HitBuffer:
             hits = self._at_level(view, of, value, beyond)
@@ -284,15 +284,15 @@ class Stages:
         while through > FAINT:
             hits = draw_call.draw(view, beyond)
             hit = hits.owner != NOBODY
-            gone, unsure = self.clipped(hits, view, [clip for clip in clips if clip.surface != draw_call.surface])
-            yield hits.clipped(gone, unsure) if gone.any() or unsure.any() else hits
+            gone, unsure = self.hidden_by(hits, view, [clip for clip in clips if clip.surface != draw_call.surface])
+            yield hits.clip(gone, unsure) if gone.any() or unsure.any() else hits
             through *= 1.0 - draw_call.style.opacity if not gone.any() else 1.0
             further = hit if draw_call.style.opacity < 1.0 else gone
             if draw_call.once or not further.any():
                 return
             beyond = np.where(further, hits.depth + SAME * (self.loaded.extent + np.abs(hits.depth)), np.inf)
 
-    def clipped(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools]:
+    def hidden_by(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools]:
         """(n,) hits that lie where nothing is to be shown, and (n,) those of which that is not certain."""
         gone, unsure = np.zeros((2, view.count), bool)
         hit = np.flatnonzero(hits.owner != NOBODY)

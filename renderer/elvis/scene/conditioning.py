@@ -36,7 +36,7 @@ def uncertainties(view: View, pixel: Ints, depth: Floats, normal: Floats, extent
     return np.asarray(own + EPSILON * np.abs(depth))
 
 
-def doubted(status: NDArray[np.uint8], uncertain: Bools) -> NDArray[np.uint8]:
+def doubt(status: NDArray[np.uint8], uncertain: Bools) -> NDArray[np.uint8]:
     """The statuses (n,), of hits that are uncertain (n,) no longer certain."""
     return np.where(uncertain & (status == Status.CERTAIN), np.uint8(Status.AMBIGUOUS), status)
 

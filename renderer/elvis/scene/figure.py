@@ -27,7 +27,7 @@ SALT = "elvis"
 DATES = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {"Software": None}}
 
 
-def wanted(frame: Frame, suffix: str) -> bool:
+def needs_figure(frame: Frame, suffix: str) -> bool:
     """Whether what a scene asks for takes a figure; else a picture (see picture.py) has it all."""
     scene = frame.scene
     if suffix in VECTORS or (frame.drawing is not None and frame.drawing.strokes):

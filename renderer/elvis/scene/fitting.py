@@ -11,7 +11,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.boxes import Boxes
 from elvis.scene import Camera, Plane, Scene
 from elvis.scene.errors import SceneError
-from elvis.scene.view import MARGIN, fitted, named
+from elvis.scene.view import MARGIN, fit_camera, named_camera
 
 #: width and height of automatic pictures in pixels, and the least of either
 LARGEST, LEAST = (1000, 800), 160
@@ -38,7 +38,7 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
         return replace(scene, size=scene.size or LARGEST)
     if isinstance(camera, str):
-        camera = named(camera, plane)
+        camera = named_camera(camera, plane)
 
     box = surrounding(boxes)
     is_framed = bool(scene.box or (scene.axes and plane is None))
@@ -53,7 +53,7 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     middle = extent.mean(axis=0)
     shown = middle + (extent - middle) / scene.zoom
     margin = 1.0 if scene.region else MARGIN
-    return replace(scene, size=size, camera=fitted(camera, size, shown, box, margin))
+    return replace(scene, size=size, camera=fit_camera(camera, size, shown, box, margin))
 
 
 def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes], box: Floats) -> Floats:
@@ -68,7 +68,7 @@ def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes], box: 
         points = np.concatenate([_corners(some) for some in boxes])
     if not len(points):
         assert plane is not None
-        raise SceneError(missed(plane, box))
+        raise SceneError(empty_picture_remark(plane, box))
     finite = points[np.isfinite(points).all(axis=1)]
     places = finite @ np.array(camera.basis()[:2]).T
     return np.array([places.min(axis=0), places.max(axis=0)])
@@ -82,7 +82,7 @@ def _extent_by_glances(
         size = scene.size or proportionate(extent)
         fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
         width, height = (max(LEAST, -(-side // fewer)) for side in size)
-        small = replace(scene, size=(width, height), camera=fitted(camera, (width, height), extent, box))
+        small = replace(scene, size=(width, height), camera=fit_camera(camera, (width, height), extent, box))
         mask = glance(small)
         if not mask.any():
             break
@@ -160,7 +160,7 @@ def surrounding(boxes: Sequence[Boxes]) -> Floats:
     return np.stack([low, high]).astype(np.float64)
 
 
-def missed(plane: Plane | None, box: Floats) -> str:
+def empty_picture_remark(plane: Plane | None, box: Floats) -> str:
     """The sentence for an empty picture of a domain within ``box`` (2, 3)."""
     low, high = (", ".join(f"{x:g}" for x in v) for v in box)
     what = "any object"

@@ -173,7 +173,7 @@ class Frame:
                 return maps[0]
         asked = self.scene.range
         ends = asked if isinstance(asked, tuple) else automatic_range(self.field)
-        return Palette.named(self.scene.palette, *ends).spread(self.scene.bar)
+        return Palette.of_name(self.scene.palette, *ends).over_range(self.scene.bar)
 
     @property
     def legends(self) -> tuple[Legend, ...]:

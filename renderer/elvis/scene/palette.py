@@ -48,7 +48,7 @@ class Palette:
     edges: Floats | None = None
 
     @staticmethod
-    def named(name: str, low: float, high: float) -> Palette:
+    def of_name(name: str, low: float, high: float) -> Palette:
         """The colour map that the cmap catalogue, or FIRST, calls ``name``, or of an .xml file; SceneError else."""
         if name in FIRST or name.lower().endswith(".xml"):
             places = np.array(FIRST.get(name) or points_in(name))
@@ -68,7 +68,7 @@ class Palette:
             ) from error
         return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
 
-    def spread(self, bar: ColorBar | None) -> Palette:
+    def over_range(self, bar: ColorBar | None) -> Palette:
         """The same colours, spread over the values as a bar says; SceneError where the range has no logarithms."""
         if bar is None or (bar.scale == "linear" and bar.bands is None):
             return self

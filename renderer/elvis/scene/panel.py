@@ -11,7 +11,7 @@ from elvis.core.arrays import Floats
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame, Legend
 from elvis.scene.palette import Palette, linear_part
-from elvis.scene.picture import AXES, labels, mark_texts, sentences, ticks, told, typed_values
+from elvis.scene.picture import AXES, labels, mark_texts, sentences, ticks, typed_values, value_labels
 from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar, sides
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ class Bar:
             return
         panel, page = self.panel, self.panel.page
         upright = self.own.position in ("right", "left")
-        norm, cmap = spread(self.palette, self.own)
+        norm, cmap = value_norm(self.palette, self.own)
         from matplotlib.cm import ScalarMappable
 
         axes = panel.axes.inset_axes(self._place() / np.tile([panel.width, panel.height], 2))
@@ -236,12 +236,12 @@ class Bar:
     def _ticks(self, most: int) -> tuple[list[float], list[str]] | None:
         """Values to be marked, n at most, and their texts; None where matplotlib finds better ones."""
         if self.own.ticks:
-            return list(self.own.ticks), told(self.own.ticks, set(self.own.ticks))
+            return list(self.own.ticks), value_labels(self.own.ticks, set(self.own.ticks))
         edges = self.palette.edges
         if self.own.bands is not None and self.own.bands <= FEW_BANDS and edges is not None:
             ends = [self.palette.low, *edges.tolist(), self.palette.high]
             every = -(-len(ends) // most)
-            return ends[::every], told(ends)[::every]
+            return ends[::every], value_labels(ends)[::every]
         if self.own.scale != "linear":
             return None
         values = ticks(self.palette.low, self.palette.high, most)
@@ -258,7 +258,7 @@ class Bar:
             axes.set_xlabel(title, **how)
 
 
-def spread(palette: Palette, bar: ColorBar) -> tuple[Any, Any]:
+def value_norm(palette: Palette, bar: ColorBar) -> tuple[Any, Any]:
     """The norm and colour map of matplotlib that give values the colours that a palette gives them."""
     from matplotlib import colors
 

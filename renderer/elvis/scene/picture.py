@@ -177,10 +177,10 @@ def _note(legend: Legend, typed: set[float]) -> list[str]:
 
 def mark_texts(legend: Legend, typed: set[float]) -> list[str]:
     """The values of contours: those that the scene has exactly, others as far as it takes to tell them well apart."""
-    return told([value for value, _ in legend.marks], typed)
+    return value_labels([value for value, _ in legend.marks], typed)
 
 
-def told(values: Sequence[float], typed: Set[float] = frozenset()) -> list[str]:
+def value_labels(values: Sequence[float], typed: Set[float] = frozenset()) -> list[str]:
     """Texts of values in as many digits as tell them well apart from their neighbours; of ``typed`` ones in all."""
     gaps = np.diff(np.unique(values))
     step = max(gaps.min() if len(gaps) else 1e-4 * abs(values[0]), 1e-300)

@@ -12,7 +12,7 @@ from PIL import Image
 
 from elvis.core.files.output import Outputs, replacing
 from elvis.scene.errors import SceneError
-from elvis.scene.figure import save_figure, wanted
+from elvis.scene.figure import needs_figure, save_figure
 from elvis.scene.frame import Frame, Status
 from elvis.scene.permissions import PICTURES
 from elvis.scene.png import write_png
@@ -47,7 +47,7 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
     check_suffix(path)
     with replacing(path, outputs) as temporary:
         match path.suffix.lower():
-            case suffix if suffix in VECTORS or (suffix == ".png" and wanted(frame, suffix)):
+            case suffix if suffix in VECTORS or (suffix == ".png" and needs_figure(frame, suffix)):
                 save_figure([frame], temporary, suffix, plain=plain)
             case ".png":
                 _save_png(frame, temporary, plain=plain)

@@ -68,7 +68,7 @@ class Setting:
         return {name: bound for name, bound in own.items() if bound is not None}
 
     @property
-    def allowed(self) -> str:
+    def values_text(self) -> str:
         """What the numbers are to be: ``0 to 1``, ``seconds above 0``; empty where any will do."""
         what, bounds = self.unit or "a number", {name: f"{bound:g}" for name, bound in self.bounds.items()}
         if self.expected or not bounds:
@@ -90,14 +90,14 @@ class Setting:
         """The sentence of the option, with its range and default."""
         words = self.option_help or self.help
         words += "  Repeatable." if self.repeatable else ""
-        limits = [self.allowed] if self.bounds and not self.expected else []
+        limits = [self.values_text] if self.bounds and not self.expected else []
         limits += [f"default: {self.default}"] if self.default else []
         return f"{words}  [{'; '.join(limits)}]" if limits else words
 
     def check(self, value: Any, what: str) -> None:
         """SceneError naming ``what``, unless the numbers of a value are in bounds; None and texts have none."""
         if not self.holds(value):
-            raise SceneError(f"{what}: expected {self.allowed}, found {value}")
+            raise SceneError(f"{what}: expected {self.values_text}, found {value}")
 
     def holds(self, value: Any) -> bool:
         """Whether all numbers of a value are in bounds."""
@@ -115,9 +115,9 @@ class Setting:
         return handler(annotated(source))
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
-        from elvis.scene.validation import described
+        from elvis.scene.validation import setting_schema
 
-        return described(self, handler(core))
+        return setting_schema(self, handler(core))
 
 
 def _numbers(value: Any) -> Iterator[float]:

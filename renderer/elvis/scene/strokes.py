@@ -98,7 +98,7 @@ def straightened(line: Floats) -> Floats:
     return line
 
 
-def met(lines: tuple[Floats, ...]) -> tuple[Floats, ...]:
+def meet_at_corners(lines: tuple[Floats, ...]) -> tuple[Floats, ...]:
     """Borders (k, 2) of elements with better ends where three or more meet.
 
     Distances to the nearest border say nothing of the other ones beside a vertex: there lines go on as they do ROOM
@@ -164,14 +164,14 @@ def borders(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Float
         ],
         axis=2,
     )
-    met = np.stack([across[:-1], across[1:], down[:, :-1], down[:, 1:]], axis=2)
-    count = np.count_nonzero(met, axis=2)
+    crossed = np.stack([across[:-1], across[1:], down[:, :-1], down[:, 1:]], axis=2)
+    count = np.count_nonzero(crossed, axis=2)
     nearest = _nearest(owner, depth)
 
     # two crossings of a square's sides are joined, three and four with their middle
     two, more = np.nonzero(count == 2), np.nonzero(count > 2)
-    joined = places[two][met[two]].reshape(-1, 2, 2)
-    many, which = places[more], met[more]
+    joined = places[two][crossed[two]].reshape(-1, 2, 2)
+    many, which = places[more], crossed[more]
     middle = (many * which[..., None]).sum(axis=1) / which.sum(axis=1)[:, None]
     square, side = np.nonzero(which)
     starts = np.concatenate([joined[:, 0], many[square, side]])
@@ -181,7 +181,7 @@ def borders(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Float
 
 def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bools]:
     """(h, w - 1) where borders cross from one column to the next, from 0 to 1; whether there are any."""
-    met = owner[:, :-1] != owner[:, 1:]
+    is_border = owner[:, :-1] != owner[:, 1:]
     left, right = distance[:, :-1], distance[:, 1:]
     start, end = _border_distance(owner, distance), 1.0 - _border_distance(owner[:, ::-1], distance[:, ::-1])[:, ::-1]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -189,7 +189,7 @@ def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bo
         nearer = np.where(depth[:, :-1] <= depth[:, 1:], start, end)
     alone = np.where(owner[:, 1:] < 0, start, np.where(owner[:, :-1] < 0, end, nearer))
     together = (owner[:, :-1] >= 0) & (owner[:, 1:] >= 0) & (left + right <= 1.1) & (left + right > 0.0)
-    return np.clip(np.where(together, between, alone), 0.0, 1.0), met
+    return np.clip(np.where(together, between, alone), 0.0, 1.0), is_border
 
 
 def _border_distance(owner: Ints, distance: Floats) -> Floats:

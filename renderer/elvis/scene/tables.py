@@ -41,11 +41,11 @@ def input_files(scene: Scene) -> list[Path]:
     """The files that a scene reads: data, triangles, colour maps; not those that it writes."""
     found: list[Path] = []
 
-    def noted(name: str) -> str:
+    def note(name: str) -> str:
         found.append(Path(name))
         return name
 
-    with_files(replace(scene, outputs=(), stats=None), noted)
+    with_files(replace(scene, outputs=(), stats=None), note)
     return found
 
 

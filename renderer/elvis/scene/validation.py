@@ -148,7 +148,7 @@ def _shape_of_type(hint: Any) -> str:
     return "list" if get_origin(hint) is tuple else "plain"
 
 
-def described(setting: Setting, schema: dict[str, Any]) -> dict[str, Any]:
+def setting_schema(setting: Setting, schema: dict[str, Any]) -> dict[str, Any]:
     """The JSON schema of a setting, with its sentence, unit and bounds."""
     names = {"enum": list(setting.names)} if setting.names else {}
     told = {BOUNDS[name]: bound for name, bound in setting.bounds.items() if bound != inf}
@@ -183,12 +183,12 @@ def _sentence(errors: list[ErrorDetails]) -> str:
         return f"{place}: {reason}" if place else reason
     if kind in KIND and all(map(is_dataclass, choices(hint))):
         expected = ", ".join(choice.kind for choice in choices(hint))
-        return f"{_join(place, 'kind')}: expected {expected}, found {_shown(found.get('kind'))}"
+        return f"{_join(place, 'kind')}: expected {expected}, found {_short_text(found.get('kind'))}"
     if kind in ("missing", "too_long"):
         return f"{place}: expected {type_words(hint)}, found {len(found)}"
     own = [choice for choice in choices(hint) if _shape_of_type(choice) == _shape(found)]
     wanted = own[0] if len(own) == 1 < len(choices(hint)) else hint
-    return f"{place or 'scene'}: expected {type_words(wanted)}, found {_shown(found)}"
+    return f"{place or 'scene'}: expected {type_words(wanted)}, found {_short_text(found)}"
 
 
 def _unknown(place: str, key: str, known: Iterable[str]) -> str:
@@ -224,6 +224,6 @@ def _join(place: str, key: int | str) -> str:
     return f"{place}.{key}" if place else str(key)
 
 
-def _shown(raw: Any) -> str:
+def _short_text(raw: Any) -> str:
     text = repr(raw)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -216,7 +216,7 @@ def face_on(plane: Plane) -> Camera:
     return Camera(_vector(np.add(plane.point, normal)), plane.point, _vector(up), height=1.0)
 
 
-def named(name: str, plane: Plane | None) -> Camera:
+def named_camera(name: str, plane: Plane | None) -> Camera:
     """The orthographic camera of a named view (see NAMED_VIEWS), height 1; ``fit`` without a plane is ``iso``."""
     if name == "fit" and plane is not None:
         return face_on(plane)
@@ -225,7 +225,7 @@ def named(name: str, plane: Plane | None) -> Camera:
     return Camera(_vector(np.subtract(at, forward)), at, up, height=1.0)
 
 
-def fitted(camera: Camera, size: tuple[int, int], extent: Floats, box: Floats, margin: float = MARGIN) -> Camera:
+def fit_camera(camera: Camera, size: tuple[int, int], extent: Floats, box: Floats, margin: float = MARGIN) -> Camera:
     """An orthographic camera along the same axes that shows all of ``extent``.
 
     size    width and height in pixels

@@ -333,7 +333,7 @@ class Scene(Model):
         size = settings(Scene)["size"]
         if self.size is not None and not size.holds(self.size):
             found = " x ".join(map(str, self.size))
-            raise SceneError(f"the size of a picture is {size.allowed}, found {found}")
+            raise SceneError(f"the size of a picture is {size.values_text}, found {found}")
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
             meant = perhaps(self.camera, NAMED_VIEWS)
             raise SceneError(f"unknown view {self.camera!r}{meant}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")

@@ -43,10 +43,10 @@ class ConvertCommand(click.Command):
 
 def _declare() -> dict[str, Option]:
     """The options of all installed converters by name."""
-    from elvis.plugins.discovery import installed
+    from elvis.plugins.discovery import installed_converters
 
     found: dict[str, Option] = {}
-    for candidate in installed():
+    for candidate in installed_converters():
         for option in candidate.converter.options if candidate.converter else ():
             found.setdefault(option.name, option)
     return found
@@ -229,13 +229,13 @@ def _converted(
     from elvis.core.terminal import stage
     from elvis.plugins.converting import Settings
     from elvis.plugins.converting import convert as convert_source
-    from elvis.plugins.discovery import chosen, in_file, installed, with_defaults
+    from elvis.plugins.discovery import choose_converter, in_file, installed_converters, with_defaults
 
     name = pairs.pop("from", name)
     own = {key: value for key, value in options.items() if not key.startswith("converter_")}
     names = None if fields is None else tuple(part.strip() for part in fields.split(","))
     settings = Settings(fields=names, **own)
-    converter = chosen(in_file(plugin) if plugin else installed(), files, name).converter
+    converter = choose_converter(in_file(plugin) if plugin else installed_converters(), files, name).converter
     assert converter is not None
     given = {
         key.removeprefix("converter_").replace("_", "-"): value
@@ -260,9 +260,9 @@ def _print_report(report: Report) -> None:
 
 def _print_list() -> None:
     from elvis.core.terminal import print_table
-    from elvis.plugins.discovery import installed
+    from elvis.plugins.discovery import installed_converters
 
-    print_table(("name", "reads", "state", "keeps", "loses"), [_row(candidate) for candidate in installed()])
+    print_table(("name", "reads", "state", "keeps", "loses"), [_row(candidate) for candidate in installed_converters()])
 
 
 def _row(candidate: Candidate) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from elvis.core.distances.parts import Model, Parts, linear_distance
 from elvis.core.distances.quadratic import least
 from elvis.core.distances.surface import LEAF, Surface
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches
-from elvis.core.needing import needed
+from elvis.core.needing import require_module
 
 #: parts of the surface's scale within which distances are equal
 EQUAL = 1e-12
@@ -50,7 +50,7 @@ def nearest(surface: Surface, points: Floats) -> Near:
     for first in range(0, len(finite), _BATCH):
         rows = finite[first : first + _BATCH]
         search = _Search(surface, own[rows])
-        distance[rows], place[rows] = search.signed(), search.place
+        distance[rows], place[rows] = search.signed_distances(), search.place
     return Near(distance, place)
 
 
@@ -70,7 +70,7 @@ class _Search:
             others = np.flatnonzero(first[point] != patch)
             self._search_pairs(point[others], patch[others])
 
-    def signed(self) -> Floats:
+    def signed_distances(self) -> Floats:
         """(n,) the distances; of equally near places the signs are weighed together (Baerentzen and Aanaes 2005)."""
         if not self.surface.is_closed:
             return self.distance
@@ -86,7 +86,7 @@ class _Search:
 
     def _closest_corners(self) -> Ints:
         """(n,) for each point the patch whose corners' triangles are nearest: of flat patches, the nearest one."""
-        igl = needed("igl", "the distance to a surface", "distances")
+        igl = require_module("igl", "the distance to a surface", "distances")
 
         corners, patch = self.surface.corners
         ends = np.arange(len(corners)).reshape(-1, 3)

@@ -9,7 +9,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.distances.surface_patches import SurfacePatches
 from elvis.core.mapping.orientation import chunks
-from elvis.core.needing import needed
+from elvis.core.needing import require_module
 
 #: part of a triangle's size by which a point lies before it
 _BEFORE = 1e-6
@@ -39,7 +39,7 @@ def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
     A point is inside where the surface winds around it (Jacobson, Kavan and Sorkine-Hornung 2013).  The triangles turn
     as the file says, if they agree with their neighbours; else they are turned.
     """
-    igl = needed("igl", "the distance to a surface", "distances")
+    igl = require_module("igl", "the distance to a surface", "distances")
 
     own = triangles
     if not _agree(triangles):
@@ -107,7 +107,7 @@ def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -
 
 def _flips(loops: Sequence[Ints]) -> Bools:
     """(faces,) which of the faces would have to run the other way round, so that neighbours agree."""
-    igl = needed("igl", "the distance to a surface", "distances")
+    igl = require_module("igl", "the distance to a surface", "distances")
 
     # fans of triangles around the first vertex of each face
     fans = []
@@ -146,7 +146,7 @@ def _ahead(corners: Floats) -> Floats:
 
 def _winding(corners: Floats, places: Floats) -> Floats:
     """(n,) how often triangles (m, 3, 3) wind around points (n, 3)."""
-    igl = needed("igl", "the distance to a surface", "distances")
+    igl = require_module("igl", "the distance to a surface", "distances")
 
     triangles = np.arange(3 * len(corners)).reshape(-1, 3)
     return np.asarray(igl.winding_number(np.ascontiguousarray(corners.reshape(-1, 3)), triangles, places))

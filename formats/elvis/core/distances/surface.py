@@ -96,7 +96,7 @@ def _from_file(name: str) -> Surface:
 def _from_boundary(dataset: Dataset, name: str) -> Surface:
     found = faces_of(dataset, name)
     first = np.cumsum([0, *(len(faces.vertices) for faces in found)])
-    patches = [faces.patches.flattened(start) for faces, start in zip(found, first, strict=False)]
+    patches = [faces.patches.flatten(start) for faces, start in zip(found, first, strict=False)]
     loops = [faces.vertices for faces in found]
     planar = dataset.mesh.space == 2
     closed = (planar or dataset.mesh.dimension == 3) and is_closed(loops)

@@ -96,7 +96,7 @@ class SurfacePatches:
         m, k = self.coefficients.shape[1:3]
         return np.asarray(np.add.outer(np.arange(m), np.arange(k)) < 2)
 
-    def flattened(self, first: int = 0) -> SurfacePatches:
+    def flatten(self, first: int = 0) -> SurfacePatches:
         """The patches, cut until each is nearly flat; faces are numbered from ``first``."""
         done: list[SurfacePatches] = []
         rest = SurfacePatches(self.corners, self.coefficients, self.face + first, self.outer)

@@ -11,7 +11,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain
-from elvis.core.needing import needed
+from elvis.core.needing import require_module
 
 #: suffixes of files that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb")
@@ -43,7 +43,7 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
 
 def corners_of(name: str) -> Floats:
     """(m, 3, 3) the corners of the triangles of a file; FormatError where it holds none."""
-    trimesh = needed("trimesh", "a triangle file", "distances")
+    trimesh = require_module("trimesh", "a triangle file", "distances")
 
     check_plain(name)
     try:

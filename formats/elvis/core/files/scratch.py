@@ -36,7 +36,7 @@ def scratch(folder: Path) -> Iterator[Path]:
     Raises OSError where no folder can be made.
     """
     remove_leftovers(folder)
-    own, lock = _made(folder)
+    own, lock = _make_folder(folder)
     try:
         (own / "new").mkdir()
         (own / "old").mkdir()
@@ -74,7 +74,7 @@ def _is_own_folder(entry: os.DirEntry[str]) -> bool:
     return is_folder and hasattr(os, "geteuid") and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
 
 
-def _made(folder: Path) -> tuple[Path, int | None]:
+def _make_folder(folder: Path) -> tuple[Path, int | None]:
     """A new scratch folder and its lock, which is None where the file system has none."""
     for _ in range(_TRIES):
         own = folder / f".elvis-{os.urandom(6).hex()}.tmp"

@@ -160,12 +160,12 @@ class _Elements:
         modes, gradients = values_and_gradients(patch.geometry, self.centre[None])
         self.image = coefficients @ modes[0]
         self.duals = duals(coefficients @ gradients[0].T)
-        seen = self._seen(net - self.image[:, :, None])
+        seen = self._linear_guess(net - self.image[:, :, None])
         above = heights(patch.shape, seen.reshape(-1, patch.shape.dimension))
         room = heights_rounding(patch.shape, self.duals, self.rounding)
         self.lowest = above.reshape(*seen.shape[:2], above.shape[1]).min(axis=1) - room
 
-    def _seen(self, offsets: Floats) -> Floats:
+    def _linear_guess(self, offsets: Floats) -> Floats:
         """(u, k, d) reference coordinates, by the linear part, of points at ``offsets`` (u, 3, k) from the image."""
         with np.errstate(invalid="ignore", over="ignore"):
             return np.asarray(self.centre + np.einsum("uci,uck->uki", self.duals, offsets))

@@ -149,7 +149,7 @@ def _check_faces(mesh: Mesh, shape: Shape, part: slice, vertices: Ints, faces: l
 
 
 def face_turns(vertices: Ints, face: Ints) -> Ints:
-    """(n,) how each face lies in its element: the ``turn`` of `turned`.
+    """(n,) how each face lies in its element: the ``turn`` of `orientation_matrix`.
 
     vertices  (n, 3 or 4)  local vertices of the element in the order F0, F1, F2(, F3) of its face
     face      (n, 3 or 4)  the same vertices in the face's own order
@@ -167,7 +167,7 @@ def transposed(turns: Ints) -> Bools:
 
 
 @cache
-def turned(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
+def orientation_matrix(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
     """How the Modified modes of a turned face follow from those in its own frame.
 
     Mode (p, q) of the element's face, both below ``modes`` and flattened to p * modes + q, is ``sign`` (modes^2,) times

@@ -11,7 +11,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
-from elvis.core.mapping.orientation import face_shape, face_turns, first_face_row, transposed, turned
+from elvis.core.mapping.orientation import face_shape, face_turns, first_face_row, orientation_matrix, transposed
 from elvis.core.mapping.skeleton import Skeleton
 from elvis.core.polynomials.expansion import mode_indices
 from elvis.core.shapes import Shape
@@ -78,7 +78,7 @@ def solid_modes(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: 
         valid = np.flatnonzero((targets >= 0) & ((kind is Shape.QUADRILATERAL) | (p + q < modes)))
         for turn in np.unique(turns).tolist():
             here = np.flatnonzero(turns == turn)
-            index, sign = turned(len(skeleton.faces[kind][0]), turn, modes)
+            index, sign = orientation_matrix(len(skeleton.faces[kind][0]), turn, modes)
             seen = own[which[here]][:, :, index[valid]] * sign[valid]
             result[here[:, None, None], np.arange(3)[:, None], targets[valid]] = seen
     return result

@@ -149,17 +149,17 @@ def bernstein_coefficients(
     With ``magnitudes`` each is the sum of its terms' magnitudes, in proportion to which it is rounded.
     """
 
-    def signed(numbers: Floats) -> Floats:
+    def maybe_absolute(numbers: Floats) -> Floats:
         return np.abs(numbers) if magnitudes else numbers
 
     if expansion.shape not in _TENSOR:
-        return signed(coefficients) @ signed(to_bernstein(expansion, space))
+        return maybe_absolute(coefficients) @ maybe_absolute(to_bernstein(expansion, space))
     plan, target = product_plan(expansion), _target(expansion, space)
-    net = signed(coefficients).reshape(*coefficients.shape[:-1], *expansion.modes[::-1])
+    net = maybe_absolute(coefficients).reshape(*coefficients.shape[:-1], *expansion.modes[::-1])
     for direction, count in enumerate(expansion.modes):
         index = np.empty(count, np.int64)
         index[plan.modes[:, direction]] = plan.index[direction]
-        matrix = signed(_nets(expansion, direction, target.degrees[direction])[-1][index])
+        matrix = maybe_absolute(_nets(expansion, direction, target.degrees[direction])[-1][index])
         net = np.moveaxis(np.moveaxis(net, -1 - direction, -1) @ matrix, -1, -1 - direction)
     return np.ascontiguousarray(net.reshape(*coefficients.shape[:-1], target.count))
 

@@ -55,7 +55,7 @@ def halves(nets: Floats, axis: int) -> tuple[Floats, Floats]:
     return np.moveaxis(lower, -1, 1 + axis), np.moveaxis(upper, -1, 1 + axis)
 
 
-def halved(nets: Floats) -> Floats:
+def all_halves(nets: Floats) -> Floats:
     """(2^d n, D1, …, Dd) nets of the halves in every direction."""
     for axis in range(nets.ndim - 1):
         nets = np.concatenate(halves(nets, axis))

@@ -73,11 +73,11 @@ def check(expansion: Expansion) -> None:
         names = ", ".join(basis.label for basis in bases)
         raise FormatError(f"expected bases that belong together on this shape, found {names}", place=place)
     if min(modes) < 1:
-        raise FormatError(f"expected at least one mode in each direction, found {_listed(modes)}", place=place)
+        raise FormatError(f"expected at least one mode in each direction, found {_modes_text(modes)}", place=place)
     for first, second in ASCENDING[shape]:
         if modes[first] > modes[second]:
             rule = f"no more modes in direction {first + 1} than in direction {second + 1}"
-            raise FormatError(f"expected {rule}, found {_listed(modes)}", place=place)
+            raise FormatError(f"expected {rule}, found {_modes_text(modes)}", place=place)
     for basis, count in zip(bases, modes, strict=True):
         _check_count(basis, count, place)
     if expansion.homogeneous is not None:
@@ -108,7 +108,7 @@ def _check_homogeneous(planes: Homogeneous, place: str) -> None:
         raise FormatError(f"expected a Fourier number for each plane or line, found {found}", place=place)
 
 
-def _listed(modes: tuple[int, ...]) -> str:
+def _modes_text(modes: tuple[int, ...]) -> str:
     return "x".join(map(str, modes))
 
 

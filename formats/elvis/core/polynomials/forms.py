@@ -75,13 +75,13 @@ def elevations(factors: Factors, degree: int) -> Floats:
     exact = forms(factors)
     nets = np.zeros((degree + 1, len(exact), degree + 1))
     for j, (form, denominator, scale) in enumerate(exact):
-        for raised in _raised(form, degree):
+        for raised in _elevations(form, degree):
             top = len(raised) - 1
             nets[top, j, : top + 1] = [scale * (h / (denominator * comb(top, i))) for i, h in enumerate(raised)]
     return nets
 
 
-def _raised(form: list[int], degree: int) -> Iterator[list[int]]:
+def _elevations(form: list[int], degree: int) -> Iterator[list[int]]:
     """The form at its own degree and at all higher ones: times t + (1 - t) = 1 at each step."""
     while len(form) <= degree + 1:
         yield form

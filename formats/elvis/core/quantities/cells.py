@@ -14,12 +14,12 @@ from elvis.core.dataset import Expansion
 from elvis.core.distances import Surface, nearest
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
-from elvis.core.polynomials.boxnets import box_nets, halved
+from elvis.core.polynomials.boxnets import all_halves, box_nets
 from elvis.core.quantities import intervals as i
 from elvis.core.quantities.attributes import Attributes, is_constant, target_of
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import Node, folded
+from elvis.core.quantities.tree import Node, fold
 from elvis.core.shapes import Shape
 
 #: nets (c, D1, …, Dd) by what they are of: a coordinate or a field, then the direction of its derivative
@@ -79,13 +79,13 @@ class Cells:
             upper[:, axis], lower[:, axis] = middle[:, axis], middle[:, axis]
             low, high = np.concatenate([low, upper]), np.concatenate([lower, high])
             middle = np.concatenate([middle, middle])
-        nets = {key: halved(net) for key, net in self.nets.items()}
+        nets = {key: all_halves(net) for key, net in self.nets.items()}
         return replace(self, rows=np.tile(self.rows, 2**d), low=low, high=high, nets=nets)
 
     def bounds(self, root: Node) -> Interval:
         """Certified least and greatest value (c,) of an expression on each box."""
         with np.errstate(all="ignore"):
-            low, high = folded(root, self._leaf, lambda node, parts: function(node).interval(*parts))
+            low, high = fold(root, self._leaf, lambda node, parts: function(node).interval(*parts))
         return np.broadcast_to(low, len(self)), np.broadcast_to(high, len(self))
 
     def _leaf(self, node: Node) -> Interval:
@@ -218,12 +218,12 @@ def _add(nets: Nets, key: tuple[object, ...], expansion: Expansion, coefficients
     # on a pyramid eta1 and eta2 change with xi3
     if space.shape is Shape.PYRAMID:
         for direction in range(2):
-            raised[2] = _raised(raised[2], nets[key]) + _raised(_times_share(raised[direction], direction), nets[key])
+            raised[2] = _elevate(raised[2], nets[key]) + _elevate(_times_share(raised[direction], direction), nets[key])
     for direction, raised_net in enumerate(raised):
-        nets[(*key, direction)] = _raised(raised_net, nets[key])
+        nets[(*key, direction)] = _elevate(raised_net, nets[key])
 
 
-def _raised(net: Floats, like: Floats) -> Floats:
+def _elevate(net: Floats, like: Floats) -> Floats:
     """The net with as many coefficients in each direction as another one."""
     for axis in range(1, net.ndim):
         net = np.moveaxis(np.moveaxis(net, axis, -1) @ _elevation(net.shape[axis] - 1, like.shape[axis] - 1), -1, axis)

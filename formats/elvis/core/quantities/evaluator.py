@@ -18,7 +18,7 @@ from elvis.core.polynomials.curvature import hessians_at
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.functions import function
-from elvis.core.quantities.tree import Node, folded
+from elvis.core.quantities.tree import Node, fold
 from elvis.core.sampling import Samples
 
 #: points at once
@@ -93,7 +93,7 @@ def reference_values(
         part = slice(first, first + _BATCH)
         leaf = _leaves(names, attributes, patch, rows[part], points[part])
         with np.errstate(all="ignore"):
-            result[part] = folded(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
+            result[part] = fold(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
     return result
 
 
@@ -107,7 +107,7 @@ def _leaves(
         return pointwise.positions(patch, rows, points)
 
     @cache
-    def moved(name: str, order: int) -> Floats:
+    def derivatives(name: str, order: int) -> Floats:
         field = names.index(name)
         if patch.fields[field] is None:
             return np.full((len(rows), *(3,) * order), np.nan)
@@ -120,7 +120,7 @@ def _leaves(
             return np.asarray(place()[:, node.axes[0]])
         if node.op == "attribute":
             return attributes.at(node.name, patch, rows, points)
-        return moved(node.name, len(node.axes)).T[node.axes[::-1]] if node.axes else moved(node.name, 0)
+        return derivatives(node.name, len(node.axes)).T[node.axes[::-1]] if node.axes else derivatives(node.name, 0)
 
     return leaf
 

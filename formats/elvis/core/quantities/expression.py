@@ -9,7 +9,7 @@ from functools import cached_property
 from elvis.core.dataset import Dataset
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
-from elvis.core.quantities.tree import Node, field, folded, leaves, whole_exponent
+from elvis.core.quantities.tree import Node, field, fold, leaves, whole_exponent
 
 #: the highest power of a polynomial that is taken for a polynomial
 _MOST_POWER = 64
@@ -72,7 +72,7 @@ class Expression:
                 return first
             return 0 if max(known) == 0 else None
 
-        return folded(self.root, lambda node: 0 if node.op == "number" else leaf(node), inner)
+        return fold(self.root, lambda node: 0 if node.op == "number" else leaf(node), inner)
 
     @property
     def is_field(self) -> bool:

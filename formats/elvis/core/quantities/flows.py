@@ -86,22 +86,22 @@ class Flow:
     @cached_property
     def available(self) -> tuple[str, ...]:
         """The names of quantities for which the fields suffice, and the parameters that are known."""
-        return tuple(name for name in self._suited if not self._missing(name))
+        return tuple(name for name in self._suitable_names if not self._missing(name))
 
     @cached_property
     def waiting(self) -> tuple[str, ...]:
         """The names of those for which the fields suffice, that need further parameters."""
-        return tuple(name for name in self._suited if (lack := self._missing(name)) and not lack.fields)
+        return tuple(name for name in self._suitable_names if (lack := self._missing(name)) and not lack.fields)
 
     @property
-    def _suited(self) -> Iterator[str]:
+    def _suitable_names(self) -> Iterator[str]:
         """The names of quantities of flows of this dimension, but for those that fields have."""
         return (name for name in PUBLIC if name not in self.fields and self._entry(name) is not None)
 
-    def listed(self) -> list[dict[str, str | None]]:
+    def catalogue(self) -> list[dict[str, str | None]]:
         """The quantities of flows of this dimension: name, formula, meaning, source, and in words what is lacking."""
         found: list[dict[str, str | None]] = []
-        for name in self._suited:
+        for name in self._suitable_names:
             entry, lack = self._entry(name), self._missing(name)
             assert entry is not None
             text = self._suitable(name)[0]
@@ -119,7 +119,7 @@ class Flow:
         known = {key: node for key, node in self.parameters.items() if key != "mu" or "nu" not in given}
         flow = replace(self, parameters={**known, **given})
         if self._entry(name) is None:
-            raise ElvisError(f"{name} needs {self._wanted(name)}, and the data have {self.dimension}")
+            raise ElvisError(f"{name} needs {self._dimensions_text(name)}, and the data have {self.dimension}")
         lack = flow._missing(name)
         if lack:
             fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
@@ -132,8 +132,8 @@ class Flow:
 
         if self._is_beyond(name):
             return ZERO
-        if name in self._found:
-            return self._found[name]
+        if name in self._fields_by_symbol:
+            return self._fields_by_symbol[name]
         if name in self.parameters:
             return self.parameters[name]
         default = PARAMETERS[name].default if name in PARAMETERS else None
@@ -156,31 +156,31 @@ class Flow:
         """No formula has one."""
         raise AssertionError(f"a distance to {target} in a formula")
 
-    def used(self, name: str) -> tuple[str, ...]:
+    def parameters_of(self, name: str) -> tuple[str, ...]:
         """The parameters that a quantity may need of these data."""
         found: dict[str, None] = {}
         waiting, seen = [name], set[str]()
         while waiting:
             own = waiting.pop()
-            if own in seen or own in self._found:
+            if own in seen or own in self._fields_by_symbol:
                 continue
             seen.add(own)
             if own in PARAMETERS:
                 found[own] = None
             elif own not in SIDES:
                 waiting += [word for text in self._suitable(own) for word in _words(text)]
-        known = {"density"} if "rho" in self._found else set()
+        known = {"density"} if "rho" in self._fields_by_symbol else set()
         return tuple(key for key in PARAMETERS if key in found and key not in known)
 
     def _check(self, name: str, key: str) -> None:
         """ElvisError for what is no parameter of a quantity."""
-        used = self.used(name)
+        used = self.parameters_of(name)
         if key not in used:
             taken = ", ".join(used) or "no parameters"
             raise ElvisError(f"{name} takes {taken} of these data, found {key!r}{perhaps(key, used)}")
 
     @cached_property
-    def _found(self) -> Mapping[str, Node]:
+    def _fields_by_symbol(self) -> Mapping[str, Node]:
         """Fields by what they are called in formulas."""
         found: dict[str, Node] = {}
         for symbols, families in (("u v w", _VELOCITIES), ("rhou rhov rhow", _MOMENTA)):
@@ -205,7 +205,7 @@ class Flow:
         """The quantity of a name in flows of this dimension."""
         return next((own for own in QUANTITIES if own.name == name and self.dimension in own.dimensions), None)
 
-    def _wanted(self, name: str) -> str:
+    def _dimensions_text(self, name: str) -> str:
         dimensions = sorted(n for own in QUANTITIES if own.name == name for n in own.dimensions)
         return " or ".join(map(str, dimensions)) + " coordinates"
 
@@ -221,7 +221,7 @@ class Flow:
 
     def _missing(self, name: str) -> Missing:
         """What a name in a formula lacks; of several formulas those count that lack nothing but parameters."""
-        if name in self._found or name in SIDES or self._is_beyond(name):
+        if name in self._fields_by_symbol or name in SIDES or self._is_beyond(name):
             return Missing()
         if name in PARAMETERS:
             return self._unset(name)
@@ -239,7 +239,7 @@ class Flow:
 
     def _unset(self, name: str) -> Missing:
         """What a parameter lacks; the density of an incompressible flow is none where the data have one."""
-        if name == "density" and "rho" in self._found:
+        if name == "density" and "rho" in self._fields_by_symbol:
             return Missing(("rho",))
         known = name in self.parameters or PARAMETERS[name].default is not None
         return Missing() if known else Missing((), ((name,),))
@@ -253,10 +253,10 @@ class Flow:
         if lack.fields:
             needed = dict.fromkeys(_INGREDIENTS[symbol][0] for symbol in self._ingredients(name))
             absent = dict.fromkeys(_INGREDIENTS[symbol][1] for symbol in lack.fields)
-            return f"{name} needs {_listed(list(needed))}; the data lack {', and '.join(absent)}"
+            return f"{name} needs {_in_words(list(needed))}; the data lack {', and '.join(absent)}"
         meanings = [" or ".join(f"{key} ({PARAMETERS[key].meaning})" for key in group) for group in lack.parameters]
         example = ", ".join(f"{group[0]}=…" for group in lack.parameters)
-        return f"{name} needs {_listed(meanings)}: write {name}({example})"
+        return f"{name} needs {_in_words(meanings)}: write {name}({example})"
 
     def _ingredients(self, name: str) -> list[str]:
         """What the first formula of a quantity needs of the fields."""
@@ -275,7 +275,7 @@ def _words(text: str) -> list[str]:
     return list(dict.fromkeys(word for word in _WORD.findall(text) if word not in AXES))
 
 
-def _listed(parts: list[str]) -> str:
+def _in_words(parts: list[str]) -> str:
     """With commas and a last "and"."""
     if len(parts) < 3:
         return " and ".join(parts)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial, reduce
 
-from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, folded, negative, number, whole_exponent
+from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, fold, negative, number, whole_exponent
 
 Fraction = tuple[Node, Node]
 
@@ -167,7 +167,7 @@ def _fraction(root: Node) -> Fraction | None:
             return call("*", one[0], two[1]), call("*", one[1], two[0])
         return _power(node, one)
 
-    return folded(root, lambda leaf: (leaf, ONE), inner)
+    return fold(root, lambda leaf: (leaf, ONE), inner)
 
 
 def _power(node: Node, base: Fraction) -> Fraction | None:
@@ -196,7 +196,7 @@ def _square(root: Node) -> tuple[Node, int] | None:
     def leaf(node: Node) -> tuple[Node, int] | None:
         return (number(node.value**2), 0) if node.op == "number" and node.value >= 0 else None
 
-    return folded(root, leaf, inner)
+    return fold(root, leaf, inner)
 
 
 def _is_positive(root: Node) -> bool:
@@ -210,4 +210,4 @@ def _is_positive(root: Node) -> bool:
             return True
         return node.op in ("+", "*", "/") and all(parts)
 
-    return folded(root, lambda node: node is ZERO or (node.op == "number" and node.value >= 0), inner)
+    return fold(root, lambda node: node is ZERO or (node.op == "number" and node.value >= 0), inner)

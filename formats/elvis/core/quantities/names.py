@@ -94,10 +94,10 @@ class Names:
         if name == "t":
             return "the data don't tell the time t"
         meant = perhaps(name, [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES])
-        return f"there is no {name!r}{meant}; {self.listed}"
+        return f"there is no {name!r}{meant}; {self.in_words}"
 
     @property
-    def listed(self) -> str:
+    def in_words(self) -> str:
         """All names, in words."""
         known = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
         others: Sequence[str] = (

@@ -63,7 +63,7 @@ class Parser(Grammar[Node]):
         if not is_quoted and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
             return self._called(name)
         if not is_quoted and name in PUBLIC and name not in self._names.fields and self._take("("):
-            first, given = self._next - 2, self._given()
+            first, given = self._next - 2, self._named_values()
             return self._guard(lambda: self._names.quantity(name, given), first)
         node = self._guard(lambda: self._names.meaning(name))
         if node is None:
@@ -95,7 +95,7 @@ class Parser(Grammar[Node]):
         rule = _gradient if name == "grad" else _laplacian
         return self._guard(lambda: rule(of, self._names.dimension), first)
 
-    def _given(self) -> dict[str, Node]:
+    def _named_values(self) -> dict[str, Node]:
         """``name=value`` with commas between, up to the closing parenthesis."""
         found: dict[str, Node] = {}
         while True:

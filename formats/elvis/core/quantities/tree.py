@@ -152,7 +152,7 @@ def ordered(*roots: Node) -> list[Node]:
     return list(result)
 
 
-def folded(root: Node, leaf: Callable[[Node], T], inner: Callable[[Node, list[T]], T]) -> T:
+def fold(root: Node, leaf: Callable[[Node], T], inner: Callable[[Node, list[T]], T]) -> T:
     """What ``leaf`` says of leaves and ``inner`` of all other parts, from those of their operands."""
     found: dict[Node, T] = {}
     for node in ordered(root):
@@ -172,7 +172,7 @@ def derivative(root: Node, along: Callable[[Node], Node]) -> Node:
                 total = call("+", total, call("*", partial(), part))
         return total
 
-    return folded(root, lambda leaf: ZERO if leaf.op == "number" else along(leaf), inner)
+    return fold(root, lambda leaf: ZERO if leaf.op == "number" else along(leaf), inner)
 
 
 def world_derivative(root: Node, axis: int) -> Node:

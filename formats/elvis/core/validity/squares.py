@@ -107,18 +107,18 @@ def _without_squares(net: Floats) -> float:
     if not len(roots):
         return -np.inf
 
-    coefficients = _fitted(values, basis, roots @ _elevated_linears(degrees), near)
+    coefficients = _fit_squares(values, basis, roots @ _elevated_linears(degrees), near)
     roots = coefficients.reshape(-1, *(degree + 1 for degree in degrees))
     rest, sizes = net.copy(), np.abs(net).max()
     for root in roots:
         square = _square(root)
-        rest -= _raised(square, net.shape)
+        rest -= _enlarge(square, net.shape)
         sizes += np.abs(root).max() ** 2
     rounding = 4 * (basis.shape[1] + sum(net.shape)) * _UNIT * sizes
     return float(rest.min() - rounding)
 
 
-def _fitted(values: Floats, basis: Floats, roots: Floats, near: Floats) -> Floats:
+def _fit_squares(values: Floats, basis: Floats, roots: Floats, near: Floats) -> Floats:
     """Coefficients (k, m) of polynomials q_i with p = e + sum q_i^2 at the nodes, as nearly as can be.
 
     Gauss-Newton steps for e and the coefficients; the nodes count all alike in the end, those nearby most at first.
@@ -237,7 +237,7 @@ def _binomials(shape: tuple[int, ...]) -> Floats:
     return frozen_floats(reduce(np.multiply.outer, lines))
 
 
-def _raised(net: Floats, shape: tuple[int, ...]) -> Floats:
+def _enlarge(net: Floats, shape: tuple[int, ...]) -> Floats:
     """The same polynomial with a net of a larger shape."""
     return _contract(net, [_raising(size, target) for size, target in zip(net.shape, shape, strict=True)])
 

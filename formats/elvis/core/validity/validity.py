@@ -92,7 +92,7 @@ class Validity:
         return Range(lower, upper, least, greatest)
 
     @property
-    def listed(self) -> Ints:
+    def failing_rows(self) -> Ints:
         """(k,) rows of the elements that aren't positive for certain: proved ones first, by value."""
         rows = np.flatnonzero(self.status != ValidityStatus.POSITIVE)
         return rows[np.lexsort((self.least[rows], self.status[rows]))]
@@ -126,7 +126,7 @@ def validity_facts(found: Validity) -> dict[str, Any]:
             "reference": found.reference[row, : found.shapes[row].dimension].tolist(),
             "world": found.world[row].tolist(),
         }
-        for row in found.listed
+        for row in found.failing_rows
     ]
     return {
         "elements": len(found),

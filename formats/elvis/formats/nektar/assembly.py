@@ -86,7 +86,7 @@ class Lookup:
 
     def present(self, ids: Ints) -> Bools:
         """Whether each id is there."""
-        return self._found(ids)[1]
+        return self._find_rows(ids)[1]
 
     def rows(self, ids: Ints, user: str) -> Ints:
         """Rows of the ids, in their shape; FormatError where one is unknown, ``user`` says who names it."""
@@ -98,14 +98,14 @@ class Lookup:
         flat = ids.reshape(-1)
         for start in range(0, len(flat), _AT_ONCE):
             part = flat[start : start + _AT_ONCE]
-            rows, known = self._found(part)
+            rows, known = self._find_rows(part)
             if not known.all():
                 wrong = part[~known][0]
                 raise FormatError(f"expected {self._what} ids that exist in the {user}, found {self._what} {wrong}")
             part[:] = rows
         return ids
 
-    def _found(self, ids: Ints) -> tuple[Ints, Bools]:
+    def _find_rows(self, ids: Ints) -> tuple[Ints, Bools]:
         """Rows, and whether they are right."""
         if self._table is not None:
             rows = self._table[np.clip(ids, 0, len(self._table) - 1)]

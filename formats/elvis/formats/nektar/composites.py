@@ -14,7 +14,7 @@ from elvis.core.mesh import Composite, Mesh
 from elvis.formats.nektar import numbers
 from elvis.formats.nektar.assembly import RawComposite
 from elvis.formats.nektar.numbers import IdList
-from elvis.formats.nektar.xml import Element, located
+from elvis.formats.nektar.xml import Element, format_errors_at
 
 _TOKEN = re.compile(rb"([A-Z])\[([^\[\]]*)\]")
 _TAGS = b"VESFTQAPRH"
@@ -57,7 +57,7 @@ def read_composites(section: Element | None) -> tuple[RawComposite, ...]:
 
 
 def _composite(child: Element) -> RawComposite:
-    with located(child):
+    with format_errors_at(child):
         return number(child, "ID"), parse_tokens(bytes(child.content)), child.attributes.get("NAME")
 
 
@@ -67,17 +67,17 @@ def read_domains(section: Element | None) -> dict[int, IdList]:
         return {}
     domains: dict[int, IdList] = {}
     for child in section.children():
-        with located(child):
+        with format_errors_at(child):
             domains[number(child, "ID")] = composite_ids(bytes(child.content))
     if domains:
         return domains
-    with located(section):
+    with format_errors_at(section):
         return {0: composite_ids(bytes(section.content))}
 
 
 def number(element: Element, name: str, default: int | None = None) -> int:
     """An attribute that is a whole number from 0 up."""
-    text = element.required(name) if default is None else element.attributes.get(name, str(default))
+    text = element.require(name) if default is None else element.attributes.get(name, str(default))
     if not re.fullmatch(r"\s*[0-9]{1,18}\s*", text):
         raise element.error(f"expected {name} to be a number, found {text[:40]!r}")
     return int(text)

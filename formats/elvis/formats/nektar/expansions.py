@@ -69,7 +69,7 @@ def read_parameters(conditions: Element | None) -> dict[str, float]:
 
 def _rule(entry: Element, parameters: Mapping[str, float]) -> RawRule:
     attributes = entry.attributes
-    composites = composite_ids(entry.required("COMPOSITE").encode())
+    composites = composite_ids(entry.require("COMPOSITE").encode())
     fields = split(attributes.get("FIELDS", ""))
     if entry.tag == "H":
         kind = ",".join(attributes[f"TYPE-{axis}"] for axis in "XYZ" if f"TYPE-{axis}" in attributes)
@@ -77,8 +77,8 @@ def _rule(entry: Element, parameters: Mapping[str, float]) -> RawRule:
         if not texts or kind.count(",") != len(texts) - 1:
             raise entry.error("expected a type and a number of modes in each direction, found otherwise")
         return composites, ExpansionRule((), kind, _counts(texts, parameters), fields)
-    kind = attributes.get("TYPE") or ",".join(split(entry.required("BASISTYPE")))
-    modes = _counts(split(entry.required("NUMMODES")), parameters)
+    kind = attributes.get("TYPE") or ",".join(split(entry.require("BASISTYPE")))
+    modes = _counts(split(entry.require("NUMMODES")), parameters)
     if not kind or not modes:
         raise entry.error("expected a kind and a number of modes, found none")
     points = _counts(split(attributes.get("NUMPOINTS", "")), parameters)
@@ -107,7 +107,7 @@ def completed_rules(dataset: Dataset, sections: Sequence[OutputSection]) -> tupl
         fields = _completed_fields(rule, names, rules, dataset.expansions)
         if fields or not names:
             used = _expansions(dataset.mesh, sections, rule.composites)
-            rules.append(_raised(replace(rule, fields=fields), max((max(e.modes) for e in used), default=0)))
+            rules.append(_at_least(replace(rule, fields=fields), max((max(e.modes) for e in used), default=0)))
 
     # composites of the domain without a rule get one
     covered = {composite for rule in rules for composite in rule.composites}
@@ -161,7 +161,7 @@ def _overlap(one: ExpansionRule, other: ExpansionRule) -> bool:
     return not set(one.composites).isdisjoint(other.composites)
 
 
-def _raised(rule: ExpansionRule, needed: int) -> ExpansionRule:
+def _at_least(rule: ExpansionRule, needed: int) -> ExpansionRule:
     """The rule with at least this many modes in every direction, and points to match."""
     modes = tuple(max(count, needed) for count in rule.modes)
     points = tuple(p + new - old for p, new, old in zip(rule.points, modes, rule.modes, strict=False))

@@ -34,7 +34,7 @@ from elvis.formats.nektar.sections import (
     read_shape,
     read_space,
 )
-from elvis.formats.nektar.xml import Element, located
+from elvis.formats.nektar.xml import Element, format_errors_at
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -45,10 +45,10 @@ _ORDERS = re.compile(r"\s*(UNIORDER|MIXORDER)\s*:(.*)", re.DOTALL)
 
 def read_section(element: Element) -> Section:
     """A section ELEMENTS; FormatError where its attributes or its data are wrong."""
-    with located(element):
+    with format_errors_at(element):
         is_compressed(element)
         space = _xml_space(element)
-        ids = numbers.parse_ids(element.required("ID"))
+        ids = numbers.parse_ids(element.require("ID"))
         space.check_elements(ids.count)
 
         # a list of ids is expanded once the coefficients of all its elements are there, which are at least as many
@@ -75,12 +75,12 @@ def time_of(metadata: Mapping[str, str]) -> float | None:
 
 def _xml_space(element: Element) -> Space:
     attributes = element.attributes
-    bases = read_bases(element.required("BASIS"))
+    bases = read_bases(element.require("BASIS"))
     return read_space(
-        split(element.required("FIELDS")),
-        element.required("SHAPE"),
+        split(element.require("FIELDS")),
+        element.require("SHAPE"),
         bases,
-        _xml_modes(element.required("NUMMODESPERDIR"), len(bases)),
+        _xml_modes(element.require("NUMMODESPERDIR"), len(bases)),
         (
             _xml_lengths(attributes.get("HOMOGENEOUSLENGTHS", "")),
             _numbers(attributes.get("HOMOGENEOUSYIDS", "")),

@@ -22,7 +22,7 @@ _ORDER = (Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.HEXAHEDRON, Shape.PRISM, Sh
 
 def write_geometry(writer: Writer, mesh: Mesh, is_compressed: bool) -> None:
     """The section GEOMETRY of a mesh that has a domain."""
-    form = _Compressed(writer, mesh) if is_compressed else _Text(writer, mesh)
+    form = _CompressedPayloads(writer, mesh) if is_compressed else _Text(writer, mesh)
     with writer.element("GEOMETRY", {"DIM": mesh.dimension, "SPACE": mesh.space}):
         form.vertices()
         if mesh.dimension > 1:
@@ -66,7 +66,7 @@ def _composites(writer: Writer, mesh: Mesh) -> None:
             writer.leaf("D", {"ID": id}, f" C[{format_ids(np.array(composites, np.int64))}] ")
 
 
-class _Compressed:
+class _CompressedPayloads:
     """Payloads of 8-byte records."""
 
     def __init__(self, writer: Writer, mesh: Mesh) -> None:

@@ -19,7 +19,7 @@ from elvis.formats.nektar import composites, numbers
 from elvis.formats.nektar.assembly import RawCurves, RawGeometry
 from elvis.formats.nektar.expressions import evaluate
 from elvis.formats.nektar.payload import ENCODING, decode
-from elvis.formats.nektar.xml import Element, located
+from elvis.formats.nektar.xml import Element, format_errors_at
 
 
 def dimensions(geometry: Element) -> tuple[int, int]:
@@ -39,7 +39,7 @@ def read_geometry(geometry: Element) -> RawGeometry:
         raise geometry.error(f"expected a section {missing}, found {', '.join(sections) or 'nothing'}")
 
     vertices = sections["VERTEX"]
-    with located(vertices):
+    with format_errors_at(vertices):
         scaling = Scaling(vertices)
         vertex_ids, points = _codec(vertices).read_vertices(vertices)
         points = scaling(points)
@@ -105,7 +105,7 @@ def _tables(sections: dict[str, Element], dimension: int) -> list[tuple[Shape, t
 
 
 def _section_tables(section: Element, tags: dict[str, Shape]) -> dict[Shape, tuple[Ints, Ints]]:
-    with located(section):
+    with format_errors_at(section):
         widths = {tag: MEMBERS[shape] for tag, shape in tags.items()}
         children_compressed = section.tag != "EDGE" and _first_child_compressed(section)
         codec = _COMPRESSED if children_compressed else _codec(section)
@@ -122,7 +122,7 @@ def _curves(section: Element | None, scaling: Scaling) -> tuple[RawCurves, RawCu
     """Curved edges and faces; the text form leaves faces unscaled (a habit of the format's own reader)."""
     if section is None or section.is_empty:
         return RawCurves.none(), RawCurves.none()
-    with located(section):
+    with format_errors_at(section):
         edges, faces = _codec(section).read_curves(section)
         scaling(edges.points)
         if is_compressed(section):
@@ -253,7 +253,7 @@ class _CompressedCodec:
             raise FormatError("expected DATAPOINTS with INDEX and POINTS, found none")
 
         index = _records(parts["INDEX"], 1)[:, 0]
-        with located(parts["POINTS"]):
+        with format_errors_at(parts["POINTS"]):
             _, points = self.read_vertices(parts["POINTS"])
         if len(index) and not 0 <= index.min() <= index.max() < len(points):
             raise parts["INDEX"].error(f"expected places in {len(points)} points, found one beyond them")
@@ -271,7 +271,7 @@ def _record_table(element: Element, width: int) -> tuple[Ints, Ints]:
 
 
 def _records(element: Element, width: int) -> Ints:
-    with located(element):
+    with format_errors_at(element):
         return decode(element.content, width).view("<i8").astype(np.int64, copy=False)
 
 
@@ -281,7 +281,7 @@ def _record_curves(element: Element | None, rows: Ints, points: Floats) -> RawCu
         return RawCurves.none()
     table = _records(element, _CURVE_WIDTH)
     entities, counts, offsets, kinds = table[:, 1].copy(), table[:, 2].copy(), table[:, 4], table[:, 5].copy()
-    with located(element):
+    with format_errors_at(element):
         return RawCurves(entities, kinds, counts, points[rows[owned(counts, offsets, len(rows))]])
 
 

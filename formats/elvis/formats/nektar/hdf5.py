@@ -1,7 +1,7 @@
 """HDF5 with suspicion: only what is stored in the file itself is read, sizes are checked before memory is taken.
 
-h5py raises many kinds of errors on damaged files; every call of it is made here, under `guarded`, which turns them
-into FormatError.
+h5py raises many kinds of errors on damaged files; every call of it is made here, under `format_errors`,
+which turns them into FormatError.
 
 When a file is written, a full disk is noticed here, not by the library.  That can't close a file that it can't write
 any more: it fails again at every attempt, the last time while the process ends.  It also reads again what it has
@@ -39,7 +39,7 @@ def reading(path: Path) -> Iterator[h5py.File]:
 
     check_heaps(path)
     try:
-        with guarded():
+        with format_errors():
             file = h5py.File(path, "r")
         with file:
             yield file
@@ -85,7 +85,7 @@ def strings(parent: h5py.Group, name: str) -> list[str] | None:
     found = _dataset(parent, name)
     if found is None:
         return None
-    with guarded(_place(parent, name)):
+    with format_errors(_place(parent, name)):
         is_text = found.dtype.kind in "OS" and is_plain(found.dtype)
         if found.ndim != 1 or not is_text or found.size > _MOST_STRINGS:
             raise FormatError(f"expected a list of strings, found {_kind(found)}", place=_place(parent, name))
@@ -96,7 +96,7 @@ def strings(parent: h5py.Group, name: str) -> list[str] | None:
 
 def attribute(owner: h5py.Group | h5py.Dataset, name: str, is_required: bool = True) -> NDArray[Any]:
     """The values of an attribute, as a flat array; FormatError where it must be there and isn't."""
-    with guarded(_place(owner)):
+    with format_errors(_place(owner)):
         if name in owner.attrs:
             check_attribute(owner, name)
             return np.asarray(owner.attrs[name]).reshape(-1)
@@ -113,7 +113,7 @@ def dataset_attribute(parent: h5py.Group, name: str, attribute_name: str) -> NDA
 
 def attribute_names(owner: h5py.Group) -> list[str]:
     """The names of all attributes."""
-    with guarded(_place(owner)):
+    with format_errors(_place(owner)):
         return list(owner.attrs)
 
 
@@ -143,7 +143,7 @@ def version(owner: h5py.Group, greatest: int) -> int:
 
 
 @contextmanager
-def guarded(place: str | None = None) -> Iterator[None]:
+def format_errors(place: str | None = None) -> Iterator[None]:
     """What h5py raises in the block becomes FormatError."""
     try:
         yield
@@ -153,14 +153,14 @@ def guarded(place: str | None = None) -> Iterator[None]:
 
 
 def _place(owner: h5py.Group | h5py.Dataset, name: str = "") -> str:
-    with guarded():
+    with format_errors():
         return f"{owner.name}/{name}".rstrip("/") or "/"
 
 
 def _member(parent: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     import h5py
 
-    with guarded(_place(parent, name)):
+    with format_errors(_place(parent, name)):
         link = parent.get(name, getlink=True)
         if link is None:
             return None
@@ -179,7 +179,7 @@ def _dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
     place = _place(parent, name)
     if not isinstance(found, h5py.Dataset):
         raise FormatError("expected a dataset, found a group", place=place)
-    with guarded(place):
+    with format_errors(place):
         if found.is_virtual or found.external:
             raise FormatError("expected data in the file itself, found references to others", place=place)
         if found.shape is None:
@@ -192,7 +192,7 @@ def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype
     found = _dataset(parent, name)
     if found is None:
         return None
-    with guarded(_place(parent, name)):
+    with format_errors(_place(parent, name)):
         shape = (*found.shape[:1], columns) if columns else found.shape[:1]
         if found.dtype.kind not in kinds or found.dtype.itemsize > 8 or found.shape != shape or not shape:
             expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"

@@ -88,7 +88,7 @@ class Element:
         """An error at this element."""
         return FormatError(message, file=self.file, place=self.place)
 
-    def required(self, name: str) -> str:
+    def require(self, name: str) -> str:
         """An attribute that must be there."""
         if name not in self.attributes:
             raise self.error(f"expected an attribute {name}, found none")
@@ -240,7 +240,7 @@ def _description(data: Buffer) -> str:
 
 
 @contextmanager
-def located(element: Element) -> Iterator[None]:
+def format_errors_at(element: Element) -> Iterator[None]:
     """Errors of the block name this element's file and place, where they name none themselves."""
     try:
         yield

@@ -20,7 +20,7 @@ from elvis.formats.nektar.sections import Section
 from elvis.formats.nektar.xml import Element, load
 from elvis.formats.reading import read
 from elvis.formats.strict.field_rules import expansion_findings, section_findings
-from elvis.formats.strict.finding import Finding, required
+from elvis.formats.strict.finding import Finding, library_rule
 from elvis.formats.strict.hdf5_rules import field_file_findings, mesh_file_findings
 from elvis.formats.strict.mesh_rules import mesh_findings
 from elvis.formats.strict.xml_rules import geometry_findings, payload_findings
@@ -34,8 +34,8 @@ def findings(*paths: str | Path) -> tuple[Finding, ...]:
     review = _Review()
     for path in map(Path, paths):
         for file in sorted(path.glob("*.*")) if path.is_dir() else [path]:
-            review.guarded(file.name, lambda file=file: review.file(file))  # type: ignore[misc]
-    review.guarded(", ".join(Path(path).name for path in paths), lambda: review.whole(read(*paths)))
+            review.attempt(file.name, lambda file=file: review.file(file))  # type: ignore[misc]
+    review.attempt(", ".join(Path(path).name for path in paths), lambda: review.whole(read(*paths)))
     return tuple(dict.fromkeys(review.found))
 
 
@@ -47,12 +47,12 @@ class _Review:
     sections: list[Section] = field(default_factory=list)
     tags: dict[str, Element] = field(default_factory=dict)
 
-    def guarded(self, place: str, action: Callable[[], None]) -> None:
+    def attempt(self, place: str, action: Callable[[], None]) -> None:
         """Do something; an error of the format is a finding, too."""
         try:
             action()
         except FormatError as error:
-            self.found.append(required(place, str(error)))
+            self.found.append(library_rule(place, str(error)))
 
     def file(self, path: Path) -> None:
         """Check what one file holds."""
@@ -68,7 +68,7 @@ class _Review:
         """Check what all files mean together."""
         self.found += mesh_findings(dataset)
         self.found += section_findings(dataset.mesh, self.sections)
-        self.guarded("<EXPANSIONS>", lambda: self.found.extend(self._expansions(dataset)))
+        self.attempt("<EXPANSIONS>", lambda: self.found.extend(self._expansions(dataset)))
 
     def _expansions(self, dataset: Dataset) -> Iterator[Finding]:
         element = self.tags.get("EXPANSIONS")
@@ -81,8 +81,8 @@ class _Review:
     def _child(self, path: Path, child: Element) -> None:
         place = f"{path.name}, {child.place}"
         if child.tag == "ELEMENTS":
-            self.guarded(place, lambda: self.found.extend(payload_findings(place, child)))
-            self.guarded(place, lambda: self.sections.append(fields_input.read_section(child)))
+            self.attempt(place, lambda: self.found.extend(payload_findings(place, child)))
+            self.attempt(place, lambda: self.sections.append(fields_input.read_section(child)))
         elif child.tag == "GEOMETRY":
             self.found += [finding.within(path.name) for finding in geometry_findings(child)]
             if "HDF5FILE" in child.attributes:
@@ -94,14 +94,14 @@ class _Review:
         name = child.attributes["HDF5FILE"]
         companion = path.parent / name
         if isfile(companion):
-            self.guarded(companion.name, lambda: self._hdf5(companion))
+            self.attempt(companion.name, lambda: self._hdf5(companion))
         else:
             self.found.append(
-                required(f"{path.name}, {child.place}", f"expected the file {name} next to it, found none")
+                library_rule(f"{path.name}, {child.place}", f"expected the file {name} next to it, found none")
             )
 
     def _hdf5(self, path: Path) -> None:
-        with hdf5.reading(path) as file, hdf5.guarded():
+        with hdf5.reading(path) as file, hdf5.format_errors():
             is_mesh = geometry_hdf5.is_geometry(file)
             found = (mesh_file_findings if is_mesh else field_file_findings)(file)
             self.found += [finding.within(path.name) for finding in found]

@@ -11,7 +11,7 @@ from elvis.core.dataset import Dataset, ExpansionRule
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.sections import Section
-from elvis.formats.strict.finding import Finding, advised, required
+from elvis.formats.strict.finding import Finding, library_rule, style_rule
 
 _PLACE = "<EXPANSIONS>"
 
@@ -24,7 +24,7 @@ def section_findings(mesh: Mesh, sections: Sequence[Section]) -> Iterator[Findin
         key = (space.names, space.shape, space.bases, space.homogeneous)
         if key in seen:
             sentence = f"expected one section a shape, found another {space.shape.label} after {seen[key]}"
-            yield advised(section.place, sentence)
+            yield style_rule(section.place, sentence)
         seen.setdefault(key, section.place)
     domain = mesh.domain_ids()
     for name in dict.fromkeys(name for section in sections for name in section.space.names):
@@ -37,23 +37,23 @@ def _covering(place: str, mesh: Mesh, domain: Ints, sections: Sequence[Section])
     missing = np.setdiff1d(domain, ids, assume_unique=True)
     if len(missing):
         sentence = f"expected values on all {len(domain)} elements of the domain, found none on {len(missing)}"
-        yield advised(place, sentence)
+        yield style_rule(place, sentence)
     if (counts > 1).any() and not any(section.space.homogeneous for section in sections):
         sentence = f"expected each element once, found {int(ids[counts > 1][0])} {int(counts.max())} times"
-        yield advised(place, sentence)
+        yield style_rule(place, sentence)
     every = np.concatenate([own.ids for own in mesh.elements.values()] or [ids[:0]])
     unknown = np.setdiff1d(ids, every)
     if len(unknown):
         # readers skip them, but for pyramids
         pyramids = [section.element_ids for section in sections if section.space.shape is Shape.PYRAMID]
-        kind = required if np.isin(unknown, np.concatenate([ids[:0], *pyramids])).any() else advised
+        kind = library_rule if np.isin(unknown, np.concatenate([ids[:0], *pyramids])).any() else style_rule
         yield kind(place, f"expected elements of the mesh, found {len(unknown)} others, such as {unknown[0]}")
     for section in sections:
         shape = section.space.shape
         wrong = np.setdiff1d(np.intersect1d(section.element_ids, every), mesh.of(shape).ids)
         if len(wrong):
             sentence = f"expected a {shape.label.lower()} in the mesh for element {wrong[0]}, found another"
-            yield required(place, sentence)
+            yield library_rule(place, sentence)
 
 
 def expansion_findings(
@@ -68,12 +68,12 @@ def expansion_findings(
     known = {composite.id: composite for composite in mesh.composites}
     domain = [known[c] for composites in mesh.domains.values() for c in composites if c in known]
     if not rules:
-        yield required(_PLACE, "expected rules for the composites of the domain, found none")
+        yield library_rule(_PLACE, "expected rules for the composites of the domain, found none")
         return
     for composite in domain:
         own = [rule for rule in rules if composite.id in rule.composites]
         if not own:
-            yield required(_PLACE, f"expected a rule for composite {composite.id} of the domain, found none")
+            yield library_rule(_PLACE, f"expected a rule for composite {composite.id} of the domain, found none")
         for name in names:
             yield from _on_composite(mesh, composite, name, own, sections)
 
@@ -84,14 +84,14 @@ def _on_composite(
     fitting = [rule for rule in rules if name in rule.fields]
     where = f"on composite {composite.id}"
     if rules and len(fitting) != 1:
-        kind = required if fitting else advised
+        kind = library_rule if fitting else style_rule
         yield kind(_PLACE, f"expected one rule that names the field {name} {where}, found {len(fitting) or 'none'}")
         return
     needed = _modes(mesh, composite, [section for section in sections if name in section.space.names])
     for rule in fitting:
         if min(rule.modes) < needed:
             sentence = f"expected NUMMODES of {needed} or more for {name} {where}, found {min(rule.modes)}"
-            yield advised(_PLACE, sentence)
+            yield style_rule(_PLACE, sentence)
 
 
 def _modes(mesh: Mesh, composite: Composite, sections: Sequence[Section]) -> int:

@@ -29,11 +29,11 @@ class Finding:
         return one_line(f"{self.place}: {self.sentence}")
 
 
-def required(place: str, sentence: str) -> Finding:
+def library_rule(place: str, sentence: str) -> Finding:
     """A rule on which the format's own programs insist."""
     return Finding(place, sentence, True)
 
 
-def advised(place: str, sentence: str) -> Finding:
+def style_rule(place: str, sentence: str) -> Finding:
     """A rule that genuine files break, too: digits, orders, what readers make up for or only warn of."""
     return Finding(place, sentence, False)

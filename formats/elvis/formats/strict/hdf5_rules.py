@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from elvis.formats.nektar import hdf5
 from elvis.formats.nektar.geometry_hdf5 import NAMES
-from elvis.formats.strict.finding import Finding, advised, required
+from elvis.formats.strict.finding import Finding, library_rule, style_rule
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -37,10 +37,10 @@ def mesh_file_findings(file: h5py.File) -> Iterator[Finding]:
     yield from _types(mesh, {"COMPOSITE": "strings", "DOMAIN": "strings"})
     for name in ("VERT", "COMPOSITE", "DOMAIN", *_CURVES):
         if name not in mesh:
-            kind = advised if name in _CURVES else required
+            kind = style_rule if name in _CURVES else library_rule
             yield kind(mesh.name, f"expected a dataset {name}, found none")
     if version > 1 and "DOMAIN" not in maps:
-        yield required(maps.name, "expected a dataset DOMAIN, as in version 2, found none")
+        yield library_rule(maps.name, "expected a dataset DOMAIN, as in version 2, found none")
 
 
 def field_file_findings(file: h5py.File) -> Iterator[Finding]:
@@ -48,31 +48,31 @@ def field_file_findings(file: h5py.File) -> Iterator[Finding]:
     root = hdf5.required_group(file, "NEKTAR")
     yield from _version(root)
     if hdf5.group(root, "Metadata") is None:
-        yield required(root.name, "expected a group Metadata, found none")
+        yield library_rule(root.name, "expected a group Metadata, found none")
     else:
         notes = hdf5.required_group(root, "Metadata")
         yield from _attributes(notes, dict.fromkeys(hdf5.attribute_names(notes), "strings"))
     yield from _types(root, _FIELD_TYPES)
     for name in ("DECOMPOSITION", "ELEMENTIDS", "DATA"):
         if name not in root:
-            yield required(root.name, f"expected a dataset {name}, found none")
+            yield library_rule(root.name, f"expected a dataset {name}, found none")
     for key in root:
         if key.isdigit():
             own = hdf5.required_group(root, key)
             missing = [name for name in _DEFINITION if name not in own.attrs]
-            yield from (required(own.name, f"expected an attribute {name}, found none") for name in missing)
+            yield from (library_rule(own.name, f"expected an attribute {name}, found none") for name in missing)
             yield from _attributes(own, {**_DEFINITION, "HOMOGENEOUSLENGTHS": "float64"})
 
 
 def _version(group: h5py.Group) -> Iterator[Finding]:
     """FORMAT_VERSION is one unsigned number of 32 bits."""
     if "FORMAT_VERSION" not in group.attrs:
-        yield required(group.name, "expected an attribute FORMAT_VERSION, found none")
+        yield library_rule(group.name, "expected an attribute FORMAT_VERSION, found none")
         return
     found = group.attrs.get_id("FORMAT_VERSION")
     if str(found.dtype) != "uint32" or found.shape != ():
         sentence = f"expected FORMAT_VERSION as one uint32, found {found.dtype} of shape {found.shape}"
-        yield advised(group.name, sentence)
+        yield style_rule(group.name, sentence)
 
 
 def _types(group: h5py.Group, wanted: dict[str, str]) -> Iterator[Finding]:
@@ -93,7 +93,7 @@ def _attributes(group: h5py.Group, wanted: dict[str, str]) -> Iterator[Finding]:
 
 def _of_type(place: str, kind: str, dtype: object) -> Finding:
     """Numbers of other types are converted in reading; strings of fixed length, or what is none, stop it."""
-    rule = required if kind == "strings" else advised
+    rule = library_rule if kind == "strings" else style_rule
     return rule(place, f"expected {_label(kind)}, found {dtype}")
 
 

@@ -16,7 +16,7 @@ from elvis.core.mesh import Curves, Mesh
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
 from elvis.core.summary import jacobian
-from elvis.formats.strict.finding import Finding, advised, required
+from elvis.formats.strict.finding import Finding, library_rule, style_rule
 
 _LINES = (PointsType.POLY_EVENLY_SPACED, PointsType.LOBATTO_LEGENDRE)
 _TRIANGLES = (PointsType.TRIANGLE_EVENLY_SPACED, PointsType.TRIANGLE_FEKETE)
@@ -48,14 +48,14 @@ def _check_duplicates(mesh: Mesh, shape: Shape) -> Iterator[Finding]:
     order = np.lexsort(key.T[::-1])
     again = (np.diff(key[order], axis=0) == 0).all(axis=1)
     if again.any():
-        sentence = f"expected each once, found {_listed(entities.ids[order[1:][again]])} again"
-        yield advised(_what(mesh, shape), sentence)
+        sentence = f"expected each once, found {_first_ids(entities.ids[order[1:][again]])} again"
+        yield style_rule(_what(mesh, shape), sentence)
     if shape.dimension != mesh.dimension or shape.dimension == 1:
         return
     for label, ids, counts in _uses(mesh, shape):
         if (counts > 2).any():
-            sentence = f"expected at most two elements on each, found more on {_listed(ids[counts > 2])}"
-            yield advised(_what(mesh, label), sentence)
+            sentence = f"expected at most two elements on each, found more on {_first_ids(ids[counts > 2])}"
+            yield style_rule(_what(mesh, label), sentence)
 
 
 def _uses(mesh: Mesh, last: Shape) -> Iterator[tuple[Shape, Ints, Ints]]:
@@ -79,7 +79,7 @@ def _orientation(mesh: Mesh) -> Iterator[Finding]:
         try:
             local_vertices(mesh, shape)
         except FormatError as error:
-            yield required(_what(mesh, shape), str(error))
+            yield library_rule(_what(mesh, shape), str(error))
 
 
 def _edge_curves(mesh: Mesh) -> Iterator[Finding]:
@@ -91,7 +91,9 @@ def _edge_curves(mesh: Mesh) -> Iterator[Finding]:
     gap = np.abs(ends - mesh.vertices[edges.members[curves.rows]]).max(axis=(1, 2))
     if not (gap <= _NEAR).all():
         ids = edges.ids[curves.rows[~(gap <= _NEAR)]]
-        yield advised("curved edges", f"expected curves from vertex to vertex, found others on edges {_listed(ids)}")
+        yield style_rule(
+            "curved edges", f"expected curves from vertex to vertex, found others on edges {_first_ids(ids)}"
+        )
 
 
 def _face_curves(mesh: Mesh) -> Iterator[Finding]:
@@ -111,8 +113,8 @@ def _face_curves(mesh: Mesh) -> Iterator[Finding]:
         wrong = (along[mesh.of(shape).members[rows]] != _points_along(own.kinds, counts)[:, None]).any(axis=1)
         if wrong.any():
             expected = "expected edges curved with as many points as their face"
-            sentence = f"{expected}, found others around {_listed(ids[wrong])}"
-            yield required(f"curved {shape.label.lower()}s", sentence)
+            sentence = f"{expected}, found others around {_first_ids(ids[wrong])}"
+            yield library_rule(f"curved {shape.label.lower()}s", sentence)
 
 
 def _points_along(kinds: Ints, counts: Ints) -> Floats:
@@ -126,7 +128,7 @@ def _kinds(curves: Curves, ids: Ints, families: tuple[PointsType, ...], what: st
     if wrong.any():
         wanted = " or ".join(family.label for family in families)
         found = PointsType(int(curves.kinds[wrong][0])).label
-        yield advised(f"curved {what}", f"expected {wanted}, found {found} on {_listed(ids[wrong])}")
+        yield style_rule(f"curved {what}", f"expected {wanted}, found {found} on {_first_ids(ids[wrong])}")
 
 
 def _composites(mesh: Mesh) -> Iterator[Finding]:
@@ -136,24 +138,24 @@ def _composites(mesh: Mesh) -> Iterator[Finding]:
         tags = sorted({tag for tag, _ in composite.parts})
         if len({dimensions[tag] for tag in tags}) > 1:
             sentence = f"expected entities of one dimension, found {', '.join(tags)}"
-            yield required(f"composite {composite.id}", sentence)
+            yield library_rule(f"composite {composite.id}", sentence)
     known = {composite.id: composite for composite in mesh.composites}
     named = [c for composites in mesh.domains.values() for c in composites]
     own = [known[c] for c in named if c in known]
     if len(own) < len(named) or not own:
-        sentence = f"expected composites of the mesh, found {_listed(np.array(named, np.int64))}"
-        yield required("<DOMAIN>", sentence)
+        sentence = f"expected composites of the mesh, found {_first_ids(np.array(named, np.int64))}"
+        yield library_rule("<DOMAIN>", sentence)
     elements = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
     for composite in own:
         tags = sorted({tag for tag, _ in composite.parts})
         if not set(tags) <= elements or len(tags) != 1:
-            kind = advised if set(tags) <= elements else required
+            kind = style_rule if set(tags) <= elements else library_rule
             sentence = f"expected elements of one shape in the domain, found {', '.join(tags)}"
             yield kind(f"composite {composite.id}", sentence)
     ids = np.concatenate([np.empty(0, np.int64), *(part for c in own for _, part in c.parts)])
     distinct, counts = np.unique(ids, return_counts=True)
     if (counts > 1).any():
-        yield advised("<DOMAIN>", f"expected each element once, found {_listed(distinct[counts > 1])} again")
+        yield style_rule("<DOMAIN>", f"expected each element once, found {_first_ids(distinct[counts > 1])} again")
 
 
 def _jacobians(dataset: Dataset) -> Iterator[Finding]:
@@ -163,15 +165,15 @@ def _jacobians(dataset: Dataset) -> Iterator[Finding]:
         wrong = jacobian(geometry(each), dataset.mesh.space)["elements_not_positive"]
         if wrong:
             whose = "of the map that fields give" if each is dataset and each is not plain else "of the mesh"
-            listed = _listed(np.array(wrong, np.int64))
+            listed = _first_ids(np.array(wrong, np.int64))
             sentence = f"expected positive Jacobians {whose}, found others in {len(wrong)}: {listed}"
-            yield advised("elements", sentence)
+            yield style_rule("elements", sentence)
 
 
 def _what(mesh: Mesh, shape: Shape) -> str:
     return "edges" if shape is Shape.SEGMENT and mesh.dimension > 1 else f"{shape.label.lower()}s"
 
 
-def _listed(ids: Ints) -> str:
+def _first_ids(ids: Ints) -> str:
     shown = ", ".join(map(str, ids[:5].tolist()))
     return f"{shown}{f' and {len(ids) - 5} more' if len(ids) > 5 else ''}" or "none"

@@ -10,7 +10,7 @@ import numpy as np
 from elvis.formats.nektar.composites import composite_ids
 from elvis.formats.nektar.payload import ENCODING
 from elvis.formats.nektar.xml import Element
-from elvis.formats.strict.finding import Finding, advised, required
+from elvis.formats.strict.finding import Finding, library_rule, style_rule
 
 _ATTRIBUTES = frozenset({"DIM", "SPACE", "PARTITION", "HDF5FILE"})
 _NUMBER = re.compile(rb"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
@@ -28,7 +28,7 @@ def geometry_findings(geometry: Element) -> Iterator[Finding]:
     unknown = sorted(set(geometry.attributes) - _ATTRIBUTES)
     if unknown:
         sentence = f"expected only DIM, SPACE, PARTITION or HDF5FILE, found {', '.join(unknown)}"
-        yield required(geometry.place, sentence)
+        yield library_rule(geometry.place, sentence)
     if "HDF5FILE" in geometry.attributes:
         return
     sections = {child.tag: child for child in geometry.children()}
@@ -36,7 +36,7 @@ def geometry_findings(geometry: Element) -> Iterator[Finding]:
     for name in ("VERTEX", "CURVED"):
         section = sections.get(name)
         if section is not None and not _is_coded(section):
-            yield from (advised(section.place, sentence) for sentence in _digits(section))
+            yield from (style_rule(section.place, sentence) for sentence in _digits(section))
     yield from _composites(sections, "PARTITION" in geometry.attributes)
 
 
@@ -44,9 +44,9 @@ def payload_findings(place: str, element: Element) -> Iterator[Finding]:
     """What is wrong with the text of a payload: it must be one line of base64, and should say so."""
     if element.attributes.get("COMPRESSED", "").lower() != ENCODING.lower():
         found = element.attributes.get("COMPRESSED") or "none"
-        yield advised(place, f"expected COMPRESSED={ENCODING}, found {found}")
+        yield style_rule(place, f"expected COMPRESSED={ENCODING}, found {found}")
     if re.search(rb"\s", bytes(element.content).strip()):
-        yield required(place, "expected base64 on one line, found blanks in it")
+        yield library_rule(place, "expected base64 on one line, found blanks in it")
 
 
 def _is_coded(section: Element) -> bool:
@@ -69,11 +69,11 @@ def _coding(sections: dict[str, Element]) -> Iterator[Finding]:
     for section in filled:
         if coded[section.tag] != coded.get("VERTEX", False):
             wanted = "compressed" if coded.get("VERTEX") else "text"
-            yield required(section.place, f"expected {wanted} like VERTEX, found another form")
+            yield library_rule(section.place, f"expected {wanted} like VERTEX, found another form")
         if coded[section.tag]:
             for payload in _payloads(section):
                 if re.search(rb"\s", bytes(payload.content).strip()):
-                    yield required(payload.place, "expected base64 on one line, found blanks in it")
+                    yield library_rule(payload.place, "expected base64 on one line, found blanks in it")
 
 
 def _payloads(section: Element) -> Iterator[Element]:
@@ -114,18 +114,18 @@ def _composites(sections: dict[str, Element], is_piece: bool) -> Iterator[Findin
         if _ID.fullmatch(child.attributes.get("ID", "")):
             present.append(int(child.attributes["ID"]))
         if not _TOKENS.fullmatch(bytes(child.content)):
-            yield required(child.place, f"expected TAG[ids] without blanks in brackets, found {child.text[:40]!r}")
+            yield library_rule(child.place, f"expected TAG[ids] without blanks in brackets, found {child.text[:40]!r}")
     domain = sections.get("DOMAIN")
     if domain is None or domain.is_empty:
         place = domain.place if domain else "<GEOMETRY>"
-        yield required(place, 'expected a DOMAIN such as <D ID="0"> C[0] </D>, found none')
+        yield library_rule(place, 'expected a DOMAIN such as <D ID="0"> C[0] </D>, found none')
         return
     for entry in list(domain.children()) or [domain]:
         if entry.tag not in ("D", "DOMAIN") or not _DOMAIN.fullmatch(bytes(entry.content)):
-            yield required(entry.place, f"expected C[ids], found {entry.text[:40]!r}")
+            yield library_rule(entry.place, f"expected C[ids], found {entry.text[:40]!r}")
             continue
         ids = composite_ids(bytes(entry.content))
         unknown = ids.first_outside(np.unique(np.array(present, np.int64)))
         if unknown is not None:
-            kind = advised if is_piece else required
+            kind = style_rule if is_piece else library_rule
             yield kind(entry.place, f"expected composites of the mesh, found {unknown}")

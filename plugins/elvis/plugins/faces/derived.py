@@ -13,7 +13,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import face_shape
 from elvis.core.polynomials.bernstein import bernstein_values
-from elvis.core.relative import allowed, scale
+from elvis.core.relative import error_limit, scale
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
@@ -107,4 +107,4 @@ def _off(
         truth = positions(rows[here], places[side, 0] + points @ places[side, 1:])
         worst = max(worst, float(np.abs(truth - found[here]).max(initial=0.0)))
     size, magnitude = float(np.ptp(nets, axis=1).max(initial=0.0)), float(np.abs(nets).max(initial=0.0))
-    return 0.0 if worst <= allowed(0.0, size, magnitude) else worst / scale(size, magnitude)
+    return 0.0 if worst <= error_limit(0.0, size, magnitude) else worst / scale(size, magnitude)

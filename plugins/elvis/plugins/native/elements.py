@@ -61,12 +61,12 @@ class Elements:
         self.patches, self.geometry, self.names = patches, geometry, tuple(names)
         self.expressions, self.attributes = expressions, attributes
         self._nets: dict[tuple[str, ...], tuple[BernsteinSpace, Floats]] = {}
-        self._shared: dict[tuple[str, ...], Mapping[str, NDArray[Any]]] = {}
+        self._shared_vertices: dict[tuple[str, ...], Mapping[str, NDArray[Any]]] = {}
 
     def part(self) -> Part:
         """The part: fields are evaluated as they are, what several fields make by one stack of them all."""
         shape, geometry = self.geometry.shape, self.geometry
-        points, indices = _shared(np.concatenate([_controls(p, geometry) for p in self.patches]), geometry)
+        points, indices = _shared_vertices(np.concatenate([_controls(p, geometry) for p in self.patches]), geometry)
         buffers: dict[str, NDArray[Any]] = {"control_points": points, "control_indices": indices}
         buffers |= self._buffers_of_waves()
         quantities = {expression.text: self._quantity(expression) for expression in self.expressions}
@@ -309,9 +309,9 @@ class Elements:
 
     def _surfaces(self, targets: tuple[str, ...]) -> Mapping[str, NDArray[Any]]:
         """The buffers of surfaces that distances are measured to."""
-        if targets and targets not in self._shared:
-            self._shared[targets] = buffers_of([self.attributes.surface(target) for target in targets])
-        return self._shared.get(targets, {})
+        if targets and targets not in self._shared_vertices:
+            self._shared_vertices[targets] = buffers_of([self.attributes.surface(target) for target in targets])
+        return self._shared_vertices.get(targets, {})
 
     def _value(self, patch: Patch, rows: Ints, reference: Floats) -> Floats:
         """(n,) the part's own field at reference points, on the host."""
@@ -388,7 +388,7 @@ def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
     return np.ascontiguousarray(nets.transpose(0, 2, 1)) * weights(space)[:, None]
 
 
-def _shared(points: Floats, space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
+def _shared_vertices(points: Floats, space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
     """Points (n, k, 3) of all elements as a list of points and (n * k) indices; straight elements share vertices."""
     flat = points.reshape(-1, 3)
     if max(space.degrees) > 1:

@@ -22,7 +22,7 @@ from elvis.core.dataset import Expansion
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.core.quantities.attributes import Attributes, is_constant
-from elvis.core.quantities.tree import Node, field, folded
+from elvis.core.quantities.tree import Node, field, fold
 from elvis.core.shapes import Shape
 from elvis.plugins.native.rounding import UNIT, basis_rounding
 from elvis.plugins.native.weights import weights
@@ -97,10 +97,10 @@ class Leaves:
     def net(self, leaf: Node) -> Net | None:
         """That of a leaf; None for what is no polynomial, or not known in these elements."""
         if leaf not in self._known:
-            self._known[leaf] = self._made(leaf)
+            self._known[leaf] = self._compute(leaf)
         return self._known[leaf]
 
-    def _made(self, leaf: Node) -> Net | None:
+    def _compute(self, leaf: Node) -> Net | None:
         if leaf.op == "attribute":
             return self._constant(leaf.name)
         if leaf.op == "coordinate":
@@ -201,7 +201,7 @@ def expanded(root: Node, leaf: Callable[[Node], Net | None]) -> Net | None:
             return _after_number(node.op, first, last)
         return None
 
-    found = folded(root, outer, inner)
+    found = fold(root, outer, inner)
     return found if isinstance(found, Net) else None
 
 

@@ -19,7 +19,7 @@ from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficie
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval, number
-from elvis.core.quantities.tree import Node, folded, whole_exponent
+from elvis.core.quantities.tree import Node, fold, whole_exponent
 from elvis.core.shapes import Shape
 
 #: unit roundoff of 64-bit floats
@@ -86,7 +86,7 @@ def _summands(expansion: Expansion, modes: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class _Computed:
+class _ComputedValues:
     """Values between two arrays, and how far computed ones may be from them."""
 
     ends: Interval
@@ -108,23 +108,25 @@ def expression_rounding(root: Node, cells: Cells, field_errors: Callable[[str], 
     gradients = _Gradients(cells, degree)
     collapsed = cells.patch.shape is Shape.PYRAMID
 
-    def leaf(node: Node) -> _Computed:
+    def leaf(node: Node) -> _ComputedValues:
         if node.op == "number":
-            return _Computed(number(node.value), 0.0)
+            return _ComputedValues(number(node.value), 0.0)
         ends = cells.bounds(node)
         size = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
         if node.op == "field":
             own = field_errors(node.name)
-            return _Computed(ends, gradients.error(node, own) if node.axes else own)
-        return _Computed(ends, _horner(3, degree, collapsed) * UNIT * size if node.op == "coordinate" else 0.0 * size)
+            return _ComputedValues(ends, gradients.error(node, own) if node.axes else own)
+        return _ComputedValues(
+            ends, _horner(3, degree, collapsed) * UNIT * size if node.op == "coordinate" else 0.0 * size
+        )
 
-    def inner(node: Node, parts: list[_Computed]) -> _Computed:
+    def inner(node: Node, parts: list[_ComputedValues]) -> _ComputedValues:
         ends = function(node).interval(*(part.ends for part in parts))
         size = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
-        return _Computed(ends, _carried(node, parts) + _rounded(node) * UNIT * size)
+        return _ComputedValues(ends, _carried(node, parts) + _rounded(node) * UNIT * size)
 
     with np.errstate(all="ignore"):
-        error = folded(root, leaf, inner).error
+        error = fold(root, leaf, inner).error
     return np.broadcast_to(np.where(np.isnan(error), np.inf, error), len(cells))
 
 
@@ -136,7 +138,7 @@ def _rounded(node: Node) -> int:
     return 8 if exponent is None else 2 * abs(exponent) + 1
 
 
-def _carried(node: Node, parts: list[_Computed]) -> Any:
+def _carried(node: Node, parts: list[_ComputedValues]) -> Any:
     """What the errors of its operands make of the error of an operation."""
     first, last = parts[0], parts[-1]
     if node.op in "+-":

@@ -30,7 +30,7 @@ def along(matrices: tuple[Floats, Floats, Floats], values: Floats) -> Floats:
     return np.asarray(np.einsum("ai,bj,ck,ijk...->abc...", *matrices, values, optimize=True))
 
 
-def flattened(nets: Floats) -> Floats:
+def scaled_coefficients(nets: Floats) -> Floats:
     """(n, n_z n_y n_x, …) coefficients with x fastest, each times its binomial factors: the scaled form."""
     factors = [binomials(size - 1) for size in nets.shape[1:4]]
     scale = np.einsum("i,j,k->ijk", *factors).reshape(*nets.shape[1:4], *(1,) * (nets.ndim - 4))

@@ -66,7 +66,7 @@ class Solver:
         """Matrices (e, 3, 3) to the elements' own directions, and bounds (e, 3) of the control points there."""
         controls = self.nets[..., :3] / self.nets[..., 3:]
         sides = [np.take(controls, -1, axis) - np.take(controls, 0, axis) for axis in (1, 2, 3)]
-        turn = inverted(np.stack([side.mean(axis=(1, 2)) for side in sides], axis=2))
+        turn = inverses(np.stack([side.mean(axis=(1, 2)) for side in sides], axis=2))
         along = np.einsum("nij,nkj->nki", turn, controls.reshape(len(controls), -1, 3))
         slack = 1e-9 * np.ptp(along, axis=1)
         return turn, along.min(axis=1) - slack, along.max(axis=1) + slack
@@ -89,7 +89,7 @@ def _central_jacobians(space: BernsteinSpace, nets: Floats) -> Floats:
     return np.asarray((jacobians[:, :3] - place[:, :, None] * jacobians[:, 3:]) / weight)
 
 
-def inverted(matrices: Floats) -> Floats:
+def inverses(matrices: Floats) -> Floats:
     """(n, 3, 3) inverses; the unit matrix where there is none, or hardly one."""
     good = np.linalg.cond(matrices) < 1e6
     return np.asarray(np.linalg.inv(np.where(good[:, None, None], matrices, np.eye(3))))

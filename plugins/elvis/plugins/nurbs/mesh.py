@@ -109,8 +109,8 @@ def read_mesh(path: Path) -> PatchMesh:
         if dimension != 3:
             raise sections.error("dimension", f"expected 3, found {dimension:g}")
     vertices = sections.cubes("elements")
-    edges = sections.counted("edges", 3).astype(np.int64)
-    boundary = sections.counted("boundary", 6).astype(np.int64)[:, [0, 2, 3, 4, 5]]
+    edges = sections.counted_rows("edges", 3).astype(np.int64)
+    boundary = sections.counted_rows("boundary", 6).astype(np.int64)[:, [0, 2, 3, 4, 5]]
     if "patches" in sections.names:
         knots, weights, points, collection = *_own_controls(sections, vertices, edges[:, 1:]), "NURBS"
     else:
@@ -258,7 +258,7 @@ class Sections:
             raise self.error(name, f"expected rows of {width} numbers, found {len(values)}")
         return np.array(values).reshape(-1, width)
 
-    def counted(self, name: str, width: int) -> Floats:
+    def counted_rows(self, name: str, width: int) -> Floats:
         """(n, width) numbers below a heading and their count."""
         rows = self.rows(name)
         if not rows or len(rows[0]) != 1 or len(rows) != rows[0][0] + 1 or any(len(row) != width for row in rows[1:]):
@@ -267,7 +267,7 @@ class Sections:
 
     def cubes(self, name: str) -> Ints:
         """(n, 8) vertices; a row has attribute, kind and vertices."""
-        rows = self.counted(name, 10).astype(np.int64)
+        rows = self.counted_rows(name, 10).astype(np.int64)
         if not len(rows) or (rows[:, 1] != _CUBE).any() or (rows[:, 2:] < 0).any():
             raise self.error(name, f"expected patches of kind {_CUBE} (hexahedra), found others")
         return rows[:, 2:]

@@ -15,7 +15,7 @@ from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import gauss, gll
 from elvis.core.shapes import Shape
 from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
-from elvis.plugins.nurbs.bezier import along, evaluated, flattened, from_nodes
+from elvis.plugins.nurbs.bezier import along, evaluated, from_nodes, scaled_coefficients
 from elvis.plugins.nurbs.inversion import Solver
 from elvis.plugins.nurbs.knots import HIGHEST
 from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, first_line, read_function, read_mesh
@@ -205,7 +205,7 @@ def _part(degrees: list[int], geometry: Floats, field: Floats, ids: Ints, is_rat
         "rational",
         f"Rational<{', '.join(map(str, degrees))}, {int(is_rational)}>",
         boxes_between(points.min(axis=1), points.max(axis=1)),
-        {"controls": flattened(geometry), "coefficients": flattened(field)},
+        {"controls": scaled_coefficients(geometry), "coefficients": scaled_coefficients(field)},
         ids,
         evaluate,
         solve=solver,

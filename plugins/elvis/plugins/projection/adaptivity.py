@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.relative import allowed
+from elvis.core.relative import error_limit
 from elvis.core.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
@@ -40,10 +40,10 @@ def adapt(
     bounds  of the largest error of each field
     """
     modes = [_needed(sampler, block, fields, bounds, highest) for block in track(list(blocks), "choosing orders")]
-    return _parted(blocks, modes)
+    return _by_modes(blocks, modes)
 
 
-def _parted(blocks: Sequence[NativeBlock], modes: Sequence[Ints]) -> list[NativeBlock]:
+def _by_modes(blocks: Sequence[NativeBlock], modes: Sequence[Ints]) -> list[NativeBlock]:
     """The blocks as parts of elements with one number of modes (n,) each."""
     return [
         block.select(np.flatnonzero(own == count), count)
@@ -67,7 +67,7 @@ def enrich(blocks: Sequence[NativeBlock], fields: Sequence[SourceField], ids: In
         own = np.maximum(block.modes or 0, around[block.vertices].max(axis=1))
         most = 1 + min(highest, max(_last_order(block, field) for field in fields))
         modes.append(np.minimum(own + mark, max(most, block.modes or 0)))
-    return _parted(blocks, modes)
+    return _by_modes(blocks, modes)
 
 
 def bounds_of(
@@ -77,7 +77,7 @@ def bounds_of(
     precision, most = sampler.source.precision, dict[str, float]()
     for field, (low, high) in zip(fields, _ranges(sampler, blocks, fields), strict=True):
         magnitude = max(abs(low), abs(high))
-        bound = allowed(tolerance, high - low, magnitude, precision) if magnitude > 0 else 0.0
+        bound = error_limit(tolerance, high - low, magnitude, precision) if magnitude > 0 else 0.0
         most[field.name] = max(most.get(field.name, 0.0), bound)
     return [most[field.name] for field in fields]
 

@@ -90,7 +90,7 @@ def _ascending(own: Ints, table: Ints) -> Ints:
     return chosen
 
 
-def disputed(blocks: Sequence[Corners], rank: Ints) -> list[Bools]:
+def conflicting_elements(blocks: Sequence[Corners], rank: Ints) -> list[Bools]:
     """For each block, (n,) elements in their chosen order that share a triangle which another collapses elsewhere.
 
     Of those that disagree, only the ones that don't collapse it at its highest vertex.

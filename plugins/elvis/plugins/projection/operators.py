@@ -127,10 +127,10 @@ def conforming(expansion: Expansion, extra: int = 0) -> Operator:
     stages.append((*rule(shape, count + more), groups.inside))
     stages = [stage for stage in stages if len(stage[2])]
     _check_size(expansion, sum(len(stage[0]) for stage in stages))
-    return _staged(expansion, stages, count)
+    return _stage_operator(expansion, stages, count)
 
 
-def _staged(expansion: Expansion, stages: Sequence[tuple[Floats, Floats, Ints]], count: int) -> Operator:
+def _stage_operator(expansion: Expansion, stages: Sequence[tuple[Floats, Floats, Ints]], count: int) -> Operator:
     """The operator that fits the modes of each stage, at its points and weights, to what earlier ones leave.
 
     count  points each way of the rule inside

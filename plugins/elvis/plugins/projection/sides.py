@@ -1,4 +1,4 @@
-"""The sides of a mesh found by the numbers of their vertices: sorted once, then looked up for any boundary."""
+"""The sides of a mesh rows_of by the numbers of their vertices: sorted once, then looked up for any boundary."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Sides:
         if corners not in self._indices:
             own, first = _sides_of(self._mesh, corners)
             self._indices[corners] = _Index(self._numbers[own], first)
-        return self._indices[corners].found(wanted)
+        return self._indices[corners].rows_of(wanted)
 
 
 class _Index:
@@ -47,7 +47,7 @@ class _Index:
         self._rows = first + np.argsort(codes, kind="stable")
         self._codes = np.sort(codes)
 
-    def found(self, wanted: Ints) -> tuple[Ints, int]:
+    def rows_of(self, wanted: Ints) -> tuple[Ints, int]:
         """Rows of the sides that have the vertices ``wanted`` (n, k), and how many of these no side has."""
         ranks = _places(self._known, wanted)
         columns = np.sort(ranks, axis=1).T

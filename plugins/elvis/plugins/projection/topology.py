@@ -20,8 +20,8 @@ from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.entities import entities
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.naming import composites
-from elvis.plugins.projection.numbering import Corners, chosen_orders, disputed, ranks
-from elvis.plugins.projection.vertices import merging_tolerance, unified
+from elvis.plugins.projection.numbering import Corners, chosen_orders, conflicting_elements, ranks
+from elvis.plugins.projection.vertices import merge_vertices, merging_tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     return _assemble(source, drafts, pool, repeated, detached)
 
 
-def given(source: Converter, mesh: Mesh) -> Topology:
+def given_topology(source: Converter, mesh: Mesh) -> Topology:
     """The source's blocks in a mesh that is taken over as it is; ElvisError where there are no elements."""
     blocks = []
     for number, block in enumerate(_check(source)):
@@ -164,7 +164,7 @@ def _vertices(
         for b, p in zip(blocks, places, strict=True)
     ]
     stacked = np.concatenate(numbers)
-    vertex, where = unified(stacked, np.concatenate([p.reshape(-1, 3) for p in places]), tolerance)
+    vertex, where = merge_vertices(stacked, np.concatenate([p.reshape(-1, 3) for p in places]), tolerance)
     own = np.full(len(where), -1)
     own[vertex] = stacked
     parts = np.split(vertex, np.cumsum([len(part) for part in numbers])[:-1])
@@ -213,7 +213,7 @@ def _order(drafts: Sequence[_Draft], pool: _Pool) -> list[Ints]:
         draft.order = chosen_orders(corners, rank)
         table = np.array(_native_orders(draft))
         draft.vertices = np.take_along_axis(draft.vertices, table[draft.order], axis=1)
-    marks = disputed([draft.corners for draft in drafts], rank)
+    marks = conflicting_elements([draft.corners for draft in drafts], rank)
     for draft, mark in zip(drafts, marks, strict=True):
         draft.vertices[mark] = pool.copies(draft.vertices[mark])
     rank = np.concatenate([rank, np.arange(len(rank), len(pool.places))])
@@ -287,9 +287,9 @@ def _firsts(drafts: Sequence[_Draft]) -> list[int]:
 def _ids(blocks: Sequence[Elements]) -> list[Ints]:
     """Ids: the source's where they are unique and not negative, else counted from 0."""
     if all(block.ids is not None for block in blocks):
-        given = [np.asarray(block.ids, np.int64) for block in blocks]
-        stacked = np.concatenate(given)
+        ids = [np.asarray(block.ids, np.int64) for block in blocks]
+        stacked = np.concatenate(ids)
         if stacked.min(initial=0) >= 0 and len(np.unique(stacked)) == len(stacked):
-            return given
+            return ids
     ends = np.cumsum([len(block) for block in blocks])
     return [np.arange(end - len(block), end) for block, end in zip(blocks, ends, strict=True)]

@@ -13,7 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.mapping.orientation import chunks, face_shape, face_turns, first_face_row, polygon_vertices, turned
+from elvis.core.mapping.orientation import (
+    chunks,
+    face_shape,
+    face_turns,
+    first_face_row,
+    orientation_matrix,
+    polygon_vertices,
+)
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.expansion import mode_indices
 from elvis.core.polynomials.interpolation import modified
@@ -141,7 +148,7 @@ class Traces:
             p, q = mode_indices(modified(shape, (modes, modes))).T
             return np.arange(len(p)), p * self.most + q, np.ones(len(p))
         valid, carried = face_grid(shape, face, modes)
-        index, signs = turned(len(shape.faces[face]), turn, modes)
+        index, signs = orientation_matrix(len(shape.faces[face]), turn, modes)
         p, q = np.divmod(index[valid], modes)
         return carried, p * self.most + q, signs[valid]
 

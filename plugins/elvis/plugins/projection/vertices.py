@@ -12,7 +12,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 _SHARE = 1e-3
 
 
-def unified(numbers: Ints, corners: Floats, tolerance: float) -> tuple[Ints, Floats]:
+def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[Ints, Floats]:
     """The vertex (n,) of each corner and the place (m, 3) of each vertex.
 
     numbers  (n,) the source's number of each corner, -1 where it has none

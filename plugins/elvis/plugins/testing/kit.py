@@ -98,12 +98,12 @@ def _compare(source: Converter, conversion: Conversion, again: Dataset, number: 
     wanted[:, : given.shape[1]] = given
     found = positions_at(conversion, number, rows, places, again)
     _assert_near(conversion.report.geometry, wanted, found, rows)
-    for measure, field in zip(conversion.report.fields, _chosen(source, conversion), strict=True):
+    for measure, field in zip(conversion.report.fields, _converted_fields(source, conversion), strict=True):
         samples = source.sample(batch, field, points).reshape(-1)
         _assert_near(measure, samples, values_at(conversion, field.name, number, rows, places, again), rows)
 
 
-def _chosen(source: Converter, conversion: Conversion) -> list[Any]:
+def _converted_fields(source: Converter, conversion: Conversion) -> list[Any]:
     names = [measure.name for measure in conversion.report.fields]
     return [field for field in source.fields if field.name in names]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
-from elvis.reference.extras import needed
+from elvis.reference.extras import comparison_module
 
 #: corners nearer than this part of the mesh's size are one
 _ONE = 1e-9
@@ -48,7 +48,9 @@ def _distances(source: LinearMesh, target: LinearMesh) -> Floats:
     """(n,) distances of the corners and middles of one surface's triangles from another surface."""
     triangles = source.points[source.simplices]
     points = np.concatenate([triangles.reshape(-1, 3), triangles.mean(axis=1)])
-    squared = needed("igl").point_mesh_squared_distance(points, target.points, target.simplices.astype(np.int64))[0]
+    igl = comparison_module("igl")
+    corners = target.simplices.astype(np.int64)
+    squared = igl.point_mesh_squared_distance(points, target.points, corners)[0]
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
@@ -70,7 +72,11 @@ def topology(mesh: LinearMesh) -> tuple[int, int]:
 
 def merged(mesh: LinearMesh) -> Ints:
     """(m, 3) corners of the triangles when equal places are one point; those without area are left out."""
-    pairs = needed("scipy.spatial").cKDTree(mesh.points).query_pairs(_ONE * (mesh.size or 1.0), output_type="ndarray")
+    pairs = (
+        comparison_module("scipy.spatial")
+        .cKDTree(mesh.points)
+        .query_pairs(_ONE * (mesh.size or 1.0), output_type="ndarray")
+    )
     index = _components(pairs, len(mesh.points))[mesh.simplices]
     whole = (index[:, 0] != index[:, 1]) & (index[:, 1] != index[:, 2]) & (index[:, 0] != index[:, 2])
     return np.asarray(np.unique(np.sort(index[whole], axis=1), axis=0))
@@ -78,6 +84,6 @@ def merged(mesh: LinearMesh) -> Ints:
 
 def _components(edges: Ints, count: int) -> Ints:
     """(count,) number of the connected component of each point."""
-    sparse, graphs = needed("scipy.sparse"), needed("scipy.sparse.csgraph")
+    sparse, graphs = comparison_module("scipy.sparse"), comparison_module("scipy.sparse.csgraph")
     graph = sparse.coo_matrix((np.ones(len(edges), bool), tuple(edges.T)), shape=(count, count))
     return np.asarray(graphs.connected_components(graph, directed=False)[1])

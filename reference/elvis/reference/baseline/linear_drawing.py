@@ -17,7 +17,7 @@ from elvis.reference.baseline.mesh import LinearMesh, concatenate, estimate, lin
 from elvis.reference.baseline.probing import Probe
 from elvis.reference.baseline.sections import boundary, section
 from elvis.reference.baseline.tracing import Tracer
-from elvis.reference.clipping import clipped
+from elvis.reference.clipping import is_clipped
 from elvis.reference.composing import Fragments, SurfaceHits, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
@@ -191,7 +191,7 @@ def _nearest_kept(tracer: Tracer | Probe, view: View, beyond: Floats | None, sce
     kept = tracer.first(view, beyond)
     size = tracer.mesh.size
     for _ in range(_DEEPEST if scene.clip else 0):
-        gone = clipped(scene.clip, kept.position, kept.values.__getitem__, size)
+        gone = is_clipped(scene.clip, kept.position, kept.values.__getitem__, size)
         if not gone.any():
             break
         further = tracer.first(view, np.where(gone, kept.depth, np.inf))

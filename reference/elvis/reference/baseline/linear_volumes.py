@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats
 from elvis.reference.baseline.mesh import LinearMesh
-from elvis.reference.clipping import clipped
+from elvis.reference.clipping import is_clipped
 from elvis.reference.composing import Fragments
 from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
@@ -41,8 +41,8 @@ def volume_fragments(
     for segments in _segments(mesh.part(emitting), names, view):
         parted = segments.between([*cuts, *walls])
         for column in range(len(media), len(names)):
-            parted = _parted(parted, column)
-        parted = parted.part(~_gone(parted, clips, names, view, mesh.size))
+            parted = _split_at_zero(parted, column)
+        parted = parted.part(~_is_taken_away(parted, clips, names, view, mesh.size))
         values = [
             parted.first[:, None, i] + places * (parted.last - parted.first)[:, None, i] for i in range(len(media))
         ]
@@ -64,20 +64,20 @@ def _dark(values: Floats, transfer: Transfer) -> Bools:
     return ~lit
 
 
-def _parted(segments: Segments, column: int) -> Segments:
+def _split_at_zero(segments: Segments, column: int) -> Segments:
     """Segments parted where one of their values is zero."""
     first, last = segments.first[:, column], segments.last[:, column]
     which = np.flatnonzero((first < 0) != (last < 0))
     share = (first[which] / (first - last)[which])[:, None]
     middle = segments.first[which] + share * (segments.last - segments.first)[which]
-    return segments.halved(which, segments.near[which] + share[:, 0] * (segments.far - segments.near)[which], middle)
+    return segments.split_at(which, segments.near[which] + share[:, 0] * (segments.far - segments.near)[which], middle)
 
 
-def _gone(segments: Segments, clips: Sequence[Clip], names: Sequence[str], view: View, size: float) -> Bools:
+def _is_taken_away(segments: Segments, clips: Sequence[Clip], names: Sequence[str], view: View, size: float) -> Bools:
     """(k,) which segments clips take away: those whose middle they do."""
     middle = 0.5 * (segments.first + segments.last)
     points = points_of(view, segments.pixel, 0.5 * (segments.near + segments.far))
-    return clipped(clips, points, lambda name: middle[:, names.index(name)], size)
+    return is_clipped(clips, points, lambda name: middle[:, names.index(name)], size)
 
 
 def _segments(mesh: LinearMesh, names: Sequence[str], view: View) -> Iterator[Segments]:

@@ -18,7 +18,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch
 from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.quantities import Corners
-from elvis.reference.solids import cells_of, spread
+from elvis.reference.solids import cells_of, map_lattice
 
 #: the order of corners: along this direction, in which no two points of a mesh are likely to tie
 _GENERIC = np.array([0.5772156649, 0.6180339887, 0.5345224838])
@@ -98,7 +98,7 @@ def _cut(patch: Patch, level: int, quantities: Mapping[str, Corners]) -> LinearM
     if patch.shape.dimension < 2:
         raise ElvisError("linear meshes are made of elements of two and three dimensions, found elements of one")
     cut, rows = cells_of(patch, level), np.arange(len(patch))
-    world = spread(patch, rows, cut.points)
+    world = map_lattice(patch, rows, cut.points)
     simplices, owner = _simplices(cut, world)
     reference = np.zeros((len(patch), *cut.points.shape[:1], 3))
     reference[..., : cut.points.shape[1]] = cut.points

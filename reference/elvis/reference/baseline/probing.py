@@ -7,7 +7,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
-from elvis.reference.extras import needed
+from elvis.reference.extras import comparison_module
 from elvis.reference.hits import Hits
 from elvis.reference.scenes.rasters import barycentric_gradients
 from elvis.scene.view import View
@@ -20,9 +20,9 @@ class Probe:
     """A tetrahedral mesh, ready to be looked up where rays meet triangles."""
 
     def __init__(self, mesh: LinearMesh, triangles: LinearMesh) -> None:
-        """Build the trees; MissingExtraError without libigl or embreex."""
+        """Build the trees; MissingPackageError without libigl or embreex."""
         self.mesh, self._surface = mesh, Tracer(triangles)
-        self._tree, self._corners = needed("igl").AABB(), mesh.simplices.astype(np.int64)
+        self._tree, self._corners = comparison_module("igl").AABB(), mesh.simplices.astype(np.int64)
         self._tree.init(mesh.points, self._corners)
 
     def first(self, view: View, beyond: Floats | None = None) -> Hits:
@@ -33,7 +33,8 @@ class Probe:
             pixels = np.flatnonzero(met.seen)
             if not len(pixels):
                 break
-            cells = needed("igl").in_element(self.mesh.points, self._corners, met.position[pixels], self._tree)
+            igl = comparison_module("igl")
+            cells = igl.in_element(self.mesh.points, self._corners, met.position[pixels], self._tree)
             inside = cells >= 0
             self._put(found, pixels[inside], cells[inside], met)
             beyond = np.full(view.count, np.inf)
@@ -46,11 +47,11 @@ class Probe:
         world = self.mesh.points[corners]
         weights = np.einsum("nki,ni->nk", barycentric_gradients(world), places - world[:, 0]) + (np.arange(4) == 0)
 
-        def mixed(column: Floats) -> Floats:
+        def interpolate(column: Floats) -> Floats:
             return np.asarray(np.einsum("nk,nk...->n...", weights, column[corners]))
 
         for name in ("position", "depth", "normal", "status"):
             getattr(found, name)[pixels] = getattr(met, name)[pixels]
-        found.element[pixels], found.reference[pixels] = self.mesh.element[cells], mixed(self.mesh.reference)
+        found.element[pixels], found.reference[pixels] = self.mesh.element[cells], interpolate(self.mesh.reference)
         for name, values in self.mesh.values.items():
-            found.values[name][pixels] = mixed(values)
+            found.values[name][pixels] = interpolate(values)

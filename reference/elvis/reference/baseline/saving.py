@@ -9,7 +9,7 @@ import numpy as np
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import replacing
 from elvis.reference.baseline.mesh import LinearMesh
-from elvis.reference.extras import needed
+from elvis.reference.extras import comparison_module
 
 #: formats, and what each holds: corners of its simplices
 FORMATS = {"ply": (3,), "glb": (3,), "vtu": (3, 4)}
@@ -32,7 +32,7 @@ def save_mesh(mesh: LinearMesh, path: Path) -> None:
 
 def _save_surface(mesh: LinearMesh, path: Path) -> None:
     """A surface through trimesh."""
-    made = needed("trimesh").Trimesh(mesh.points, mesh.simplices, process=False)
+    made = comparison_module("trimesh").Trimesh(mesh.points, mesh.simplices, process=False)
     for name, values in mesh.values.items():
         made.vertex_attributes["".join(letter if letter.isalnum() else "_" for letter in name)] = values.astype(
             np.float32
@@ -42,10 +42,10 @@ def _save_surface(mesh: LinearMesh, path: Path) -> None:
 
 def _save_vtu(mesh: LinearMesh, path: Path) -> None:
     """Any mesh through VTK."""
-    numpy_support = needed("vtkmodules.util.numpy_support", "converters")
+    numpy_support = comparison_module("vtkmodules.util.numpy_support", "converters")
     core, model = (
-        needed("vtkmodules.vtkCommonCore", "converters"),
-        needed("vtkmodules.vtkCommonDataModel", "converters"),
+        comparison_module("vtkmodules.vtkCommonCore", "converters"),
+        comparison_module("vtkmodules.vtkCommonDataModel", "converters"),
     )
     points, cells, grid = core.vtkPoints(), model.vtkCellArray(), model.vtkUnstructuredGrid()
     points.SetData(numpy_support.numpy_to_vtk(mesh.points, deep=True))
@@ -62,7 +62,7 @@ def _save_vtu(mesh: LinearMesh, path: Path) -> None:
         array = numpy_support.numpy_to_vtk(values, deep=True)
         array.SetName(name)
         data.AddArray(array)
-    writer = needed("vtkmodules.vtkIOXML", "converters").vtkXMLUnstructuredGridWriter()
+    writer = comparison_module("vtkmodules.vtkIOXML", "converters").vtkXMLUnstructuredGridWriter()
     # to memory, for the library tells of a full disk in its own way
     writer.WriteToOutputStringOn()
     writer.SetInputData(grid)

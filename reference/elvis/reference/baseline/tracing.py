@@ -6,8 +6,8 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
-from elvis.reference.extras import needed
-from elvis.reference.hits import Hits, turned
+from elvis.reference.extras import comparison_module
+from elvis.reference.hits import Hits, face_eye
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
@@ -19,8 +19,8 @@ class Tracer:
     """A triangular mesh, ready for rays."""
 
     def __init__(self, mesh: LinearMesh) -> None:
-        """Build Embree's tree; MissingExtraError without embreex."""
-        scenes, meshes = needed("embreex.rtcore_scene"), needed("embreex.mesh_construction")
+        """Build Embree's tree; MissingPackageError without embreex."""
+        scenes, meshes = comparison_module("embreex.rtcore_scene"), comparison_module("embreex.mesh_construction")
         self.mesh = mesh
         self._middle = mesh.points.mean(axis=0) if len(mesh.points) else np.zeros(3)
         self._scene = scenes.EmbreeScene(robust=True)
@@ -61,14 +61,14 @@ class Tracer:
         depth = np.einsum("ni,ni->n", normal, a - origin) / np.where(rate == 0, np.nan, rate)
         weights = _barycentric(origin + depth[:, None] * direction, a, b, c, normal)
 
-        def mixed(column: Floats) -> Floats:
+        def interpolate(column: Floats) -> Floats:
             return np.asarray(np.einsum("nk,nk...->n...", weights, column[corners]))
 
         hits.element[pixels], hits.depth[pixels], hits.status[pixels] = mesh.element[triangles], depth, Status.CERTAIN
-        hits.position[pixels], hits.normal[pixels] = origin + depth[:, None] * direction, turned(normal, direction)
-        hits.reference[pixels] = mixed(mesh.reference)
+        hits.position[pixels], hits.normal[pixels] = origin + depth[:, None] * direction, face_eye(normal, direction)
+        hits.reference[pixels] = interpolate(mesh.reference)
         for name, values in mesh.values.items():
-            hits.values[name][pixels] = mixed(values)
+            hits.values[name][pixels] = interpolate(values)
 
 
 def _barycentric(points: Floats, a: Floats, b: Floats, c: Floats, normal: Floats) -> Floats:

@@ -23,7 +23,7 @@ from elvis.reference.baseline.linear_drawing import surfaces_of
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.composing import record
-from elvis.reference.extras import needed
+from elvis.reference.extras import comparison_module
 from elvis.reference.record import Record
 from elvis.scene import CutSurface, Cylinder, Faces, Isosurface, Plane, Scene, SceneObject, Sphere, Surface
 from elvis.scene.view import View
@@ -37,12 +37,12 @@ class VtkBaseline:
 
     def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
         """Raises ElvisError where VTK is missing, or has no cells for the data."""
-        needed("vtkmodules.vtkIOXML", "converters")
+        comparison_module("vtkmodules.vtkIOXML", "converters")
         start = perf_counter()
         with TemporaryDirectory() as folder:
             path = Path(folder) / "cells.vtu"
             exporter("vtu")(replace(dataset, time=None), names, None, path, report=len)
-            reader = needed("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridReader()
+            reader = comparison_module("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridReader()
             reader.SetFileName(str(path))
             reader.Update()
             self.grid = reader.GetOutput()
@@ -71,39 +71,39 @@ class VtkBaseline:
         """An object as VTK makes it."""
         if self.is_flat and isinstance(shown, CutSurface | Faces):
             # 2D cells show themselves: a cutter finds nothing in their own plane
-            made = needed("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
+            made = comparison_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
             made.SetNonlinearSubdivisionLevel(_SUBDIVISION)
-            return self._made(made, self.grid)
+            return self._triangles_of(made, self.grid)
         match shown:
             case CutSurface(surface=surface):
-                made = needed("vtkmodules.vtkFiltersCore").vtkCutter()
+                made = comparison_module("vtkmodules.vtkFiltersCore").vtkCutter()
                 made.SetCutFunction(_function(surface))
             case Isosurface(values=values, quantity=quantity):
-                made = needed("vtkmodules.vtkFiltersCore").vtkContourFilter()
+                made = comparison_module("vtkmodules.vtkFiltersCore").vtkContourFilter()
                 made.SetInputArrayToProcess(0, 0, 0, 0, quantity or field)
                 for number, value in enumerate(values):
                     made.SetValue(number, value)
             case Faces(select=("all",)):
-                made = needed("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
+                made = comparison_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
                 made.SetNonlinearSubdivisionLevel(_SUBDIVISION)
-                return self._made(made, self._merge())
+                return self._triangles_of(made, self._merge())
             case _:
                 raise ElvisError("VTK is asked for planes, spheres, cylinders, isosurfaces and all outer faces only")
-        return self._made(made, self.grid)
+        return self._triangles_of(made, self.grid)
 
     def _merge(self) -> Any:
         """The grid with equal points made one, so that inner faces are known to be inner."""
-        cleaner = needed("vtkmodules.vtkFiltersCore").vtkStaticCleanUnstructuredGrid()
+        cleaner = comparison_module("vtkmodules.vtkFiltersCore").vtkStaticCleanUnstructuredGrid()
         cleaner.ToleranceIsAbsoluteOff()
         cleaner.SetTolerance(1e-9)
         cleaner.SetInputData(self.grid)
         cleaner.Update()
         return cleaner.GetOutput()
 
-    def _made(self, made: Any, grid: Any) -> LinearMesh:
+    def _triangles_of(self, made: Any, grid: Any) -> LinearMesh:
         """The triangles that a filter makes of a grid."""
-        numpy_support = needed("vtkmodules.util.numpy_support")
-        triangles = needed("vtkmodules.vtkFiltersCore").vtkTriangleFilter()
+        numpy_support = comparison_module("vtkmodules.util.numpy_support")
+        triangles = comparison_module("vtkmodules.vtkFiltersCore").vtkTriangleFilter()
         made.SetInputData(grid)
         triangles.SetInputConnection(made.GetOutputPort())
         triangles.PassLinesOff()
@@ -133,7 +133,7 @@ def _nothing(names: Sequence[str]) -> LinearMesh:
 
 def _function(surface: Surface) -> Any:
     """A surface as one of VTK's implicit functions."""
-    functions = needed("vtkmodules.vtkCommonDataModel")
+    functions = comparison_module("vtkmodules.vtkCommonDataModel")
     match surface:
         case Plane(point=point, normal=normal):
             made = functions.vtkPlane()

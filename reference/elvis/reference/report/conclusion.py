@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from elvis.reference.report.words import counted, percent, size, some
+from elvis.reference.report.words import count_of, percent, size, some
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
 
@@ -44,14 +44,14 @@ def _exactness(study: Study) -> str:
     failed = [check for check in study.validation.checks if not check.passed]
     if not failed:
         doubt = study.validation.ambiguous
-        aside = f" but for {counted(doubt, 'ambiguous pixel')}" if doubt else ""
+        aside = f" but for {count_of(doubt, 'ambiguous pixel')}" if doubt else ""
         return f"Exact: all {width * height:,} pixels keep every tolerance{aside}."
     return "Not exact: " + "; ".join(map(failure, failed)) + "."
 
 
 def failure(check: Check) -> str:
     """A failed check in words, with its worst pixel."""
-    words = f"{check.name} fails at {counted(check.failed, 'pixel')}"
+    words = f"{check.name} fails at {count_of(check.failed, 'pixel')}"
     if check.limit:
         words += f", off by up to {check.found:.2g} (tolerance {check.limit:.0e})"
     if check.worst is None:
@@ -79,7 +79,7 @@ def _linear(study: Study, levels: Sequence[Rival]) -> str:
         return f"{said}; {_cost(skipped[0])}."
     if study.next is None:
         return f"{said}."
-    return f"{said}; {counted(study.next[0], 'refinement')} would need {size(study.next[1])}."
+    return f"{said}; {count_of(study.next[0], 'refinement')} would need {size(study.next[1])}."
 
 
 def _cost(rival: Rival) -> str:
@@ -97,14 +97,14 @@ def how_wrong(rival: Rival) -> str:
         return f"{percent(found.colors_off)} of the pixels have colours off by more than {percent(1.0)}"
     said = []
     if found.lost:
-        said.append(f"{counted(found.lost, 'contour')} lost or invented")
+        said.append(f"{count_of(found.lost, 'contour')} lost or invented")
     if found.contour_max and found.contour_max > ROUNDING:
         far = some(found.contour_max)
         said.append(f"contours off by up to {far} pixel{'s' * (far != '1')}")
     if found.off:
         said.append(f"{percent(found.off)} of the pixels off by more than one colour step")
     if found.missing + found.spurious:
-        said.append(f"{counted(found.missing + found.spurious, 'pixel')} missing or spurious")
+        said.append(f"{count_of(found.missing + found.spurious, 'pixel')} missing or spurious")
     return ", ".join(said) or "the pictures are the same"
 
 

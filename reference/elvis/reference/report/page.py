@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from elvis.reference.extras import needed
+from elvis.reference.extras import comparison_module
 from elvis.reference.report import pictures as drawn
 from elvis.reference.report import plots
 from elvis.reference.report.conclusion import how_wrong
@@ -35,7 +35,7 @@ def page(study: Study, scene_text: str = "") -> tuple[str, Files]:
         "scene_text": scene_text,
         "times": _times(study, files),
     }
-    jinja2 = needed("jinja2")
+    jinja2 = comparison_module("jinja2")
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
     template = (Path(__file__).parent / "page.html").read_text(encoding="utf-8")
 
@@ -60,16 +60,16 @@ def _mood(study: Study) -> str:
 def _pictures(study: Study, files: Files) -> list[dict[str, str]]:
     """The exact picture and all others."""
     exact = "exact" if study.scene is not None else "first record"
-    files["pictures/exact.png"] = drawn.shown(study.exact)
+    files["pictures/exact.png"] = drawn.image_of(study.exact)
     found = [{"file": "pictures/exact.png", "name": exact, "words": ""}]
-    for rival in _seen(study):
+    for rival in _drawn_rivals(study):
         assert rival.record is not None
-        files[f"pictures/{rival.key}.png"] = drawn.shown(rival.record)
+        files[f"pictures/{rival.key}.png"] = drawn.image_of(rival.record)
         found.append({"file": f"pictures/{rival.key}.png", "name": rival.name, "words": how_wrong(rival)})
     return found
 
 
-def _seen(study: Study) -> list[Rival]:
+def _drawn_rivals(study: Study) -> list[Rival]:
     return [rival for rival in study.rivals if rival.record is not None]
 
 
@@ -91,7 +91,7 @@ def _maps(study: Study, files: Files) -> list[dict[str, Any]]:
 def _value_maps(study: Study, files: Files) -> dict[str, Any]:
     pictures: list[Any] = []
     legend: list[drawn.Legend] = []
-    for rival in _seen(study):
+    for rival in _drawn_rivals(study):
         assert rival.record is not None
         assert rival.errors is not None
         name = f"pictures/{rival.key}-error.png"
@@ -108,7 +108,7 @@ def _position_maps(study: Study, files: Files) -> dict[str, Any]:
     """How far surfaces lie from the exact ones; on planes they don't."""
     pictures: list[Any] = []
     legend: list[drawn.Legend] = []
-    for rival in _seen(study):
+    for rival in _drawn_rivals(study):
         assert rival.record is not None
         assert rival.errors is not None
         if not rival.errors.pixel_max or rival.errors.position_max < 1e-9:
@@ -129,7 +129,7 @@ def _pixel(rival: Rival) -> float:
 
 def _contour_maps(study: Study, files: Files) -> dict[str, Any]:
     pictures = []
-    for rival in _seen(study) if study.contours else ():
+    for rival in _drawn_rivals(study) if study.contours else ():
         assert rival.record is not None
         assert rival.errors is not None
         name = f"pictures/{rival.key}-contours.png"
@@ -144,7 +144,7 @@ def _contour_maps(study: Study, files: Files) -> dict[str, Any]:
 def _worst(study: Study, files: Files) -> dict[str, Any]:
     """The neighbourhood of each picture's worst pixel, exact and other."""
     pictures = []
-    for rival in _seen(study):
+    for rival in _drawn_rivals(study):
         assert rival.record is not None
         if rival.errors is None or rival.errors.worst is None:
             continue

@@ -51,7 +51,7 @@ class Legend:
         return "#{:02x}{:02x}{:02x}".format(*self.color)
 
 
-def shown(record: Record) -> Pixels:
+def image_of(record: Record) -> Pixels:
     """The picture itself."""
     return np.rint(255 * np.clip(record.color, 0, 1)).astype(np.uint8)
 
@@ -84,7 +84,7 @@ def _band(measure: Floats, bands: Sequence[Any], missing: Bools, spurious: Bools
 
 def contour_map(exact: Record, other: Record, values: Sequence[float]) -> Pixels:
     """The contours of both pictures at twice the size: black the exact ones, red the others, on the pale picture."""
-    pale = (255 - 0.3 * (255 - shown(exact).astype(np.float64))).astype(np.uint8)
+    pale = (255 - 0.3 * (255 - image_of(exact).astype(np.float64))).astype(np.uint8)
     image = Image.fromarray(np.repeat(np.repeat(pale, 2, axis=0), 2, axis=1))
     draw = ImageDraw.Draw(image)
     for record, color, half in ((exact, (0, 0, 0), 1.0), (other, (214, 0, 30), 0.6)):
@@ -99,7 +99,7 @@ def around(record: Record, place: Place) -> Pixels:
     height, width = record.shape
     top = int(np.clip(place.row - AROUND // 2, 0, max(0, height - AROUND)))
     left = int(np.clip(place.column - AROUND // 2, 0, max(0, width - AROUND)))
-    part = shown(record)[top : top + AROUND, left : left + AROUND]
+    part = image_of(record)[top : top + AROUND, left : left + AROUND]
     image = Image.fromarray(np.repeat(np.repeat(part, ENLARGED, axis=0), ENLARGED, axis=1))
     row, column = (place.row - top) * ENLARGED, (place.column - left) * ENLARGED
     box = (column - 2, row - 2, column + ENLARGED + 1, row + ENLARGED + 1)
@@ -111,5 +111,5 @@ def color_bar(palette: str, width: int = 512, height: int = 16) -> Pixels:
     """The colour map from left to right."""
     from elvis.scene.palette import Palette
 
-    steps = Palette.named(palette, 0.0, 1.0).colors(np.linspace(0, 1, width))
+    steps = Palette.of_name(palette, 0.0, 1.0).colors(np.linspace(0, 1, width))
     return np.tile(np.rint(255 * steps).astype(np.uint8), (height, 1, 1))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from io import StringIO
 from typing import Any
 
-from elvis.reference.extras import needed
+from elvis.reference.extras import comparison_module
 from elvis.reference.report.words import size
 from elvis.reference.study import Rival, Study
 
@@ -96,7 +96,7 @@ def _write_names(axes: Any, others: Sequence[tuple[float, Rival]]) -> None:
 
 def _exact(axes: Any, place: float, word: str) -> None:
     """The exact picture has no error: a line, on a logarithmic scale."""
-    tickers = needed("matplotlib.ticker")
+    tickers = comparison_module("matplotlib.ticker")
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(tickers.LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter("{x:g}")
@@ -109,7 +109,7 @@ def _exact(axes: Any, place: float, word: str) -> None:
 
 def _plot(draw: Callable[[Any], None]) -> str:
     """The SVG text of one plot; the same bytes for the same numbers."""
-    matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
+    matplotlib, figures = comparison_module("matplotlib"), comparison_module("matplotlib.figure")
     with matplotlib.rc_context(_STYLE):
         figure = figures.Figure(figsize=(5.2, 3.6), layout="constrained")
         draw(figure.add_subplot())

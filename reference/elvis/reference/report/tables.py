@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elvis.reference.report.words import counted, size, some
+from elvis.reference.report.words import count_of, size, some
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
 from elvis.scene import VolumeRendering
@@ -132,7 +132,7 @@ def _costs(study: Study) -> Table:
     """Elements and memory, also of pictures that were not drawn."""
     rows = [[rival.name, *_cost(rival), rival.skipped or "drawn"] for rival in study.rivals if rival.counts]
     if study.next and rows:
-        rows.append([counted(study.next[0], "refinement"), "", "", "", size(study.next[1]), "not asked for"])
+        rows.append([count_of(study.next[0], "refinement"), "", "", "", size(study.next[1]), "not asked for"])
     if rows:
         rows.insert(0, ["exact", "", "", size(study.stored), "", "drawn"])
     heads = ["picture", "simplices", "points", "memory of the mesh", "memory while it is made and drawn", ""]

@@ -28,6 +28,6 @@ def percent(number: float | None) -> str:
     return f"{some(number)} %"
 
 
-def counted(count: int, noun: str) -> str:
+def count_of(count: int, noun: str) -> str:
     """``1 pixel``, ``2,000 pixels``."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"

@@ -18,7 +18,7 @@ from elvis.core.shapes import Shape
 from elvis.reference.chebyshev import SAMPLES, bounds_of, degrees_of, lattice, map_degrees
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.scenes.rasters import pixels_between
-from elvis.reference.solids import spread
+from elvis.reference.solids import map_lattice
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
@@ -103,7 +103,7 @@ def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floa
     parts = np.array_split(rows, -(-len(rows) * 3 * len(points) // _AT_ONCE) or 1)
     ends: list[Floats] = []
     for part in parts:
-        placed = view.projected(spread(patch, part, points))
+        placed = view.projected(map_lattice(patch, part, points))
         low, high = bounds_of(placed.transpose(0, 2, 1).reshape(-1, len(points)), divisor)
         ends.append(np.stack([low, high]).reshape(2, len(part), 3))
     low, high = np.concatenate(ends, axis=1)

@@ -23,7 +23,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.reference.scenes.boxes import OVER, Boxes, nodes
 from elvis.reference.scenes.equations import Equation, Linear
-from elvis.reference.solids import spread
+from elvis.reference.solids import map_lattice
 from elvis.scene import Plane
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
@@ -94,7 +94,7 @@ class Search:
                 values.append(np.full((len(rows), len(points)), np.nan))
                 continue
             values.append(evaluate(expansion, coefficients[rows], points))
-        world = spread(self.patch, rows, points)
+        world = map_lattice(self.patch, rows, points)
         return Boxes.through(np.stack([*values, *np.moveaxis(world, 2, 0)], axis=1), self.degrees)
 
     def _halve(self, boxes: Boxes) -> list[LineSegments]:
@@ -221,8 +221,8 @@ class Place:
         least = np.where(self.before, self.over.value - room, 1.0)
         gradient = np.stack([own.gradient for own in self.lifted], axis=1)
         rest = np.stack([own.rest for own in self.lifted], axis=1)
-        spread = np.abs(gradient).sum(axis=2) + rest
-        rest = (rest + spread * (room / least)[:, None]) / weight[:, None]
+        variation = np.abs(gradient).sum(axis=2) + rest
+        rest = (rest + variation * (room / least)[:, None]) / weight[:, None]
         rest = np.where(self.before[:, None], rest, np.inf)
         return self.middle, np.where(self.before[:, None, None], gradient / weight[:, None, None], 0.0), rest
 

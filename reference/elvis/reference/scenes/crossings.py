@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.patch import Patch
-from elvis.reference.hits import Hits, turned
+from elvis.reference.hits import Hits, face_eye
 from elvis.reference.quantities import Quantities
 from elvis.scene.frame import Status
 from elvis.scene.view import View
@@ -143,7 +143,7 @@ class Crossings:
         found.reference[here], found.status[here] = self.reference, self.status
         found.uncertainty[here] = self.uncertainty
         found.position[here] = origins + self.depth[:, None] * directions
-        found.normal[here] = turned(self.normal, directions)
+        found.normal[here] = face_eye(self.normal, directions)
         for name in names:
             found.values[name][here] = self.values(name, quantities)
         return found

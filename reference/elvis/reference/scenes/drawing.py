@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats
 from elvis.core.errors import ElvisError
-from elvis.reference.clipping import clipped, unsure
+from elvis.reference.clipping import is_clipped, unsure
 from elvis.reference.composing import Fragments, SurfaceHits, colored, is_lit, record
 from elvis.reference.hits import Hits
 from elvis.reference.locating import Locator
@@ -40,7 +40,7 @@ from elvis.scene import (
     VolumeRendering,
 )
 from elvis.scene.errors import SceneError
-from elvis.scene.fitting import automatic, missed, surrounding
+from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Drawing, Frame, Legend, Status, constant_of
 from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
@@ -72,7 +72,7 @@ def render(source: Source, scene: Scene) -> Frame:
     scene = automatic(scene, boxes, glance)
     frame = quantities.outward(tracer.frame(scene, _view(scene)))
     if not frame.status.any():
-        raise SceneError(missed(scene.only_plane, surrounding(boxes)))
+        raise SceneError(empty_picture_remark(scene.only_plane, surrounding(boxes)))
     frame.stats.update(
         device={"name": "reference", "label": "NumPy"},
         elements=sum(map(len, quantities.patches)),
@@ -129,7 +129,7 @@ class Scenery:
         if scene.clip:
             asked = self._places(found, view), lambda name: found.values(name, self.quantities), self.size
             found.status[unsure(scene.clip, *asked) & (found.status == Status.CERTAIN)] = Status.AMBIGUOUS
-            found = found.part(~clipped(scene.clip, *asked))
+            found = found.part(~is_clipped(scene.clip, *asked))
         return found.once(self.quantities.patches, self.size)
 
     def _levels(self, name: str, values: Sequence[float], view: View) -> Crossings:
@@ -184,10 +184,10 @@ class Scenery:
             covered = part.pixel[part.alpha > 0]
             status.ravel()[covered[status.ravel()[covered] == Status.MISS]] = Status.CERTAIN
         status[failed.reshape(status.shape)] = Status.FAILED
-        palette = Palette.named(scene.palette, *ends).spread(scene.bar)
+        palette = Palette.of_name(scene.palette, *ends).over_range(scene.bar)
         legends = (Legend(scene.field, palette, bar=scene.bar, constant=constant_of(scene, made.field)),)
         drawing = Drawing(made.depth, made.normal, made.color, legends, made.uncertainty, line_status)
-        stats = {} if line_status is None else {"contours": counted(line_status)}
+        stats = {} if line_status is None else {"contours": contour_counts(line_status)}
         return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)
 
     def _volume_fragments(self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges) -> list[Fragments]:
@@ -281,7 +281,7 @@ def _ends(scene: Scene) -> tuple[float, float]:
     return (transfers[0].values[0], transfers[0].values[-1]) if transfers else (0.0, 1.0)
 
 
-def counted(status: NDArray[np.uint8]) -> dict[str, int]:
+def contour_counts(status: NDArray[np.uint8]) -> dict[str, int]:
     """Pixels with contours whose coverage is proved, and the others."""
     return {word.name.lower(): int((status == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)}
 

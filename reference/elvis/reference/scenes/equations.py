@@ -19,7 +19,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.quantities import intervals
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import ONE, Node, call, folded, leaves, number, partial, whole_exponent
+from elvis.core.quantities.tree import ONE, Node, call, fold, leaves, number, partial, whole_exponent
 
 #: part of the greatest terms that rounding may change
 _ROUNDING = 1e-13
@@ -110,7 +110,7 @@ class Equation:
             return node.value if node.op == "number" else known[node]
 
         with np.errstate(all="ignore"):
-            found = folded(self.root, leaf, lambda node, parts: function(node).numpy(*parts))
+            found = fold(self.root, leaf, lambda node, parts: function(node).numpy(*parts))
         return np.broadcast_to(np.asarray(found, np.float64), count)
 
 
@@ -127,7 +127,7 @@ def _bounds(root: Node, ends: dict[Node, Interval]) -> tuple[Interval, Bools]:
         return function(node).interval(*parts)
 
     with np.errstate(all="ignore"):
-        low, high = folded(root, leaf, inner)
+        low, high = fold(root, leaf, inner)
     return (np.broadcast_to(low, count), np.broadcast_to(high, count)), broken
 
 

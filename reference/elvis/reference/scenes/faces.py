@@ -17,8 +17,8 @@ from elvis.core.patch import Patch
 from elvis.reference.baseline.templates import pulling
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
-from elvis.reference.scenes.rasters import among, covered, on_screen
-from elvis.reference.solids import Face, faces_of, heights, spread
+from elvis.reference.scenes.rasters import among, on_screen, pixels_near
+from elvis.reference.solids import Face, faces_of, heights, map_lattice
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
@@ -43,7 +43,7 @@ def face_crossings(
     for local, face in enumerate(faces_of(patch)):
         rows = np.flatnonzero(chosen[:, local])
         for own, corners, starts, slack in _triangles(patch, face, rows, view):
-            for triangle, pixel in covered(view, corners, slack):
+            for triangle, pixel in pixels_near(view, corners, slack):
                 if wanted is not None:
                     known = among(wanted, own[triangle] * view.count + pixel)
                     triangle, pixel = triangle[known], pixel[known]
@@ -83,7 +83,7 @@ def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[tup
 
 def _place(patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(e, c, k, 3) world coordinates of reference points (c, k, 3) in all elements."""
-    return spread(patch, rows, points.reshape(-1, 3)).reshape(len(rows), *points.shape[:2], 3)
+    return map_lattice(patch, rows, points.reshape(-1, 3)).reshape(len(rows), *points.shape[:2], 3)
 
 
 def _decide(

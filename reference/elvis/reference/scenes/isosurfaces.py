@@ -22,7 +22,7 @@ from elvis.reference.scenes.newton import Constraint, inverses, solve
 from elvis.reference.scenes.segment_curves import followed_through
 from elvis.reference.scenes.segments import Segments, segments_through
 from elvis.reference.scenes.zeros import Zeros, zeros
-from elvis.reference.solids import margins_of, placed
+from elvis.reference.solids import map_points, margins_of
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
@@ -112,7 +112,7 @@ class _Search:
         The function is measured at places along the ray, as far from the zero as ``width`` (n,): a line through the
         values has the function's derivative, and they lie off it by what rounding does to them.
         """
-        _, jacobians = placed(self.patch, rows, reference)
+        _, jacobians = map_points(self.patch, rows, reference)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             along = np.einsum("nij,nj->ni", inverses(jacobians), directions)
         shares = np.linspace(-1.0, 1.0, _PLACES)

@@ -12,7 +12,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.patch import Patch
-from elvis.reference.solids import placed
+from elvis.reference.solids import map_points
 
 #: a function of elements ``rows`` (n,) and reference points (n, 3): values (n,) and derivatives (n, 3)
 Constraint = Callable[[Ints, Floats], tuple[Floats, Floats]]
@@ -66,7 +66,7 @@ def solve(
     active = np.arange(len(rows))
     for number in range(steps):
         own, ray = rows[active], directions[active]
-        world, jacobians = placed(patch, own, reference[active])
+        world, jacobians = map_points(patch, own, reference[active])
         held, gradient = constraint(own, reference[active])
         if number == 0:
             depth = np.einsum("ni,ni->n", world - origins, directions) / np.einsum("ni,ni->n", directions, directions)

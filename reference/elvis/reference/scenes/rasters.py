@@ -27,7 +27,7 @@ def on_screen(view: View, points: Floats) -> tuple[Floats, Bools]:
         return np.asarray(homogeneous[..., :2] / weight), front
 
 
-def covered(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[Ints, Ints]]:
+def pixels_near(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[Ints, Ints]]:
     """Pairs of a triangle (k,) and a pixel (k,): all pixels within ``slack`` (m,) pixels of the triangles' pictures.
 
     corners  (m, 3, 3) world coordinates.  Triangles that reach behind the eye may be anywhere.

@@ -54,7 +54,7 @@ def followed_through(segments: Segments, patch: Patch, view: View, size: float) 
         left, middle = left.part(~done), middle[~done]
         if not len(left):
             break
-        left = left.halved(np.arange(len(left)), 0.5 * (left.near + left.far), middle)
+        left = left.split_at(np.arange(len(left)), 0.5 * (left.near + left.far), middle)
     every = found[0].segments
     for own in found[1:]:
         every = every.and_also(own.segments)
@@ -85,7 +85,7 @@ def _straighten(segments: Segments, patch: Patch, view: View) -> Segments:
         which = np.flatnonzero((bent > _BENT * length) & (margins_of(patch, middle) > -TOLERANCE))
         if not len(which):
             break
-        segments = segments.halved(which, segments.at(half)[which, 0], middle[which])
+        segments = segments.split_at(which, segments.at(half)[which, 0], middle[which])
     return segments
 
 

@@ -13,7 +13,7 @@ from elvis.reference.locating import Locator
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.newton import inverses
-from elvis.reference.solids import faces_of, margins_of, placed
+from elvis.reference.solids import faces_of, map_points, margins_of
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
@@ -57,10 +57,10 @@ class Segments:
             at = cut[made.pixel]
             crossed = np.flatnonzero((at > made.near) & (at < made.far))
             part = ((at - made.near) / (made.far - made.near))[crossed, None]
-            made = made.halved(crossed, at[crossed], made.first[crossed] + part * (made.last - made.first)[crossed])
+            made = made.split_at(crossed, at[crossed], made.first[crossed] + part * (made.last - made.first)[crossed])
         return made
 
-    def halved(self, which: Ints, depth: Floats, middle: Floats) -> Segments:
+    def split_at(self, which: Ints, depth: Floats, middle: Floats) -> Segments:
         """The segments, those of numbers (k,) parted at depths (k,), where the reference coordinates are (k, …)."""
         far, last = self.far.copy(), self.last.copy()
         far[which], last[which] = depth, middle
@@ -172,7 +172,7 @@ def followed(patch: Patch, rows: Ints, start: Floats, points: Floats, enough: fl
     """
     reference, active = start.copy(), np.arange(len(rows))
     for _ in range(_STEPS):
-        world, jacobians = placed(patch, rows[active], reference[active])
+        world, jacobians = map_points(patch, rows[active], reference[active])
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             step = np.einsum("nij,nj->ni", inverses(jacobians), points[active] - world)
         length = np.linalg.norm(step, axis=1)

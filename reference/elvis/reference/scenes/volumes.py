@@ -17,7 +17,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.patch import Patch
 from elvis.core.polynomials.quadrature import gauss
-from elvis.reference.clipping import clipped
+from elvis.reference.clipping import is_clipped
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.segments import Segments, places
@@ -41,14 +41,14 @@ def visible(
     for clip in clips:
         own = clip.surface
         if isinstance(own, Implicit):
-            segments = _parted(
+            segments = _split_at_levels(
                 segments, partial(_values, patch=patch, quantities=quantities, name=own.expression, view=view)
             )
         else:
             segments = segments.between(depths_by_pixel(*surface_hits(own, view)[:2], view.count))
     middle = np.full(len(segments.pixel), 0.5)
     reference, points = places(segments, patch, view, middle[:, None])
-    gone = clipped(clips, points, lambda name: quantities.values(name, patch, segments.row, reference), size)
+    gone = is_clipped(clips, points, lambda name: quantities.values(name, patch, segments.row, reference), size)
     return segments.part(~gone)
 
 
@@ -68,11 +68,11 @@ def between_kinks(
     """Segments parted at the kinks of densities and colours, so that no thin layer falls between places."""
     for name, transfer in media:
         along = partial(_values, patch=patch, quantities=quantities, name=name, view=view)
-        segments = _parted(segments, along, transfer.values)
+        segments = _split_at_levels(segments, along, transfer.values)
     return segments
 
 
-def _parted(
+def _split_at_levels(
     segments: Segments, along: Callable[[Segments, Floats], Floats], levels: Sequence[float] = (0.0,)
 ) -> Segments:
     """Segments parted where a function along them, of segments and shares (k, m), passes one of some levels."""

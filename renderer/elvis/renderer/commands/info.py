@@ -79,7 +79,7 @@ def info(
         _prove(source.dataset, as_json, many)
         return
     if predefined:
-        _list(source.names.flow.listed(), as_json)
+        _list(source.names.flow.catalogue(), as_json)
         return
     with stage("measuring"):
         facts = source.facts(quantities)
@@ -170,7 +170,7 @@ def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
         rows = [_listed_row(row) for row in facts["listed"]]
         if rows:
             click.echo()
-            print_table(headers, _cut(rows, many))
+            print_table(headers, _shorten(rows, many))
     wrong, unknown = found.count(ValidityStatus.NOT_POSITIVE), found.count(ValidityStatus.UNDECIDED)
     if wrong or unknown:
         reasons = f"{wrong} where it is not and {unknown} where that could not be decided"
@@ -217,9 +217,9 @@ def _print(facts: Facts, many: int | None) -> None:
         (("field", "elements", "lower bound", "upper bound", "state"), fields),
         (("quantity", "lower bound", "upper bound", "least found", "greatest found"), ranges),
         (("distance to", "faces", "sign"), targets),
-        (("fields", "on", "elements", "bases", "modes (order + 1)"), _cut(orders, many)),
-        (("composite", "name", "holds"), _cut(composites, many)),
-        (("metadata", "value"), _cut(metadata, many)),
+        (("fields", "on", "elements", "bases", "modes (order + 1)"), _shorten(orders, many)),
+        (("composite", "name", "holds"), _shorten(composites, many)),
+        (("metadata", "value"), _shorten(metadata, many)),
     ]
     for headers, rows in tables:
         if rows:
@@ -235,7 +235,7 @@ def _print_conversion(report: RecordedReport, many: int | None) -> None:
     from elvis.plugins.report import HEADERS
 
     say(f"\n{report.heading}")
-    print_table(HEADERS, _cut(report.rows, many))
+    print_table(HEADERS, _shorten(report.rows, many))
     for sentence in report.sentences:
         say(f"note: {sentence}")
 
@@ -324,7 +324,7 @@ def _composite_row(composite: Facts) -> tuple[object, ...]:
     return composite["id"], composite["name"] or composite["label"] or "", parts
 
 
-def _cut(rows: Sequence[tuple[object, ...]], many: int | None) -> Sequence[tuple[object, ...]]:
+def _shorten(rows: Sequence[tuple[object, ...]], many: int | None) -> Sequence[tuple[object, ...]]:
     """At most ``many`` rows, the last of which says how many more there are."""
     if many is None or len(rows) <= many:
         return rows

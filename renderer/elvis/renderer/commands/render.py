@@ -139,7 +139,7 @@ def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list
     known: dict[object, Dataset | PluginData] = {}
     for scene in scenes:
         key = scene.data, scene.plugin, scene.reader
-        known[key] = known[key] if key in known else _opened(scene, is_kept)
+        known[key] = known[key] if key in known else _open(scene, is_kept)
     data = [known[scene.data, scene.plugin, scene.reader] for scene in scenes]
     frames = list(map(_frame, data, scenes))
     shared = in_one_range(frames) if len(frames) > 1 else None
@@ -148,7 +148,7 @@ def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list
     return frames, [remark for own in known.values() if not isinstance(own, PluginData) for remark in own.remarks]
 
 
-def _opened(scene: Scene, is_kept: bool) -> Dataset | PluginData:
+def _open(scene: Scene, is_kept: bool) -> Dataset | PluginData:
     """The data of the scene, read, converted or opened by a runtime plugin."""
     from elvis.core.terminal import warn
     from elvis.plugins.data import Reading, open_data, pairs

@@ -19,7 +19,7 @@ SURFACES: dict[str, Any] = {each.kind: each for each in get_args(scene.Surface)}
 
 def plane(text: str) -> scene.Plane:
     """``x,y,z:nx,ny,nz``: a point and a normal."""
-    found: scene.Plane = _made(scene.Plane, text)
+    found: scene.Plane = _instance(scene.Plane, text)
     return found
 
 
@@ -27,7 +27,7 @@ def surface(text: str) -> scene.Surface:
     """A kind and what it takes: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION`` (see SURFACES)."""
     kind, _, rest = text.partition(":")
     check(kind in SURFACES and rest, "a surface", f"{', '.join(SURFACES)} and a colon", repr(text))
-    found: scene.Surface = _made(SURFACES[kind], rest)
+    found: scene.Surface = _instance(SURFACES[kind], rest)
     return found
 
 
@@ -36,7 +36,7 @@ def cut(text: str) -> scene.CutSurface:
     return scene.CutSurface(surface(text))
 
 
-def _made(cls: Any, text: str) -> Any:
+def _instance(cls: Any, text: str) -> Any:
     """An instance of a model, from its settings with colons between."""
     names = list(settings(cls))
     parts = text.split(":", len(names) - 1)
@@ -145,7 +145,7 @@ def size(text: str) -> tuple[int, int]:
     """``WIDTHxHEIGHT`` in pixels."""
     sides, setting = text.lower().split("x"), settings(scene.Scene)["size"]
     good = len(sides) == 2 and all(side.isdecimal() and setting.holds(int(side)) for side in sides)
-    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, {setting.allowed}", repr(text))
+    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, {setting.values_text}", repr(text))
     return int(sides[0]), int(sides[1])
 
 

@@ -188,7 +188,7 @@ def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Ite
     stack = [(0, batch)]
     while stack:
         level, batch = stack.pop()
-        batch, front = _seen(batch, view, rounding)
+        batch, front = _visible_patches(batch, view, rounding)
         tame, direction, batch.spread = _linearity(space, batch, front, view)
         done = front & (tame | batch.line | (level == _LEVELS))
         batch.line |= ~tame
@@ -222,7 +222,7 @@ def _halve(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
     return halves
 
 
-def _seen(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
+def _visible_patches(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
     """The patches that may cover the centre of a pixel, and (n,) whether they are in front of the eye.
 
     Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.

@@ -76,7 +76,7 @@ class FaceDrawer:
         found = [np.empty(0, self.loaded.device.kernel("face_list", self.loaded.parts[0]).dtype("hits"))]
         for number, kernel, buffers, work in self._work("face_list", view, select, None, rows=rows):
             run = partial(_run, kernel, work, {**self.loaded.bindings(number), **buffers})
-            found.append(self.loaded.device.listed("hits", kernel, run))
+            found.append(self.loaded.device.appended("hits", kernel, run))
         every = np.concatenate(found, dtype=found[0].dtype)
 
         # patches of a face share their borders

@@ -37,17 +37,17 @@ class DistanceDrawer:
         coordinate, and behind places where rays may have touched the surface.  Within that, depths are uncertain.
         """
         key = (quantity, value)
-        hits = self.solids.looked_up(view, key, partial(self._met, key=key), beyond)
+        hits = self.solids.looked_up(view, key, partial(self._places_in_box, key=key), beyond)
         return hits.showing(np.where(hits.owner != NOBODY, value, np.nan))
 
-    def _met(self, view: View, key: tuple[str | None, float]) -> Hits:
+    def _places_in_box(self, view: View, key: tuple[str | None, float]) -> Hits:
         """All places on rays through the box of the volume."""
         device = self.loaded.device
         kernel = device.kernel("iso_distance")
         low, high = self.loaded.box
         rays = self.traversal.rays(kernel, view, 0, view.count, key[1])
         buffers = {**self.loaded.bindings(0, key[0]), "rays": rays, "box": device.buffer(np.concatenate([low, high]))}
-        found = device.listed("met", kernel, partial(_run, kernel, view.count, buffers))
+        found = device.appended("met", kernel, partial(_run, kernel, view.count, buffers))
         doubts = np.full(view.count, np.inf)
         doubtful = found[found["doubtful"] != 0]
         np.minimum.at(doubts, doubtful["pixel"], doubtful["depth"])

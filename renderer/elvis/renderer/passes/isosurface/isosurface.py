@@ -33,7 +33,7 @@ MOST_SUB_ELEMENTS = 1 << 19
 #: the same of quantities that are no polynomials, whose series may never do: for each element, and at least
 _OF_AN_ELEMENT, _AT_LEAST = 128, 1 << 13
 #: sub-elements whose series are on the device together
-_FITTED = 1 << 16
+_CHUNK = 1 << 16
 #: rounds of halving, and sub-elements that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
 #: degree of the series that tell where such a quantity hasn't the level, as in iso_sift.slang
@@ -102,7 +102,7 @@ class IsosurfaceDrawer:
                 self._draw_straight(draw, asked)
             else:
                 self._draw_sub_elements(draw, asked)
-        hits = _left(HitBuffer.on_device(self.device, held), value)
+        hits = _finish(HitBuffer.on_device(self.device, held), value)
         hits.status[unproved & (hits.status == Status.MISS)] = Status.AMBIGUOUS
         assert hits.doubt is not None
         hits.doubt[unproved] = 0.0
@@ -112,7 +112,7 @@ class IsosurfaceDrawer:
 
     def _unproved(self, view: View, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) pixels that may see elements with the value, of which nothing is proved as they are no polynomials."""
-        if self._certified(number, quantity):
+        if self._is_certified(number, quantity):
             return np.zeros(view.count, bool)
         low, high = self.loaded.bounds(number, quantity)
         boxes = self.loaded.parts[number].boxes.astype(np.float64)
@@ -187,7 +187,7 @@ class IsosurfaceDrawer:
             parents = _join([parents[:0], *(sub_elements[sub_elements["outcome"] == SPLIT] for sub_elements in found)])
             if not len(parents):
                 break
-        return self._sorted(_join(done))
+        return self._sort_by_depth(_join(done))
 
     def _keep(self, level: _Level, parents: NDArray[Any], halved: bool, last: bool) -> NDArray[Any]:
         """What is left of some sub-elements, halved thrice or as they are; the ``last`` are halved no more."""
@@ -213,7 +213,7 @@ class IsosurfaceDrawer:
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
-    def _sorted(self, sub_elements: NDArray[Any]) -> NDArray[Any]:
+    def _sort_by_depth(self, sub_elements: NDArray[Any]) -> NDArray[Any]:
         self.counts["undefined"] += len(np.unique(sub_elements["element"][sub_elements["outcome"] == UNDEFINED]))
         sub_elements = sub_elements[sub_elements["outcome"] != UNDEFINED]
         self.counts["sub_elements"] += len(sub_elements)
@@ -223,7 +223,7 @@ class IsosurfaceDrawer:
     def _draw_sub_elements(self, draw: Kernel, level: _Level) -> None:
         """The other elements of a part, in sub-elements, and in parts of those in which rays take too many steps."""
         self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
-        certified = self._certified(level.number, level.quantity)
+        certified = self._is_certified(level.number, level.quantity)
         level_view = partial(self._level_view, draw, level, certified=certified)
         unfinished = None
         for draft in range(_DRAFTS):
@@ -232,17 +232,17 @@ class IsosurfaceDrawer:
                 return
             last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
             drawn = partial(self._draft, draw, level, level_view=partial(level_view, last=last))
-            unfinished = sub_elements[np.concatenate([drawn(some) for some in self._fitted(level, sub_elements)])]
+            unfinished = sub_elements[np.concatenate([drawn(some) for some in self._chunks(level, sub_elements)])]
             if not len(unfinished):
                 return
 
-    def _fitted(self, level: _Level, sub_elements: NDArray[Any]) -> list[NDArray[Any]]:
+    def _chunks(self, level: _Level, sub_elements: NDArray[Any]) -> list[NDArray[Any]]:
         """Sub-elements that are drawn together: as many as the device has room for the series of."""
         if self.traversal.degree(level.number, level.quantity) > 0:
             return [sub_elements]
-        return np.array_split(sub_elements, -(-len(sub_elements) // _FITTED))
+        return np.array_split(sub_elements, -(-len(sub_elements) // _CHUNK))
 
-    def _certified(self, number: int, quantity: str | None) -> bool:
+    def _is_certified(self, number: int, quantity: str | None) -> bool:
         """Whether map and quantity are polynomials, or enclosed, so that proofs hold."""
         return self.traversal.degree(number, quantity) > 0 or self._is_enclosed(number, quantity)
 
@@ -351,7 +351,7 @@ def _cosines(multiples: Ints, n: int) -> Floats:
     return np.asarray(np.where(half > n, -magnitude, magnitude))
 
 
-def _left(hits: HitBuffer, value: float) -> HitBuffer:
+def _finish(hits: HitBuffer, value: float) -> HitBuffer:
     """What the kernels have left of a value; ambiguous, too, where something before the hit may be overlooked."""
     assert hits.doubt is not None
     hits.doubt = np.where(hits.doubt > 0, hits.doubt, np.inf)

@@ -158,7 +158,7 @@ class ContourProof:
                 squares = _Squares(self, int(part), chosen, bounds, np.searchsorted(elements, chosen.element))
                 alone[some] = squares.inside
                 doubt = held & ~squares.outside
-                doubt[doubt] = ~squares.decided(self._levels)[doubt]
+                doubt[doubt] = ~squares.decide(self._levels)[doubt]
                 self.taken[chosen.pixel[held & ~squares.outside & squares.taken]] = True
                 self.status[chosen.pixel[doubt]] = Status.AMBIGUOUS
         return alone
@@ -287,7 +287,7 @@ class _Squares:
         facets = self._proof.facets(self._number)
         return np.asarray(places @ facets[:, :3].T + facets[:, 3])
 
-    def decided(self, levels: Floats) -> Bools:
+    def decide(self, levels: Floats) -> Bools:
         """(n,) squares in each of which every level is proved to be taken, or proved not to be."""
         bounds, row = self._bounds, self._row
         noise = _ROUNDING * bounds.size[row]

@@ -58,7 +58,7 @@ class Marks:
     @cached_property
     def coverage(self) -> Floats:
         """(n,) part of each pixel that its nearest line covers."""
-        return covered(self.distance, self.width)
+        return line_coverage(self.distance, self.width)
 
     @property
     def distance(self) -> Floats:
@@ -127,7 +127,7 @@ class Lines:
         def run(lists: dict[str, Buffer]) -> None:
             self._run("line_draw", view, hits, items, {**buffers, **lists}, quantity, **size, traced=1)
 
-        return self._device.listed("strokes", kernel, run)
+        return self._device.appended("strokes", kernel, run)
 
     def _prepare(
         self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None
@@ -140,7 +140,7 @@ class Lines:
         buffers |= {"hit_depth": self._device.buffer(np.zeros(1))} if hits.flat is not None else {}
         slivers = self._slivers(view, hits, levels, quantity)
         smooth = all(self._is_polynomial(number, quantity) for number in range(len(self._loaded.parts)))
-        items = slivers.and_those(self._found(view, hits, buffers, len(levels), smooth))
+        items = slivers.and_those(self._find_items(view, hits, buffers, len(levels), smooth))
         return buffers, items, {"half_width": 0.5 * width + 0.5, "levels": len(levels), "offset": hits.offset}
 
     def mesh(self, view: View, hits: HitBuffer, width: float) -> Marks:
@@ -185,7 +185,7 @@ class Lines:
         """Whether a part's map and quantity are polynomials, which have neither poles nor jumps in an element."""
         return self._loaded.quantity(number, quantity).degree > 0
 
-    def _found(
+    def _find_items(
         self, view: View, hits: HitBuffer, buffers: dict[str, Buffer], levels: int, smooth: bool
     ) -> NDArray[Any]:
         """The items that line_find.slang lists."""
@@ -195,7 +195,7 @@ class Lines:
             **hits.bindings(self._device, "side", "field"),
             "view": self._device.buffer(record_of(kernel, "view", view, count=strips, levels=levels, smooth=smooth)),
         }
-        return self._device.listed("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
+        return self._device.appended("found", kernel, lambda lists: kernel(strips, {**every, **lists}))
 
     def _run(
         self,
@@ -256,7 +256,7 @@ def _waves(items: WorkItems) -> WorkItems:
     return replace(items[filled], pixel=pixel)
 
 
-def covered(distance: Floats, width: float) -> Floats:
+def line_coverage(distance: Floats, width: float) -> Floats:
     """Part (n,) of a pixel that a line covers whose middle is this far from the pixel's centre; both in pixels."""
     return np.clip(0.5 * width + 0.5 - distance, 0.0, min(1.0, width))
 

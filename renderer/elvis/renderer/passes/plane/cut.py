@@ -18,9 +18,9 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import Gaps, beside
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, resolve
-from elvis.renderer.proof import proved
+from elvis.renderer.proof import prove
 from elvis.renderer.tiles import tiles_by_section
-from elvis.scene.conditioning import doubted, slanted
+from elvis.scene.conditioning import doubt, slanted
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView
 
@@ -72,7 +72,7 @@ class Cutter:
         with self.clock.stage("resolve"):
             resolve(pixels, [some[some["status"] != UNKNOWN] for some in candidates])
             left = [some[some["status"] == UNKNOWN] for some in candidates]
-            resolve(pixels, [proved(self.parts, view, some) for some in left if len(some)])
+            resolve(pixels, [prove(self.parts, view, some) for some in left if len(some)])
         with self.clock.stage("gaps"):
             self.gaps.close(view, pixels, sections)
         if self.far:
@@ -81,7 +81,7 @@ class Cutter:
             self._commit(pixels.committed, image)
         uncertain = slanted(view, self.extent)
         if uncertain is not None:
-            pixels.status = doubted(pixels.status, uncertain)
+            pixels.status = doubt(pixels.status, uncertain)
         for some, first in zip(every, self.first, strict=False):
             some["element"] += np.uint32(first)
         return self._hits(view, pixels, held, np.concatenate(every) if every else None)
@@ -118,7 +118,7 @@ class Cutter:
             self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))
-            candidates = self.device.listed(
+            candidates = self.device.appended(
                 "candidates", draw, lambda lists: draw(len(tiles), {**buffers, **lists}, groups=True)
             )
         with self.clock.stage("retry"):
@@ -129,7 +129,7 @@ class Cutter:
         part = self.parts[number]
         cull = self._kernel("cut_cull", part)
         buffers = {**self.buffers[number], "view": self._view(cull, view, number, len(part))}
-        sections = self.device.listed("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
+        sections = self.device.appended("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
         return sections[np.argsort(sections["element"])]
 
     def _retry(self, number: int, view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.distances.triangle_files import corners_of
-from elvis.core.needing import needed
+from elvis.core.needing import require_module
 from elvis.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
 from elvis.scene.surfaces import Solid
 from elvis.scene.view import View
@@ -70,7 +70,7 @@ def outside(surface: Solid, points: Floats) -> Floats:
     Inside is behind a plane, within a sphere, cylinder or cone, or where closed triangles wind around.
     """
     if isinstance(surface, TriangleMesh):
-        igl = needed("igl", "what lies within a triangle file", "distances")
+        igl = require_module("igl", "what lies within a triangle file", "distances")
 
         corners = triangles(surface.file).reshape(-1, 3)
         faces = np.arange(len(corners)).reshape(-1, 3)

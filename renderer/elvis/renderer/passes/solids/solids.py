@@ -13,7 +13,7 @@ from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.solids.hits import Hits, hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder, Places
-from elvis.scene.conditioning import MOST, doubted, uncertainties
+from elvis.scene.conditioning import MOST, doubt, uncertainties
 from elvis.scene.frame import Status
 from elvis.scene.surfaces import Solid
 from elvis.scene.view import View
@@ -98,7 +98,7 @@ def _weigh(found: HitBuffer, view: View, met: Hits, chosen: Ints, extent: float)
         uncertainty = met.uncertainty[chosen]
     found.uncertainty = np.full(view.count, np.nan)
     found.uncertainty[pixel] = np.where(found.owner[pixel] == NOBODY, np.nan, uncertainty)
-    found.status[pixel] = doubted(found.status[pixel], ~(uncertainty <= MOST * np.maximum(depth, extent)))
+    found.status[pixel] = doubt(found.status[pixel], ~(uncertainty <= MOST * np.maximum(depth, extent)))
 
 
 def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:

@@ -51,7 +51,7 @@ class Visibility:
             with np.errstate(invalid="ignore"):
                 middle = np.where(np.isfinite(after), 0.5 * (ends + after), ends + np.maximum(ends, 1.0))
             middle = np.where(np.isfinite(ends), middle, 0.0)
-            gone = np.array([_gone(own, inside, origins + depth[:, None] * directions) for depth in middle])
+            gone = np.array([_is_taken_away(own, inside, origins + depth[:, None] * directions) for depth in middle])
             count += gone[0]
             depths.append(met)
             changes.append(np.where(np.isfinite(met), np.diff(gone.astype(np.int64), axis=0), 0))
@@ -68,7 +68,7 @@ class Visibility:
         return gone
 
 
-def _gone(surface: Solid, inside: bool, points: Floats) -> Bools:
+def _is_taken_away(surface: Solid, inside: bool, points: Floats) -> Bools:
     """(n,) points (n, 3) on the side of a surface that is taken away."""
     distance = outside(surface, points)
     return np.asarray(distance < 0.0 if inside else distance > 0.0)

@@ -106,15 +106,15 @@ class RayIntegrals:
 
 
 @dataclass(eq=False)
-class _Seen:
+class _VisibleElements:
     """What is seen of a part: tiles, and what the stage that lists their segments needs beside them.
 
-    listed  number of the quantity
+    quantity_index  number of the quantity
     rows    (tiles,) of entries, one for each pixel, that each needs: at most, or likely where elements are curved
     """
 
     number: int
-    listed: int
+    quantity_index: int
     kernel: Kernel
     tiles: NDArray[Any]
     rows: Ints
@@ -150,13 +150,13 @@ class _Band:
         self.lists["room"] = rooms
         self.lists["base"] = np.cumsum(rooms) - rooms
 
-    def of(self, some: _Seen) -> tuple[Bools, NDArray[Any]]:
+    def of(self, some: _VisibleElements) -> tuple[Bools, NDArray[Any]]:
         """(m,) which of the tiles with something of a part are in the band, and the lists of these."""
         at = np.minimum(np.searchsorted(self.places, some.places), len(self) - 1)
         held = self.places[at] == some.places
         lists = self.lists[at[held]]
-        lists["number"] += np.uint32(some.listed * len(self))
-        lists["base"] += np.uint32(some.listed * self.rows)
+        lists["number"] += np.uint32(some.quantity_index * len(self))
+        lists["base"] += np.uint32(some.quantity_index * self.rows)
         return held, lists
 
 
@@ -234,7 +234,7 @@ class _March:
         self.lost = np.zeros(view.count, np.int64)
         self.fixed = {**self.traversal.lines(self.degree), **fragments.buffers}
         self.fixed["ray_integrals"] = self.device.empty(self.march.dtype("ray_integrals"), view.count)
-        self.shared = self._shared()
+        self.shared = self._shared_buffers()
         self.parts = [
             self._list_curved(k, n) if n in curved else self._straight(k, n)
             for k, curved in enumerate(self.curved)
@@ -251,7 +251,7 @@ class _March:
             found &= ~medium.hides(*self.loaded.bounds(number, medium.quantity))
         return found & ~self.visibility.hides(self.loaded.parts[number].boxes)
 
-    def _shared(self) -> dict[str, Any]:
+    def _shared_buffers(self) -> dict[str, Any]:
         """Buffers that all marches share."""
         medium = np.zeros(len(self.media), self.march.dtype("medium"))
         counts = [len(own.transfer.values) for own in self.media]
@@ -272,34 +272,34 @@ class _March:
         gate = 0.25 * self.error / max(densest, 1.0 / length) if any(medium.gate for medium in own) else np.inf
         return min(gate, *(_tolerance(medium.transfer, self.error, length) for medium in own))
 
-    def _kernel(self, stage: str, number: int, listed: int) -> Kernel:
-        return self.device.kernel(stage, self.loaded.parts[number], self.quantities[listed], line_degree=self.degree)
+    def _kernel(self, stage: str, number: int, quantity_index: int) -> Kernel:
+        part, quantity = self.loaded.parts[number], self.quantities[quantity_index]
+        return self.device.kernel(stage, part, quantity, line_degree=self.degree)
 
-    def _straight(self, listed: int, number: int) -> _Seen:
+    def _straight(self, quantity_index: int, number: int) -> _VisibleElements:
         """A part of straight tetrahedra."""
-        kernel = self._kernel("volume_list", number, listed)
-        sections = visible_sections(self.view, self.traversal.corners(number), self.chosen[listed][number])
+        kernel = self._kernel("volume_list", number, quantity_index)
+        sections = visible_sections(self.view, self.traversal.corners(number), self.chosen[quantity_index][number])
         tiles, order = bin_sections(sections.least, sections.most, kernel.dtype("tiles"))
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
-        return _Seen(number, listed, kernel, tiles, counts, {"order": sections.element[order]})
+        return _VisibleElements(number, quantity_index, kernel, tiles, counts, {"order": sections.element[order]})
 
-    def _list_curved(self, listed: int, number: int) -> _Seen:
+    def _list_curved(self, quantity_index: int, number: int) -> _VisibleElements:
         """A part of curved elements, by patches of their faces."""
         if self.renderer.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
-        kernel = self._kernel("volume_trace", number, listed)
+        kernel = self._kernel("volume_trace", number, quantity_index)
         patches, view = self.renderer.faces().visible_patches(self.view, self.bent, number, kernel)
-        patches = patches[self.chosen[listed][number][patches["element"]]]
+        patches = patches[self.chosen[quantity_index][number][patches["element"]]]
         tiles, order = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
-        wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[listed]), APART
+        wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[quantity_index]), APART
         # as many segments as there are elements in a tile
         fresh = np.append(True, np.diff(patches["element"][order].astype(np.int64)) != 0)[: len(order)]
         fresh[tiles["first"]] = True
         counts = np.add.reduceat(fresh.astype(np.int64), tiles["first"]) if len(tiles) else np.zeros(0, np.int64)
-        return _Seen(
-            number, listed, kernel, tiles, counts, {"order": order, "patches": patches, "view": view, "wanted": wanted}
-        )
+        buffers = {"order": order, "patches": patches, "view": view, "wanted": wanted}
+        return _VisibleElements(number, quantity_index, kernel, tiles, counts, buffers)
 
     def bands(self) -> Iterator[_Band]:
         """Groups of tiles whose lists have room together."""
@@ -308,7 +308,7 @@ class _March:
             return
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in self.parts:
-            rows[some.listed, np.searchsorted(places, some.places)] += some.rows
+            rows[some.quantity_index, np.searchsorted(places, some.places)] += some.rows
         most = rows.max(axis=0)
         size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
         fixed = self.march.dtype("stops").itemsize * self.visibility.most
@@ -321,7 +321,7 @@ class _March:
 
     def band(self, band: _Band) -> None:
         """List the segments of the rays of some tiles, then march along them."""
-        lists = self._listed(band)
+        lists = self._list_segments(band)
         # tiles reach beyond the picture's edge
         x, y = (corner[:, None] for corner in corners_of(band.places))
         x, y = x + np.arange(LANES) % TILE, y + np.arange(LANES) // TILE
@@ -347,7 +347,7 @@ class _March:
         tally = device.read(self.fixed["tally"], np.uint32)[: 2 * count].reshape(-1, 2)
         return RayIntegrals(tally, self.lost, lambda: device.read(self.fixed["ray_integrals"], dtype)[:count])
 
-    def _listed(self, band: _Band) -> dict[str, Any]:
+    def _list_segments(self, band: _Band) -> dict[str, Any]:
         """The segments of all parts; once more where the lists of some tiles were too short, which become longer."""
         while True:
             lists = self._empty(len(band), band.rows)
@@ -382,14 +382,14 @@ class _March:
         lists["ranks"], lists["depths"] = self.device.empty(np.uint32, room), self.device.empty(np.float64, room)
         return lists
 
-    def _list(self, some: _Seen, band: _Band, lists: dict[str, Any]) -> None:
+    def _list(self, some: _VisibleElements, band: _Band, lists: dict[str, Any]) -> None:
         """Add the segments of a part in the tiles of a band to lists."""
         held, own = band.of(some)
         if held.any():
             arrays = {**some.data, "tiles": some.tiles[held], "lists": own}
             data = {name: self.device.buffer(array) for name, array in arrays.items()}
             data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(own))
-            bound = self.loaded.bindings(some.number, self.quantities[some.listed])
+            bound = self.loaded.bindings(some.number, self.quantities[some.quantity_index])
             some.kernel(len(own), {**bound, **lists, **data}, groups=True, work=some.rows[held])
 
 
