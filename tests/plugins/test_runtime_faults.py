@@ -228,7 +228,7 @@ def opened(tmp_path, monkeypatch):
 
 
 def test_a_plugin_that_throws_when_asked_is_left_out_with_a_word(opened, monkeypatch):
-    monkeypatch.setattr(opening, "installed", lambda: {"throwing": Throwing, "cubes": Cubes})
+    monkeypatch.setattr(opening, "installed_plugins", lambda: {"throwing": Throwing, "cubes": Cubes})
     said = []
     assert open_files([opened], report=said.append).name == "cubes"
     assert said == ["plugin throwing is left out: asked for a.cubes it raises KeyError: 'magic'"]
@@ -236,13 +236,13 @@ def test_a_plugin_that_throws_when_asked_is_left_out_with_a_word(opened, monkeyp
 
 
 def test_a_plugin_that_throws_when_it_opens_is_named(opened, monkeypatch):
-    monkeypatch.setattr(opening, "installed", lambda: {"failing": Failing})
+    monkeypatch.setattr(opening, "installed_plugins", lambda: {"failing": Failing})
     with pytest.raises(PluginError, match=r"plugin failing: opening a\.cubes: ZeroDivisionError: no elements"):
         open_files([opened])
 
 
 def test_of_several_plugins_the_user_chooses(opened, monkeypatch):
-    monkeypatch.setattr(opening, "installed", lambda: {"cubes": Cubes, "dice": Cubes})
+    monkeypatch.setattr(opening, "installed_plugins", lambda: {"cubes": Cubes, "dice": Cubes})
     with pytest.raises(ElvisError, match=r"a\.cubes: cubes and dice open them all; choose one with --plugin"):
         open_files([opened])
 

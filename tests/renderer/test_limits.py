@@ -185,7 +185,7 @@ def test_an_interrupted_picture_leaves_no_file(run, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(canvas.Canvas, "_drawn", interrupted)
+    monkeypatch.setattr(canvas.Canvas, "_draw_hit_buffers", interrupted)
     status, err, names = run("--faces", "all", "-o", tmp_path / "a.png", "--save-scene", tmp_path / "s.toml")
     assert (status, names) == (130, [])
     assert "interrupted" in err

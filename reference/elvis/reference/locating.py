@@ -60,13 +60,13 @@ class Locator:
         point, patch, row = self._candidates(world)
         reference = np.full((len(point), self._dimension), np.nan)
         status = np.empty(len(point), np.uint8)
-        self._answer("solved", np.arange(len(point)), world, (point, patch, row), reference, status)
+        self._answer("invert", np.arange(len(point)), world, (point, patch, row), reference, status)
 
         # an element in doubt matters unless another one holds the point
         held = np.zeros(len(world), bool)
         held[point[status == Status.INSIDE]] = not all
         doubtful = np.flatnonzero((status == Status.UNCERTAIN) & ~held[point])
-        self._answer("searched", doubtful, world, (point, patch, row), reference, status)
+        self._answer("search", doubtful, world, (point, patch, row), reference, status)
         return self._location(zeta, (point, patch, row), reference, status, all)
 
     def _unroll(self, points: Floats) -> tuple[Floats, Floats]:
