@@ -290,5 +290,7 @@ def whole(color: Floats | NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def constant_of(scene: Scene, values: Floats) -> float | None:
     """The only value that is seen, NaN aside, where colours go by the range of those; None where there are several."""
+    if scene.range is not None:
+        return None
     low, high = np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)
-    return float(low) if scene.range is None and is_constant(low, high) else None
+    return float(low) if is_constant(low, high) else None
