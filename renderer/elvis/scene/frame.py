@@ -233,8 +233,10 @@ class Frame:
 
     def counts(self) -> dict[str, int]:
         """Pixels by status, and those that are seen but are not finite numbers."""
-        # row by row, as pictures may be large
-        numbers = sum((np.bincount(row, minlength=len(Status)) for row in self.status), np.zeros(len(Status), np.int64))
+        # some rows at a time, as pictures may be large
+        rows = max(1, _AT_ONCE // max(1, self.status.shape[1]))
+        blocks = (self.status[first : first + rows].ravel() for first in range(0, len(self.status), rows))
+        numbers = sum((np.bincount(block, minlength=len(Status)) for block in blocks), np.zeros(len(Status), np.int64))
         by_status = {status.name.lower(): int(numbers[status.value]) for status in Status}
         undefined = self.stats.get("not_a_number")
         if undefined is None:

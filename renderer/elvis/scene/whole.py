@@ -1,6 +1,7 @@
 """Cameras and scenes."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,6 +13,24 @@ from elvis.scene.surfaces import Plane, Surface, Vector, unit
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
+
+
+#: sine of the angle between a view and ``up`` below which another direction is upwards
+ALONG_UP = 1e-12
+
+
+@lru_cache(maxsize=64)
+def _basis(eye: Vector, at: Vector, up: Vector) -> "tuple[Floats, Floats, Floats]":
+    """See Camera.basis, which each pass of a picture asks many times."""
+    import numpy as np
+
+    from elvis.core.arrays import frozen_floats
+
+    forward = unit(np.subtract(at, eye), "the view of the camera (at - eye)")
+    if np.abs(np.cross(forward, unit(up, "up of the camera"))).max() < ALONG_UP:
+        up = (0.0, 0.0, 1.0) if abs(forward[1]) > 0.9 else (0.0, 1.0, 0.0)
+    right = unit(np.cross(forward, up), "up × view of the camera")
+    return frozen_floats(right), frozen_floats(np.cross(right, forward)), frozen_floats(forward)
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,18 +60,9 @@ class Camera(Model):
         Where the camera looks along ``up``, y is upwards, and z where it looks along that.
         Raises SceneError where the view or ``up`` has no direction.
         """
-        import numpy as np
-
-        forward = unit(np.subtract(self.at, self.eye), "the view of the camera (at - eye)")
-        up, upward = self.up, unit(self.up, "up of the camera")
-        if np.abs(np.cross(forward, upward)).max() < ALONG_UP:
-            up = (0.0, 0.0, 1.0) if abs(forward[1]) > 0.9 else (0.0, 1.0, 0.0)
-        right = unit(np.cross(forward, up), "up × view of the camera")
-        return right, np.cross(right, forward), forward
+        return _basis(*(tuple(map(float, vector)) for vector in (self.eye, self.at, self.up)))
 
 
-#: sine of the angle between a view and ``up`` below which another direction is upwards
-ALONG_UP = 1e-12
 #: suffixes of pictures that hold lines and texts as such
 VECTORS = (".svg", ".pdf")
 #: the direction that a named view looks along, and its upward direction
