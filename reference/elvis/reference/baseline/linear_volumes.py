@@ -6,19 +6,17 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.clipping import is_clipped
 from elvis.reference.composing import Fragments
 from elvis.reference.scenes.cuts import surface_hits
 from elvis.reference.scenes.rasters import barycentric_gradients, boxed
-from elvis.reference.scenes.segments import Segments, points_of
-from elvis.reference.scenes.volumes import Medium, depths_by_pixel, integrated, lengths, points_along
+from elvis.reference.scenes.ray_integrals import Light, RayIntegral
+from elvis.reference.scenes.segments import Segments, lengths, points_of
+from elvis.reference.scenes.volumes import Medium, depths_by_pixel
 from elvis.scene import Clip, Implicit, Transfer
 from elvis.scene.view import View
-
-#: parts of the segment through a tetrahedron, of two Gauss points each
-_PARTS = 8
 
 
 def volume_fragments(
@@ -28,7 +26,7 @@ def volume_fragments(
 
     media  of each volume, with colours
     """
-    found, places = [], points_along(_PARTS)
+    found = []
     surfaces = [clip.surface for clip in clips]
     names = [*(name for name, _ in media), *(own.expression for own in surfaces if isinstance(own, Implicit))]
     walls = [
@@ -41,12 +39,13 @@ def volume_fragments(
     for segments in _segments(mesh.part(emitting), names, view):
         parted = segments.between([*cuts, *walls])
         for column in range(len(media), len(names)):
-            parted = _split_at_zero(parted, column)
+            parted = _split_at_level(parted, column)
         parted = parted.part(~_is_taken_away(parted, clips, names, view, mesh.size))
-        values = [
-            parted.first[:, None, i] + places * (parted.last - parted.first)[:, None, i] for i in range(len(media))
-        ]
-        color, alpha = integrated(values, lengths(parted, view), [transfer for _, transfer in media])
+        for column, (_, transfer) in enumerate(media):
+            for level in transfer.values:
+                parted = _split_at_level(parted, column, level)
+        light = _light(parted, [transfer for _, transfer in media], lengths(parted, view))
+        color, alpha = light.color, light.alpha
         shown = alpha > 0
         depth = 0.5 * (parted.near + parted.far)
         found.append(Fragments(parted.pixel[shown], depth[shown], color[shown], alpha[shown]))
@@ -64,9 +63,21 @@ def _dark(values: Floats, transfer: Transfer) -> Bools:
     return ~lit
 
 
-def _split_at_zero(segments: Segments, column: int) -> Segments:
-    """Segments parted where one of their values is zero."""
-    first, last = segments.first[:, column], segments.last[:, column]
+def _light(segments: Segments, transfers: Sequence[Transfer], length: Floats) -> Light:
+    """The light of segments between which values are linear; ``length`` (k,) in world units."""
+
+    def values(which: Ints, shares: Floats) -> list[Floats]:
+        first, last = segments.first[which, :, None], segments.last[which, :, None]
+        every = first + shares[:, None] * (last - first)
+        return [every[:, column] for column in range(len(transfers))]
+
+    rounding = np.zeros((len(segments), len(transfers)))
+    return RayIntegral(values, transfers, length, rounding, 1).light()
+
+
+def _split_at_level(segments: Segments, column: int, level: float = 0.0) -> Segments:
+    """Segments parted where one of their values passes a level."""
+    first, last = segments.first[:, column] - level, segments.last[:, column] - level
     which = np.flatnonzero((first < 0) != (last < 0))
     share = (first[which] / (first - last)[which])[:, None]
     middle = segments.first[which] + share * (segments.last - segments.first)[which]

@@ -25,7 +25,7 @@ from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
-from elvis.reference.scenes.volumes import between_kinks, ray_integrals, visible
+from elvis.reference.scenes.volumes import VolumeRays
 from elvis.reference.sources import Source
 from elvis.scene import (
     Camera,
@@ -175,7 +175,8 @@ class Scenery:
             for (shown, hits), own in zip(stacks, lines, strict=True)
             for surface in self._surfaces(shown, hits, scene, view, ranges, own)
         ]
-        fragments = self._volume_fragments(scene, view, [surface.hits.depth for surface in seen], ranges)
+        cuts = [surface.hits.depth for surface in seen]
+        fragments, unknown = self._volume_fragments(scene, view, cuts, ranges)
         ends = ranges.get(scene.field) or _ends(scene)
         made = record(seen, scene, view, ends, fragments)
         status = made.status.astype(np.uint8)
@@ -183,6 +184,7 @@ class Scenery:
         for part in fragments:
             covered = part.pixel[part.alpha > 0]
             status.ravel()[covered[status.ravel()[covered] == Status.MISS]] = Status.CERTAIN
+        status[unknown.reshape(status.shape) & (status == Status.CERTAIN)] = Status.AMBIGUOUS
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.of_name(scene.palette, *ends).over_range(scene.bar)
         legends = (Legend(scene.field, palette, bar=scene.bar, constant=constant_of(scene, made.field)),)
@@ -190,25 +192,27 @@ class Scenery:
         stats = {} if line_status is None else {"contours": contour_counts(line_status)}
         return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)
 
-    def _volume_fragments(self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges) -> list[Fragments]:
-        """What the volumes add between the depths (n,) of surfaces."""
+    def _volume_fragments(
+        self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges
+    ) -> tuple[list[Fragments], Bools]:
+        """What volumes add between the depths (n,) of surfaces; pixels (n,) where it is known less well than asked."""
         shown = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
         if not shown:
-            return []
+            return [], np.zeros(view.count, bool)
         self._check_solid("volumes")
         names = [item.quantity or scene.field for item in shown]
         media = [
             (name, colored(item.transfer, scene, ranges.get(name))) for name, item in zip(names, shown, strict=True)
         ]
-        found, begun = [], beginnings(lambda: self.locator, view, self.box)
-        patches = self.quantities.patches
+        begun, patches = beginnings(lambda: self.locator, view, self.box), self.quantities.patches
         every = [segments_through(number, patch, view, self.size, begun) for number, patch in enumerate(patches)]
+        found, errors = [], np.zeros(view.count)
         for patch, own in zip(patches, without_overlaps(every, self.size), strict=True):
-            segments = visible(own.between(cuts), patch, self.quantities, scene.clip, view, self.size)
-            segments = between_kinks(segments, patch, self.quantities, media, view)
-            color, alpha = ray_integrals(segments, patch, self.quantities, media, view, self.size)
-            found.append(Fragments(segments.pixel, 0.5 * (segments.near + segments.far), color, alpha))
-        return found
+            rays = VolumeRays(patch, self.quantities, view, self.size, self._greatest(view))
+            fragments, error = rays.fragments(own.between(cuts), scene.clip, media)
+            errors += np.bincount(fragments.pixel, error, view.count)
+            found.append(fragments)
+        return found, errors > min(item.error for item in shown)
 
     def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:
         """The surfaces of one object, nearest first, as far as they are seen."""

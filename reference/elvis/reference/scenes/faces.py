@@ -7,6 +7,7 @@ distance of a triangle are its candidates, and Newton's method on the exact face
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from elvis.core.cutting import template
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.patch import Patch
 from elvis.reference.baseline.templates import pulling
+from elvis.reference.chebyshev import map_degrees
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
 from elvis.reference.scenes.rasters import among, on_screen, pixels_near
@@ -26,8 +28,6 @@ from elvis.scene.view import View
 _FLAT, _DEEPEST = 0.25, 6
 #: pixels by which all candidates are wider, and how much wider than what was measured at the middles of sides
 _WIDER, _SAFETY = 0.05, 2.0
-#: cosine between a ray and a face below which it may turn away within a triangle
-_STEEP = 0.35
 #: cosine below which a hit is at a silhouette, as certain as rounding allows
 _GRAZING = 1e-6
 
@@ -42,23 +42,47 @@ def face_crossings(
     found = []
     for local, face in enumerate(faces_of(patch)):
         rows = np.flatnonzero(chosen[:, local])
-        for own, corners, starts, slack in _triangles(patch, face, rows, view):
-            for triangle, pixel in pixels_near(view, corners, slack):
+        for some in _triangles(patch, face, rows, view):
+            for triangle, pixel in pixels_near(view, some.corners, some.slack):
                 if wanted is not None:
-                    known = among(wanted, own[triangle] * view.count + pixel)
+                    known = among(wanted, some.rows[triangle] * view.count + pixel)
                     triangle, pixel = triangle[known], pixel[known]
-                found += _decide(number, patch, face, own, corners, starts, triangle, pixel, view, size)
+                found += _decide(number, patch, face, some.part(triangle), pixel, view, size)
     return Crossings.concatenate(found).distinct(size)
 
 
-def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
+@dataclass(frozen=True, eq=False)
+class _Triangles:
+    """Flat triangles in the place of curved faces.
+
+    rows     (m,)       of their elements
+    corners  (m, 3, 3)  in the world
+    starts   (m, 3, 3)  reference coordinates of the corners
+    slack    (m,)       pixels by which candidates may lie outside of them
+    folded   (m,)       whether a ray may meet the face more than once next to them, as far as is proved
+    """
+
+    rows: Ints
+    corners: Floats
+    starts: Floats
+    slack: Floats
+    folded: Bools
+
+    def part(self, which: Ints) -> _Triangles:
+        """Some of the triangles."""
+        return _Triangles(*(getattr(self, own.name)[which] for own in fields(self)))
+
+
+def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[_Triangles]:
     """Flat triangles of faces, those of like cuts together.
 
-    Yields rows (m,) of their elements, world corners (m, 3, 3), reference corners (m, 3, 3), and pixels (m,) by which
-    candidates may lie outside of them.
+    How far a face is from its triangles is measured in the middles of sides.  Along a line these are differences of
+    second order: of a polynomial of degree p it takes p - 1 of them to tell that there is no other, so first cuts are
+    as fine as that.
     """
-    base = face.frame
-    for level in range(_DEEPEST + 1):
+    base, first = face.frame, max(max(map_degrees(patch)) - 2, 0).bit_length()
+    deepest = max(first, _DEEPEST)
+    for level in range(first, deepest + 1):
         if not len(rows):
             return
         cut = template(face.kind, level)
@@ -71,14 +95,31 @@ def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[tup
         # how far the face bends away from the sides, on the screen
         flat = 0.5 * (world + np.roll(world, -1, axis=2))
         (at, ahead), (off, _) = on_screen(view, flat), on_screen(view, bent)
-        away = np.where(ahead, np.linalg.norm(at - off, axis=-1), 0.0).max(axis=(1, 2))
-        ready = (away <= _FLAT) | (level == _DEEPEST)
+        away = np.where(ahead, np.linalg.norm(at - off, axis=-1), 0.0).max(axis=2)
+        furthest = away.max(axis=1)
+        ready = (furthest <= _FLAT) | (level == deepest)
         count = int(ready.sum())
         if count:
-            slack = np.repeat(_SAFETY * away[ready] + _WIDER, len(cells))
+            slack = np.repeat(_SAFETY * furthest[ready] + _WIDER, len(cells))
+            folded = _is_folded(view, world[ready].reshape(-1, 3, 3), away[ready].ravel())
             starts = np.tile(corners, (count, 1, 1))
-            yield np.repeat(rows[ready], len(cells)), world[ready].reshape(-1, 3, 3), starts, slack
+            yield _Triangles(np.repeat(rows[ready], len(cells)), world[ready].reshape(-1, 3, 3), starts, slack, folded)
         rows = rows[~ready]
+
+
+def _is_folded(view: View, corners: Floats, away: Floats) -> Bools:
+    """(m,) which triangles (m, 3, 3) may have a point of the screen twice, with faces ``away`` (m,) pixels from them.
+
+    In barycentric coordinates l the face is the triangle and 4 d_ij l_i l_j, with d_ij in the middles of sides, next to
+    what is of higher order.  Along a direction v that changes by 8 |d| max |v| at most, and the triangle by its least
+    height times max |v| at least.  Where that is more, no place is met twice.
+    """
+    screen, front = on_screen(view, corners)
+    sides = np.roll(screen, -1, axis=1) - screen
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    with np.errstate(invalid="ignore"):
+        return np.asarray(~front.all(axis=1) | ~(8 * _SAFETY * away * longest < area))
 
 
 def _place(patch: Patch, rows: Ints, points: Floats) -> Floats:
@@ -87,37 +128,25 @@ def _place(patch: Patch, rows: Ints, points: Floats) -> Floats:
 
 
 def _decide(
-    number: int,
-    patch: Patch,
-    face: Face,
-    rows: Ints,
-    corners: Floats,
-    starts: Floats,
-    triangle: Ints,
-    pixel: Ints,
-    view: View,
-    size: float,
+    number: int, patch: Patch, face: Face, triangles: _Triangles, pixel: Ints, view: View, size: float
 ) -> list[Crossings]:
-    """The hits among candidate pairs of a triangle and a pixel: from the middle of each, and where it is steep from
-    its corners too."""
+    """The hits among candidate pairs of a triangle and a pixel: from the middle of each, and where rays may meet the
+    face more than once from its corners too."""
     row, column = np.divmod(pixel, view.width)
     origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
-    steep = _is_steep(corners[triangle], directions)
     found = []
-    for start, which in _starts(starts[triangle], corners[triangle], origins, directions, steep):
-        own = rows[triangle[which]]
+    for start, which in _starts(triangles, origins, directions):
+        own = triangles.rows[which]
         roots = solve(patch, own, start, origins[which], directions[which], _on_face(face), size)
         found.append(_hits(number, face, own, pixel[which], roots, directions[which]))
     return found
 
 
-def _starts(
-    reference: Floats, corners: Floats, origins: Floats, directions: Floats, steep: Bools
-) -> Iterator[tuple[Floats, Ints]]:
+def _starts(triangles: _Triangles, origins: Floats, directions: Floats) -> Iterator[tuple[Floats, Ints]]:
     """Starting points (k, 3) and the candidates (k,) that they are for."""
-    every = np.arange(len(reference))
-    yield np.einsum("nk,nki->ni", weights(corners, origins, directions), reference), every
-    which = np.flatnonzero(steep)
+    reference, every = triangles.starts, np.arange(len(triangles.rows))
+    yield np.einsum("nk,nki->ni", weights(triangles.corners, origins, directions), reference), every
+    which = np.flatnonzero(triangles.folded)
     for corner in range(3) if len(which) else ():
         yield reference[which, corner], which
 
@@ -134,13 +163,6 @@ def weights(corners: Floats, origins: Floats, directions: Floats) -> Floats:
     found = np.nan_to_num(np.column_stack([1 - second - third, second, third]), nan=1 / 3, posinf=1, neginf=0)
     found = np.clip(found, 0, 1)
     return np.asarray(found / found.sum(axis=1, keepdims=True))
-
-
-def _is_steep(corners: Floats, directions: Floats) -> Bools:
-    """(n,) triangles that rays meet at small angles."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sizes = np.linalg.norm(normal, axis=1) * np.linalg.norm(directions, axis=1)
-    return np.asarray(np.abs(np.einsum("ni,ni->n", normal, directions)) < _STEEP * sizes)
 
 
 def _on_face(face: Face) -> Constraint:

@@ -183,3 +183,10 @@ def followed(patch: Patch, rows: Ints, start: Floats, points: Floats, enough: fl
         if not len(active):
             break
     return reference
+
+
+def lengths(segments: Segments, view: View) -> Floats:
+    """(k,) lengths of segments in world units."""
+    row, column = np.divmod(segments.pixel, view.width)
+    directions = view.rays(column.astype(np.float64), row.astype(np.float64))[1]
+    return np.asarray(np.linalg.norm(directions, axis=1) * (segments.far - segments.near))
