@@ -18,7 +18,7 @@ class Case:
 
     @property
     def callspec(self):
-        return SimpleNamespace(indices={"shape": self.shape, "view": self.view, "seed": self.seed})
+        return SimpleNamespace(params={"shape": self.shape, "view": self.view, "seed": self.seed})
 
     def get_closest_marker(self, name):
         return self.mark
@@ -59,3 +59,13 @@ def test_a_seed_has_a_sample_of_its_own(tests, monkeypatch):
 
 def test_families_without_the_marker_are_whole(tests):
     assert tests.sample("a", cases(None)) == cases(None)
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("shape", range(3))
+@pytest.mark.parametrize("view", range(3))
+def test_pytest_tells_values_as_these_cases_do(request, shape, view):
+    """This family itself is sampled, unless it is named or all run."""
+    assert request.node.callspec.params == {"shape": shape, "view": view}
+    cases = [item for item in request.session.items if item.originalname == request.node.originalname]
+    assert len(cases) in (3, 9) or "::" in " ".join(request.config.args)

@@ -55,6 +55,7 @@ def assert_exact(report):
         assert measure.relative < 1e-12, measure
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("p", [1, 2, 3, 5])
 @pytest.mark.parametrize("shape", list(Shape))
 def test_polynomials_on_curved_meshes_arrive_exactly(shape, p):
@@ -76,6 +77,7 @@ def test_mixed_meshes_turned_and_numbered_at_random_arrive_exactly(seed):
         assert not conversion.report.listed["inverted"]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shape", [*VOLUMES, Shape.TRIANGLE])
 @pytest.mark.parametrize("p", [1, 2, 3])
 def test_errors_of_smooth_fields_shrink_with_order_p_plus_1(shape, p):
@@ -90,6 +92,7 @@ def test_errors_of_smooth_fields_shrink_with_order_p_plus_1(shape, p):
     assert rates[1] > p + 1 - 0.25
 
 
+@pytest.mark.sampled(free=("seed",))
 @pytest.mark.parametrize("is_polynomial", [True, False])
 @pytest.mark.parametrize("seed", range(3))
 def test_traces_of_continuous_fields_are_equal_to_the_last_bit(seed, is_polynomial):

@@ -113,7 +113,7 @@ def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys)
 def test_meshes_are_kept_on_request(block_files, tmp_path):
     import trimesh
 
-    iso = ["--isosurface", "0.2", "--camera", "iso", "--size", "40x30", "--device", "reference", "--refinements", "1"]
+    iso = ["--isosurface", "0.2", "--camera", "iso", "--size", "20x15", "--device", "reference", "--refinements", "1"]
     done = run(*block_files, *iso, "--meshes", "ply,glb", "-o", tmp_path / "report")
     assert done.exit_code == 0, done.output
     names = {path.name for path in (tmp_path / "report" / "meshes").iterdir()}

@@ -258,7 +258,7 @@ def test_rays_may_begin_within_elements(shape):
         Camera((0.4, 0.3, 0.45), (0.9, 0.8, 0.6), fov=70.0),
         Camera((0.3, 0.45, 0.4), (0.9, 0.8, 0.6), height=0.2),
     ):
-        scene = Scene("u", camera=camera, size=(24, 20), objects=(volume,))
+        scene = Scene("u", camera=camera, size=(12, 10), objects=(volume,))
         data = solid(shape, function=lambda x: x[:, 0])
         frame = render(data, scene)
         origins, directions = rays(frame)
@@ -266,8 +266,8 @@ def test_rays_may_begin_within_elements(shape):
         near, far = cube_depths(origins, directions)
         length = np.nan_to_num((far - np.maximum(near, 0)) * np.linalg.norm(directions, axis=-1)) * (far > 0)
         assert np.abs(frame.color[..., 0] - np.exp(-1.7 * length)).max() < 1e-9
-        level = render(solid(shape, function=lambda x: x[:, 0]), replace(scene, objects=(Isosurface((0.35, 0.5)),)))
-        assert level.seen.sum() > 100
+        level = render(data, replace(scene, objects=(Isosurface((0.35, 0.5)),)))
+        assert level.seen.sum() > 25
         assert np.abs(level.position[..., 0] - np.where(origins[..., 0] < 0.35, 0.35, 0.5))[level.seen].max() < 1e-12
 
 

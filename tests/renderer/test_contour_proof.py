@@ -71,6 +71,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize(("shape", "bent", "field", "levels", "doubtful"), CASES)
 def test_what_is_certain_of_contours_is_right(renderer, camera, shape, bent, field, levels, doubtful):

@@ -18,7 +18,7 @@ from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)
-#: of eight pictures with a million pixels in all
+#: of eight pictures, with a million pixels in all
 WIDE = (380, 330)
 PARALLEL = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 VIEWS = {"parallel": PARALLEL, "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=40.0)}
@@ -49,8 +49,8 @@ def iso(renderer):
     return draw
 
 
-def cube(shape, function, modes, cells=2, curved_mesh=True):
-    """The unit cube, bent, with a field given in world coordinates."""
+def cube(shape, function, modes=4, cells=2, curved_mesh=True):
+    """The unit cube, bent, with a field given in world coordinates; of an order whose kernels most tests have."""
     mesh = grid(shape, cells)
     return with_field(curved(mesh, bent, 3) if curved_mesh else mesh, function, modes)
 
@@ -83,11 +83,12 @@ def quadric(points):
     return (points - CENTRE) ** 2 @ WEIGHTS
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("camera", VIEWS)
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_an_ellipsoid_on_curved_elements(iso, shape, camera):
     view = View.through(VIEWS[camera], WIDE)
-    hits, _ = iso(cube(shape, quadric, 5), view, LEVEL)
+    hits, _ = iso(cube(shape, quadric), view, LEVEL)
     truth, clear = nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL))
     assert np.isfinite(truth).mean() > 0.1
 
@@ -118,19 +119,18 @@ def check(hits, truth, clear):
     assert (hits.status[both] == Status.CERTAIN).sum() >= 0.9 * both.sum()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("camera", VIEWS)
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_an_ellipsoid_on_straight_elements(iso, shape, camera, monkeypatch):
     monkeypatch.setitem(globals(), "straightened", lambda points: points)
     view = View.through(VIEWS[camera], SIZE)
-    hits, _ = iso(cube(shape, quadric, 5, curved_mesh=False), view, LEVEL)
+    hits, _ = iso(cube(shape, quadric, curved_mesh=False), view, LEVEL)
     check(hits, *nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL)))
 
 
 def test_both_ways_through_straight_tetrahedra_agree(iso, renderer, monkeypatch):
-    dataset = cube(
-        Shape.TETRAHEDRON, lambda p: np.sin(2 * p[:, 0]) * np.cos(3 * p[:, 1]) + p[:, 2], 4, curved_mesh=False
-    )
+    dataset = cube(Shape.TETRAHEDRON, lambda p: np.sin(2 * p[:, 0]) * np.cos(3 * p[:, 1]) + p[:, 2], curved_mesh=False)
     view = View.through(PARALLEL, SIZE)
     hits, drawer = iso(dataset, view, 0.4)
     monkeypatch.setattr(type(drawer.traversal), "is_straight", lambda *_: False)
@@ -212,7 +212,7 @@ def test_linked_rings_lie_before_and_behind_one_another(iso, monkeypatch):
 
 def test_a_blob_within_one_element_is_found(iso):
     centre = np.array([0.43, 0.61, 0.37])
-    dataset = cube(Shape.HEXAHEDRON, lambda p: ((p - centre) ** 2).sum(axis=1), 5, cells=1)
+    dataset = cube(Shape.HEXAHEDRON, lambda p: ((p - centre) ** 2).sum(axis=1), cells=1)
     view = View.through(PARALLEL, (200, 200))
     for radius in (0.04, 0.012, 0.004):
         hits, _ = iso(dataset, view, radius**2)
@@ -227,7 +227,7 @@ def test_the_next_surface_lies_beyond_the_last(iso, shape, monkeypatch):
     if shape is Shape.TETRAHEDRON:
         monkeypatch.setitem(globals(), "straightened", lambda points: points)
     view = View.through(PARALLEL, SIZE)
-    dataset = cube(shape, quadric, 5, curved_mesh=shape is Shape.PRISM)
+    dataset = cube(shape, quadric, curved_mesh=shape is Shape.PRISM)
     roots, beyond = quadric_roots(view, CENTRE, WEIGHTS, LEVEL), 0.0
     for _ in range(3):
         hits, _ = iso(dataset, view, LEVEL, np.broadcast_to(beyond, view.count).copy())
@@ -243,7 +243,7 @@ def test_rays_that_touch_a_sphere_are_never_called_certain_wrongly(iso, shape):
     camera = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.0)
     view = View.through(camera, (51, 51))
     radius, centre = 15 / 51, np.array([0.5, 0.5, 0.5])
-    mesh = cube(shape, lambda p: ((p - centre) ** 2).sum(axis=1), 4, curved_mesh=False)
+    mesh = cube(shape, lambda p: ((p - centre) ** 2).sum(axis=1), curved_mesh=False)
     hits, _ = iso(mesh, view, radius**2)
     y, x = np.divmod(np.arange(view.count), 51)
     squared = (x - 25) ** 2 + (y - 25) ** 2
@@ -267,7 +267,7 @@ def offset(dataset, rows, amount):
 
 def test_cracks_between_elements_stay_open(iso, monkeypatch):
     """Planes z = 0.5 and z = 0.4 on the two sides of x = 1/2: seen from above and the lower side, the step is a gap."""
-    plain = cube(Shape.HEXAHEDRON, lambda p: p[:, 2], 3, curved_mesh=False)
+    plain = cube(Shape.HEXAHEDRON, lambda p: p[:, 2], curved_mesh=False)
     right = np.flatnonzero(np.arange(8) % 2 == 1)
     dataset = offset(plain, right, 0.1)
     view = View.through(Camera((4.0, 0.5, 2.5), (0.5, 0.5, 0.45), height=0.6), (60, 60))
@@ -287,12 +287,12 @@ def test_cracks_between_elements_stay_open(iso, monkeypatch):
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
 def test_elements_that_are_constant_or_not_numbers_are_left_out_and_counted(iso, shape):
-    plain = cube(shape, lambda p: p[:, 2], 3, curved_mesh=False)
+    plain = cube(shape, lambda p: p[:, 2], curved_mesh=False)
     count = len(plain.fields[0].blocks[0].coefficients)
     block = plain.fields[0].blocks[0]
     values = np.array(block.coefficients)
     values[0] = np.nan
-    values[1] = 0.25 * np.rint(approximated(plain, "one", lambda p: np.ones(len(p)), 3).blocks[0].coefficients[1])
+    values[1] = 0.25 * np.rint(approximated(plain, "one", lambda p: np.ones(len(p)), 4).blocks[0].coefficients[1])
     dataset = Dataset(plain.mesh, (replace(plain.fields[0], blocks=(replace(block, coefficients=values),)),))
     view = View.through(PARALLEL, SIZE)
     hits, drawer = iso(dataset, view, 0.25)
@@ -311,7 +311,7 @@ def test_random_quadrics_on_curved_elements(iso, seed):
     level = float(weights @ rng.uniform(0, 0.1, 3))
     eye = 0.5 + 2.2 * unit(rng.normal(size=3), "eye")
     view = View.through(Camera(tuple(eye), (0.5, 0.5, 0.5), fov=40.0 + 20 * (seed % 2)), SIZE)
-    hits, _ = iso(cube(shape, lambda p: (p - centre) ** 2 @ weights, 5), view, level)
+    hits, _ = iso(cube(shape, lambda p: (p - centre) ** 2 @ weights), view, level)
     check(hits, *nearest_inside(view, quadric_roots(view, centre, weights, level)))
 
 

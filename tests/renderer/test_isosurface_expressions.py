@@ -83,6 +83,7 @@ def refute(iso, dataset, quantity, value, size, share, camera=CAMERA):
     assert (hits.depth[sure] <= crossings[sure]).all()
 
 
+@pytest.mark.sampled(free=("shape",))
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
 def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
     """The Q criterion on bent elements is a fraction."""

@@ -123,6 +123,7 @@ def square_distance(center):
     return lambda points: ((points[..., :2] - center) ** 2).sum(axis=-1) + 0.3 * (points[..., 2] - 0.52)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
 def test_circles(cut, shape, camera):

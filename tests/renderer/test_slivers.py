@@ -49,19 +49,21 @@ def cut(renderer):
     return cut
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("shape", PLANES, ids=lambda shape: shape.label)
 def test_contours_don_t_depend_on_how_thin_elements_are(cut, shape, turn):
     """The same linear field on one strip of 1.8 pixels and on nine of 0.2."""
     drawn = []
     for count in (1, 9):
-        dataset = with_field(strips(shape, 1.8 / count, count, turn), lambda p: p[..., 1] + 0.3 * p[..., 0], 2)
+        dataset = with_field(strips(shape, 1.8 / count, count, turn), lambda p: p[..., 1] + 0.3 * p[..., 0], 5)
         lines, view, hits = cut(dataset, PLANES[shape])
         drawn.append(lines.contours(view, hits, np.linspace(0.3, 0.9, 7), 1.0).coverage)
     assert (drawn[0] > 0.5).sum() > 300
     assert np.abs(drawn[0] - drawn[1]).max() < 0.02
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("turn", "power"), [*((turn, 1) for turn in TURNS), (0.0, 3)])
 @pytest.mark.parametrize("shape", PLANES, ids=lambda shape: shape.label)
 def test_a_contour_within_a_strip_of_a_fifth_of_a_pixel(cut, shape, turn, power):

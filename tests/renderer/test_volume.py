@@ -42,6 +42,7 @@ def chord(view, **box):
     return np.where(met, (leave - np.maximum(enter, 0)) * np.linalg.norm(view.every_ray()[1], axis=1), 0.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("camera", VIEWS)
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_segments_add_up_to_the_chord(integrate, shape, camera):
@@ -81,6 +82,7 @@ def jostled(points):
     return points + 0.1 * inner * (1 - inner) * (1 + np.roll(points, 1, axis=1))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
 def test_boundary_layers_of_aspect_a_hundred_thousand(integrate, shape, bent):
@@ -99,6 +101,7 @@ def test_boundary_layers_of_aspect_a_hundred_thousand(integrate, shape, bent):
         assert not light.lost.any()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
 def test_holes_and_separate_parts(integrate, shape, bent):

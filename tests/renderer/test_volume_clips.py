@@ -80,7 +80,7 @@ SURFACES = {
 @pytest.mark.parametrize("kind", SURFACES)
 def test_chords_inside_and_outside_of_clips(integrate, kind, camera):
     view = View.through(VIEWS[camera], SIZE)
-    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 3)
     scale = np.linalg.norm(view.every_ray()[1], axis=1)
     inside = scale * overlap(spans(view, kind), box_spans(view))
     assert inside.max() > 0.2
@@ -94,7 +94,7 @@ def test_chords_inside_and_outside_of_clips(integrate, kind, camera):
 def test_what_one_clip_leaves_another_takes(integrate, camera):
     """Out of the sphere, behind the plane, within the cylinder: lengths by counting points along rays."""
     view = View.through(VIEWS[camera], (20, 16))
-    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 3)
     kept = {"sphere": "inside", "plane": "outside", "cylinder": "outside"}
     clips = [Clip(SURFACES[kind], away) for kind, away in kept.items()]
     depths = (np.arange(40000) + 0.5) * 8.0 / 40000
@@ -111,7 +111,7 @@ def test_what_one_clip_leaves_another_takes(integrate, camera):
 def test_cones_in_closed_form(integrate):
     """Along the axis of a cone of 45 degrees, from its side: the part beyond the apex that lies within."""
     view = View.through(VIEWS["parallel"], SIZE)
-    data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 2)
+    data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 3)
     forward = np.asarray(view.camera.basis()[2])
     apex = np.array([0.5, 0.55, 0.55])
     cone = Cone(tuple(apex), tuple(forward), 30.0)
@@ -132,7 +132,7 @@ def test_meshes_of_triangles(integrate, tmp_path):
     box.apply_translation((low + high) / 2)
     box.export(tmp_path / "box.stl")
     view = View.through(VIEWS["perspective"], SIZE)
-    data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 2)
+    data = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 0], 3)
     inside = chord(view, low=low, high=high)
     for away, expected in (("outside", inside), ("inside", chord(view) - inside)):
         light = integrate(data, view, EVEN, clips=[Clip(TriangleMesh(str(tmp_path / "box.stl")), away)])
@@ -143,7 +143,7 @@ def test_meshes_of_triangles(integrate, tmp_path):
 def test_clips_by_a_quantity(integrate, away):
     """The sphere as an expression: it is cut where the quantity along the ray is zero."""
     view = View.through(VIEWS["perspective"], SIZE)
-    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 3)
     name = "(x-0.45)^2 + (y-0.55)^2 + (z-0.5)^2 - 0.09"
     light = integrate(data, view, EVEN, Medium.clip(name, away))
     inside = np.linalg.norm(view.every_ray()[1], axis=1) * overlap(spans(view, "sphere"), box_spans(view))
@@ -166,7 +166,7 @@ def test_two_volumes_of_half_the_density_are_one(integrate):
 def test_volumes_of_two_quantities_are_mixed(integrate):
     """Red of density 2 everywhere, green of density 3 where y > 1/2: C and alpha of each stretch follow from both."""
     view = View.through(VIEWS["parallel"], SIZE)
-    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 2)
+    data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 3)
     red = Medium(Transfer((0.0,), (2.0,), ((1.0, 0.0, 0.0),)))
     green = Medium(Transfer((0.5 - 1e-12, 0.5), (0.0, 3.0), ((0.0, 1.0, 0.0),) * 2), "y")
     light = integrate(data, view, red, green, error=1e-6)
