@@ -1,4 +1,4 @@
-"""Reading takes at most three times the memory of what it returns, measured on about 200,000 tetrahedra."""
+"""Reading takes at most three times the memory of what it returns, measured on about 80,000 tetrahedra."""
 
 import itertools
 import tracemalloc
@@ -49,7 +49,7 @@ def distinct(rows):
 
 @pytest.fixture(scope="module")
 def dataset():
-    mesh = tetrahedra(32)
+    mesh = tetrahedra(24)
     ids = mesh.of(Shape.TETRAHEDRON).ids
     values = np.random.default_rng(1).standard_normal((len(ids), 20))
     block = Block(Expansion(Shape.TETRAHEDRON, TETRAHEDRON, (4, 4, 4)), ids, values)
