@@ -49,8 +49,9 @@ def iso(renderer):
     return draw
 
 
-def cube(shape, function, modes=4, cells=2, curved_mesh=True):
-    """The unit cube, bent, with a field given in world coordinates; of an order whose kernels most tests have."""
+def cube(shape, function, modes=None, cells=2, curved_mesh=True):
+    """The unit cube, bent, with a field given in world coordinates: of the orders that hold a quadric exactly."""
+    modes = modes or (5 if curved_mesh else 4)
     mesh = grid(shape, cells)
     return with_field(curved(mesh, bent, 3) if curved_mesh else mesh, function, modes)
 

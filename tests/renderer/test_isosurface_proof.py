@@ -45,7 +45,7 @@ def random_field(shape, seed):
     """Elements of the swirled cube, each with random coefficients of its own around a wave."""
     rng = np.random.default_rng(seed)
     dataset = Dataset(curved(grid(shape, 2), swirled, 3))
-    field = approximated(dataset, "u", lambda p: np.sin(5 * p[:, 0] + 3 * p[:, 1]) * np.cos(4 * p[:, 2]), 4)
+    field = approximated(dataset, "u", lambda p: np.sin(5 * p[:, 0] + 3 * p[:, 1]) * np.cos(4 * p[:, 2]), 5)
     blocks = tuple(
         replace(block, coefficients=block.coefficients + 0.1 * rng.normal(size=block.coefficients.shape))
         for block in field.blocks
@@ -122,7 +122,7 @@ def test_inverted_elements_are_drawn_like_others(iso, shape, bend):
     meshes = [curved(plain, sheared, 3), curved(plain, lambda p: sheared(turned(p)), 3)]
     both = []
     for mesh in meshes:
-        field = approximated(Dataset(mesh), "u", lambda p: ((p - [0.5, 0.4, 0.6]) ** 2).sum(axis=1), 4)
+        field = approximated(Dataset(mesh), "u", lambda p: ((p - [0.5, 0.4, 0.6]) ** 2).sum(axis=1), 5)
         both.append(iso(Dataset(mesh, (field,)), View.through(CAMERA, SIZE), 0.1))
     one, other = both
     assert np.isfinite(one.depth).mean() > 0.05
