@@ -76,10 +76,12 @@ class Store:
 
         OSError where it can't be read.
         """
-        about = path.stat()
+        about, entry = os.stat(path), None
         if not stat.S_ISREG(about.st_mode):
             raise OSError(f"{path} is no plain file")
-        entry = self.parsed(path.read_bytes()) if about.st_size <= 2 * self.most else None
+        if about.st_size <= 2 * self.most:
+            with open(path, "rb", buffering=0) as file:
+                entry = self.parsed(file.read())
         if entry is None:
             with suppress(OSError):
                 path.replace(path.with_suffix(_DAMAGED))
@@ -88,11 +90,11 @@ class Store:
     def parsed(self, data: bytes) -> tuple[bytes, bytes] | None:
         """Key and content of the bytes of a file; None where they aren't as they were written."""
         begin = len(self.mark) + _CHECKSUM
-        checksum, rest = data[len(self.mark) : begin], data[begin:]
+        checksum, rest = data[len(self.mark) : begin], memoryview(data)[begin:]
         if not data.startswith(self.mark) or sha256(rest).digest() != checksum:
             return None
         end = _LENGTH + int.from_bytes(rest[:_LENGTH], "little")
-        return rest[_LENGTH:end], rest[end:]
+        return bytes(rest[_LENGTH:end]), bytes(rest[end:])
 
     def note_use(self, path: Path) -> None:
         """Let a file that was used count as new; once a day is enough."""
@@ -111,7 +113,7 @@ class Store:
         for age, size, path in sorted(found):
             room -= size
             is_stale = path.suffix not in (suffix, _DAMAGED) and -age < time.time() - _HOUR
-            if path.is_file() and (room < 0 or is_stale):
+            if (room < 0 or is_stale) and path.is_file():
                 with suppress(OSError):
                     path.unlink()
             elif path.suffix == suffix:
