@@ -160,3 +160,13 @@ def test_bent_elements_of_high_order_keep_close_pairs():
         hidden = np.log(shown.color.reshape(-1, 3)[pixel, 0]) / np.log(0.5)
         assert round(hidden) >= changes
         assert (round(hidden) - changes) % 2 == 0
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
+def test_double_zeros_of_what_cancels_are_not_missed(shape):
+    """(x - 3/8)^2, of modes a million times as large as what rounding leaves of them, seen closely."""
+    data = with_field(grid(shape, 2), lambda x: (x[:, 0] - 0.375) ** 2, 4)
+    middle = np.array([0.375, 0.4656, 0.4067])
+    camera = Camera(tuple(middle - [-0.1319, 0.1136, 2.0294]), tuple(middle), height=0.0029)
+    frame = render(data, Scene("u", camera=camera, size=(40, 30), objects=(Isosurface((0.0,)),)))
+    assert (frame.status == Status.AMBIGUOUS).all()

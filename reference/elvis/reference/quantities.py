@@ -23,6 +23,8 @@ from elvis.scene.time_limit import check_time
 Corners = Callable[[Patch, Ints, Floats], Floats]
 #: step of central differences in reference coordinates, for gradients of expressions
 _STEP = 1e-5
+#: part of what values are made of by which they may be off
+_ROUNDING = 4e-15
 
 
 def names_of(scene: Scene) -> tuple[str, ...]:
@@ -117,6 +119,24 @@ class Quantities:
             after, before = (self.values(name, patch, rows, points + way) for way in (step, -step))
             gradients[:, axis] = (after - before) / (2 * _STEP)
         return self.values(name, patch, rows, points), gradients
+
+    def rounding(self, name: str, patch: Patch, rows: Ints) -> Floats:
+        """(k,) how far values in elements (k,) may be off by rounding: by a part of all modes together.
+
+        Of expressions, whose parts aren't known, by that of the greatest value at some places of the element.
+        """
+        elements, place = np.unique(rows, return_inverse=True)
+        number = None if self.expansion(name, patch) is None else self._number(name)
+        if number is not None:
+            coefficients = patch.coefficients[number]
+            assert coefficients is not None
+            own = np.abs(coefficients[elements])
+            sizes = own.sum(axis=tuple(range(1, own.ndim)))
+        else:
+            vertices = np.pad(patch.shape.vertices, ((0, 0), (0, patch.dimension - patch.shape.dimension)))
+            values = self.corners()[name](patch, elements, np.concatenate([vertices, 0.5 * vertices]))
+            sizes = np.abs(np.nan_to_num(values)).max(axis=1)
+        return np.asarray(_ROUNDING * sizes[place])
 
     def _number(self, name: str) -> int | None:
         """Which field of the patches a name is; None for an expression."""

@@ -77,7 +77,8 @@ class _Search:
             return np.asarray(values.reshape(shares.shape)) - self.value
 
         degree = degree_along(self.patch, self.quantities, self.name)
-        found = zeros(along, degree, curves.accuracy, _ROUNDING * abs(self.value))
+        rounding = self.quantities.rounding(self.name, self.patch, curves.segments.row)
+        found = zeros(along, degree, curves.accuracy, rounding + _ROUNDING * abs(self.value))
         if not len(found.which):
             return Crossings.none()
         own, place = curves.segments.part(found.which), found.place[:, None]
@@ -123,8 +124,10 @@ class _Search:
         derivative = (values - values.mean(axis=1, keepdims=True)) @ shares / (shares @ shares)
         line = values.mean(axis=1, keepdims=True) + derivative[:, None] * shares
         deviation = np.abs(values - line).max(axis=1) + np.spacing(np.abs(values).max(axis=1))
+        # where steps of rounding happen to rise evenly, no deviation shows
+        rounding = np.maximum(_SAFETY * deviation, self.quantities.rounding(self.name, self.patch, rows))
         with np.errstate(invalid="ignore", divide="ignore"):
-            uncertainty = width * _SAFETY * deviation / np.abs(derivative)
+            uncertainty = width * rounding / np.abs(derivative)
         return np.where(np.isnan(uncertainty), np.inf, uncertainty), along
 
 

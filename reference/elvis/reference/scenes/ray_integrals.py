@@ -24,8 +24,6 @@ from elvis.scene.time_limit import check_time
 LEAST = 8
 #: error of a part's light that is none, how often a part may be halved, and how many of a ray may be open
 _ENOUGH, _HALVINGS, _OPEN = 1e-8, 24, 64
-#: values of quantities are wrong by this many units in the last place
-_UNITS = 8
 
 #: values of each volume's quantity, (k, n) each, on rays ``which`` (k,) at shares (k, n)
 Values = Callable[[Ints, Floats], Sequence[Floats]]
@@ -92,7 +90,7 @@ class RayIntegral:
     transfers  of each volume, with colours; beyond its ends the transfer function stays as it is there, and what is no
                number sends out and takes up nothing
     lengths    (k,) of the stretches, in world units
-    rounding   (k, volumes) how far values may be off where places are rounded
+    rounding   (k, volumes) how far values may be off
     degree     of the quantities where they are polynomials along the rays: then all points together are exact
     """
 
@@ -157,9 +155,7 @@ class RayIntegral:
             hue = np.stack([np.interp(own, transfer.values, tables[:, axis]) for axis in range(3)], axis=-1)
             density += part
             emission += part[..., None] * np.where(known[..., None], hue, 0.0)
-            largest = np.abs(np.where(known, own, 0.0)).max(axis=1)
-            noise = self.rounding[which, number] + _UNITS * np.spacing(largest)
-            slack += noise * _slopes(own[:, own.shape[1] // 2], transfer)
+            slack += self.rounding[which, number] * _slopes(own[:, own.shape[1] // 2], transfer)
         return density, emission, slack
 
 

@@ -91,13 +91,14 @@ class VolumeRays:
         """Segments parted wherever a quantity has one of some values."""
         degree, rounding = degree_along(self.patch, self.quantities, name), _UNITS * np.spacing(self.extent)
         accuracy = np.maximum(_DIGITS, rounding / np.maximum(lengths(segments, self.view), rounding))
+        noise = self.quantities.rounding(name, self.patch, segments.row)
         owners, shares = [np.repeat(np.arange(len(segments)), 2)], [np.tile([0.0, 1.0], len(segments))]
         for level in levels:
 
             def along(which: Ints, at: Floats, level: float = level) -> Floats:
                 return self._values(name, segments.part(which), at) - level
 
-            found = zeros(along, degree, accuracy, _ROUNDING * abs(level))
+            found = zeros(along, degree, accuracy, noise + _ROUNDING * abs(level))
             owners.append(found.which)
             shares.append(found.place)
 
@@ -124,13 +125,14 @@ class VolumeRays:
         return Light.concatenate(found)
 
     def _rounding(self, name: str, segments: Segments) -> Floats:
-        """(k,) how far a quantity may be off in segments since places are rounded: by that times its gradient."""
+        """(k,) how far a quantity may be off in segments: by its rounding, and that of places times its gradient."""
         reference, _ = self._middles(segments)
         _, jacobians = map_points(self.patch, segments.row, reference)
         _, gradients = self.quantities.values_and_gradients(name, self.patch, segments.row, reference)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             steepness = np.linalg.norm(np.einsum("nij,ni->nj", inverses(jacobians), gradients), axis=1)
-        return np.asarray(_UNITS * np.spacing(self.extent) * np.nan_to_num(steepness))
+        evaluated = self.quantities.rounding(name, self.patch, segments.row)
+        return np.asarray(evaluated + _UNITS * np.spacing(self.extent) * np.nan_to_num(steepness))
 
 
 def depths_by_pixel(pixel: Ints, depth: Floats, count: int) -> Floats:

@@ -73,12 +73,12 @@ class _Parts:
         return Zeros(self.which, where, np.full(size, double), np.full(size, rough))
 
 
-def zeros(along: Along, degree: int, accuracy: Floats, noise: float = 0.0) -> Zeros:
+def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0.0) -> Zeros:
     """All zeros of some functions.
 
     degree    of those that are polynomials; others are approximated by such ones
     accuracy  (n,) of each function, in parts of its coefficients' sum
-    noise     values this small may be zero
+    noise     (n,) or of all: values this small may be zero
     """
     count, errors, usual = len(accuracy), accuracy, accuracy
     degree, found = max(degree + 2, _LEAST), []
