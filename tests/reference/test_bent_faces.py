@@ -48,3 +48,18 @@ def test_faces_that_fold_on_the_screen(shape):
     fold = 33 / 64
     x, y, found = seen(cube(shape, 1, lambda x, y: -fold * x**2, 3), (50, 40), Faces(), 0.5, 1.3856)
     assert np.array_equal(found, (y > 0) & (y < 1) & (x > 0) & (x < 1 / (4 * fold)))
+
+
+def test_faces_that_bulge_past_the_eye():
+    """Inside a bulge of a face, all corners of which lie behind the eye: whatever way one looks, one looks at it."""
+
+    def bulging(x):
+        return x + np.column_stack([8 * x[:, 0] * np.prod(x[:, 1:] * (1 - x[:, 1:]), axis=1), 0 * x[:, 1:]])
+
+    mesh = curved(grid(Shape.HEXAHEDRON, 1), bulging, 3)
+    data = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: x[:, 1], modes=3),))
+    camera = Camera((1.1, 0.5, 0.5), (2.0, 0.52, 0.53), fov=60.0)
+    frame = render(data, Scene("u", camera=camera, size=(20, 16), objects=(Faces(),)))
+    assert frame.seen.all()
+    x, y, z = np.moveaxis(frame.position, -1, 0)
+    assert np.abs(x - 1 - 8 * y * (1 - y) * z * (1 - z)).max() < 1e-10

@@ -26,8 +26,8 @@ from elvis.scene.view import View
 
 #: pixels by which a triangle may be off its face, and cuts after which it may be off by any
 _FLAT, _DEEPEST = 0.25, 6
-#: pixels by which all candidates are wider, and how much wider than what was measured at the middles of sides
-_WIDER, _SAFETY = 0.05, 2.0
+#: how much wider candidates are than what was measured at the middles of sides
+_SAFETY = 2.0
 #: cosine below which a hit is at a silhouette, as certain as rounding allows
 _GRAZING = 1e-6
 
@@ -58,7 +58,7 @@ class _Triangles:
     rows     (m,)       of their elements
     corners  (m, 3, 3)  in the world
     starts   (m, 3, 3)  reference coordinates of the corners
-    slack    (m,)       pixels by which candidates may lie outside of them
+    slack    (m,)       how far faces may be from them, in the world
     folded   (m,)       whether a ray may meet the face more than once next to them, as far as is proved
     """
 
@@ -100,7 +100,8 @@ def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[_Tr
         ready = (furthest <= _FLAT) | (level == deepest)
         count = int(ready.sum())
         if count:
-            slack = np.repeat(_SAFETY * furthest[ready] + _WIDER, len(cells))
+            off_by = np.linalg.norm(bent - flat, axis=-1).max(axis=(1, 2))
+            slack = np.repeat(_SAFETY * off_by[ready], len(cells))
             folded = _is_folded(view, world[ready].reshape(-1, 3, 3), away[ready].ravel())
             starts = np.tile(corners, (count, 1, 1))
             yield _Triangles(np.repeat(rows[ready], len(cells)), world[ready].reshape(-1, 3, 3), starts, slack, folded)

@@ -15,6 +15,8 @@ from elvis.scene.view import View
 
 #: pairs of a triangle and a pixel that are looked at together
 _AT_ONCE = 1 << 17
+#: pixels by which all candidates are wider
+_WIDER = 0.05
 
 
 def on_screen(view: View, points: Floats) -> tuple[Floats, Bools]:
@@ -28,15 +30,36 @@ def on_screen(view: View, points: Floats) -> tuple[Floats, Bools]:
 
 
 def pixels_near(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[Ints, Ints]]:
-    """Pairs of a triangle (k,) and a pixel (k,): all pixels within ``slack`` (m,) pixels of the triangles' pictures.
+    """Pairs of a triangle (k,) and a pixel (k,): all pixels whose rays pass within ``slack`` (m,) of the triangles.
 
-    corners  (m, 3, 3) world coordinates.  Triangles that reach behind the eye may be anywhere.
+    corners  (m, 3, 3) world coordinates; the slack is a length in the world, to which a part of a pixel is added
+
+    With u = column times weight and v, w likewise, the ray of the pixel (i, j) goes where u - i w = v - j w = 0.  The
+    triangle's corners in these two coordinates are a picture of it along the ray, also where some are behind the eye,
+    and a step of length 1 moves points in it by the norms of the coordinates' gradients at most.
     """
-    screen, front = on_screen(view, corners)
-    for triangle, pixel in boxed(view, corners, slack):
+    linear = view.to_pixel[:, :3]
+    homogeneous = view.projected(corners)
+    reach = slack * np.linalg.norm(linear[2])
+    least, most = homogeneous[..., 2].min(axis=1) - reach, homogeneous[..., 2].max(axis=1) + reach
+
+    # how far the slack leads on the screen where all of the triangle is before the eye
+    steepest = np.linalg.norm(np.abs(linear[:2]) + np.array([[view.width], [view.height]]) * np.abs(linear[2]))
+    before = least > 1e-12 * np.abs(homogeneous).max(initial=1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        around = np.where(before, slack * steepest / least, np.inf) + _WIDER
+        screen = homogeneous[..., :2] / homogeneous[..., 2:]
+    low = np.where(before[:, None], screen.min(axis=1), -np.inf) - around[:, None]
+    high = np.where(before[:, None], screen.max(axis=1), np.inf) + around[:, None]
+    here = np.flatnonzero(most > 0)
+    for number, pixel in pixels_between(view, low[here], high[here]):
+        triangle = here[number]
         row, column = np.divmod(pixel, view.width)
         place = np.column_stack([column, row])
-        near = _near(screen, front, slack, triangle, place)
+        along = homogeneous[triangle, :, :2] - place[:, None] * homogeneous[triangle, :, 2:]
+        gradients = linear[:2] - place[..., None] * linear[2]
+        radius = slack[triangle] * np.sqrt((gradients**2).sum(axis=(1, 2))) + _WIDER * np.maximum(most[triangle], 0.0)
+        near = _holds_ray(along, radius)
         yield triangle[near], pixel[near]
 
 
@@ -87,22 +110,20 @@ def among(table: Ints, numbers: Ints) -> Bools:
     return np.asarray(is_within & (entry == numbers))
 
 
-def _near(screen: Floats, front: Bools, slack: Floats, triangle: Ints, pixel: Ints) -> Bools:
-    """(k,) pixels that are not farther than the slack outside of any side of their triangle."""
-    near = np.ones(len(triangle), bool)
-    corners = screen[triangle]
-    reaches_behind = ~front[triangle].all(axis=1)
+def _holds_ray(corners: Floats, radius: Floats) -> Bools:
+    """(k,) triangles (k, 3, 2) that the origin is in, or not farther than the radius (k,) outside of any side of."""
+    near = np.ones(len(corners), bool)
     a, b, c = (corners[:, i] for i in range(3))
     for start, end, other in ((a, b, c), (b, c, a), (c, a, b)):
-        # twice the area of the triangle and of that with the pixel, of one sign where the pixel is inside of the side
+        # twice the area of the triangle and of that with the origin, of one sign where the origin is inside of the side
         side = end - start
         normal = np.column_stack([-side[:, 1], side[:, 0]])
         length = np.linalg.norm(side, axis=1)
         height = np.einsum("ni,ni->n", other - start, normal)
-        inwards = np.einsum("ni,ni->n", pixel - start, normal) * np.sign(height)
-        is_outside = inwards < -slack[triangle] * length
+        inwards = -np.einsum("ni,ni->n", start, normal) * np.sign(height)
+        is_outside = inwards < -radius * length
         is_flat = np.abs(height) < 1e-9 * length**2
-        near &= ~is_outside | is_flat | reaches_behind
+        near &= ~is_outside | is_flat
     return near
 
 
