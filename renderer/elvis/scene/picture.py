@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from elvis.core.arrays import Floats
 from elvis.scene import Vector, VolumeRendering
 from elvis.scene.frame import Frame, Legend
 from elvis.scene.page import Page, Part, Rgb
@@ -30,8 +31,10 @@ def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
 
 def page(frame: Frame, *, plain: bool = False) -> Page:
     """The same, of which some rows can be had at a time."""
+    if not plain:
+        return _add_frame(frame)
     height, width = frame.rgb.shape[:2]
-    return Page(frame.rgb, (0, 0), (width, height)) if plain else _add_frame(frame)
+    return Page(frame.rgb, (0, 0), (width, height))
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
@@ -39,13 +42,19 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
     The two ends where the range is too narrow for such steps.
     """
-    low, high = float(low), float(high)
+    low = float(low)
+    high = float(high)
     span = high - low
-    if not max(1e-12 * max(abs(low), abs(high)), 1e-300) < span < 1e301:
+    narrowest = max(1e-12 * max(abs(low), abs(high)), 1e-300)
+    if not narrowest < span < 1e301:
         return [low, high]
+
+    # the shortest step of which few enough multiples lie in the range
     power = 10.0 ** np.floor(np.log10(span / max(most, 1)))
-    for step in (power * factor for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)):
-        first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
+    for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0):
+        step = power * factor
+        first = int(np.ceil(low / step - 1e-9))
+        last = int(np.floor(high / step + 1e-9))
         if last - first < most:
             break
     return [number * step for number in range(first, last + 1)]
@@ -56,46 +65,72 @@ def labels(values: list[float]) -> list[str]:
     if len(values) < 2:
         return [f"{value:.6g}" for value in values]
     step = max(values[1] - values[0], 5e-324)
+    step_power = np.floor(np.log10(step) + 1e-9)
+
     largest = max(abs(value) for value in values)
-    if not 1e-4 <= largest < 1e6:
-        digits = max(0, int(np.floor(np.log10(largest)) - np.floor(np.log10(step) + 1e-9)))
-        return [f"{value:.{digits}e}" if value else "0" for value in values]
-    decimals = max(0, -int(np.floor(np.log10(step) + 1e-9)))
-    return [f"{value:.{decimals}f}" for value in values]
+    if 1e-4 <= largest < 1e6:
+        decimals = max(0, -int(step_power))
+        return [f"{value:.{decimals}f}" for value in values]
+    digits = max(0, int(np.floor(np.log10(largest)) - step_power))
+    return [f"{value:.{digits}e}" if value else "0" for value in values]
 
 
 def _add_frame(frame: Frame) -> Page:
     """The image on its background with its axes; the title above, a bar for each colour map beside it, notes below."""
-    high, wide = frame.rgb.shape[:2]
-    unit = max(10, round(min(wide, high) / 45))
-    font, small = ImageFont.load_default(1.4 * unit), ImageFont.load_default(1.15 * unit)
-    text_color, paper = in_bytes(text_color_on(frame.scene.backdrop)), in_bytes(frame.scene.backdrop)
-    mapped = [legend for legend in frame.legends if legend.palette and legend.constant is None]
-    tall = max(high, 6 * unit if mapped else 0)  # what numbers of a bar need
-    bars = [_Bar(legend, legend.title if len(mapped) > 1 else "", unit, tall, small, text_color) for legend in mapped]
-    title = frame.scene.title if frame.scene.title is not None else mapped[0].title if len(mapped) == 1 else ""
-    width = max(wide + 2 * unit + sum(bar.width for bar in bars), round(font.getlength(title)) + 3 * unit)
-    below = notes(frame, width - 2 * unit, small)
+    image_height, image_width = frame.rgb.shape[:2]
+    unit = max(10, round(min(image_width, image_height) / 45))
+    font = ImageFont.load_default(1.4 * unit)
+    small = ImageFont.load_default(1.15 * unit)
+    text_color = in_bytes(text_color_on(frame.scene.backdrop))
+    paper = in_bytes(frame.scene.backdrop)
 
-    # what stands above, to the right of, and below the image; the first and last may reach over the second
-    top, foot = 3 * unit if title or any(bar.name for bar in bars) else unit, round(1.6 * unit)
-    height, right, bottom = tall + top + unit + foot * len(below), unit + wide, top + tall
-    made = Page(frame.rgb, (unit, top), (width, height), paper)
-    above, right_of = Part.blank((0, 0, right, top), paper), Part.blank((right, 0, width, height), paper)
-    under = Part.blank((0, bottom, right, height), paper)
-    for part in (above, right_of):
+    mapped = [legend for legend in frame.legends if legend.palette and legend.constant is None]
+    title = _title(frame, mapped)
+    bar_height = max(image_height, 6 * unit if mapped else 0)  # what numbers of a bar need
+    bars = []
+    for legend in mapped:
+        name = legend.title if len(mapped) > 1 else ""
+        bars.append(_Bar(legend, name, unit, bar_height, small, text_color))
+
+    # the page: a unit of margin, and what is above, beside and below the image
+    width_of_title = round(font.getlength(title)) + 3 * unit
+    width_of_image = image_width + 2 * unit + sum(bar.width for bar in bars)
+    width = max(width_of_image, width_of_title)
+    lines = notes(frame, width - 2 * unit, small)
+    line_height = round(1.6 * unit)
+    has_head = title or any(bar.name for bar in bars)
+    top = 3 * unit if has_head else unit
+    right = unit + image_width
+    bottom = top + bar_height
+    height = bottom + unit + line_height * len(lines)
+
+    # title and notes may reach from their own parts into the one to the right of the image
+    page = Page(frame.rgb, (unit, top), (width, height), paper)
+    above = Part.blank((0, 0, right, top), paper)
+    beside = Part.blank((right, 0, width, height), paper)
+    below = Part.blank((0, bottom, right, height), paper)
+    for part in (above, beside):
         part.text((unit, top / 2), title, fill=text_color, font=font, anchor="lm")
-    x = wide + 5 * unit // 2
+    x = image_width + 5 * unit // 2
     for bar in bars:
-        bar.draw(right_of, (x, top))
+        bar.draw(beside, (x, top))
         x += bar.width
-    for number, line in enumerate(below):
-        for part in (under, right_of):
-            part.text((unit, bottom + unit + foot * number), line, fill=text_color, font=small, anchor="lt")
-    made.parts += [above, right_of, under]
-    if min(wide, high) >= 16 * unit and not frame.view.faces_ground:
-        _axes(frame, made, unit, small)
-    return made
+    y = bottom + unit
+    for line in lines:
+        for part in (below, beside):
+            part.text((unit, y), line, fill=text_color, font=small, anchor="lt")
+        y += line_height
+    page.parts += [above, beside, below]
+    if min(image_width, image_height) >= 16 * unit and not frame.view.faces_ground:
+        _axes(frame, page, unit, small)
+    return page
+
+
+def _title(frame: Frame, mapped: list[Legend]) -> str:
+    """The scene's own title, else that of the only colour map."""
+    if frame.scene.title is not None:
+        return frame.scene.title
+    return mapped[0].title if len(mapped) == 1 else ""
 
 
 class _Bar:
@@ -103,33 +138,50 @@ class _Bar:
 
     def __init__(self, legend: Legend, name: str, unit: int, height: int, font: Font, text_color: Rgb) -> None:
         assert legend.palette is not None
-        self.palette, self.marks, self.name = legend.palette, legend.marks, name
-        self.unit, self.height, self.font, self.text_color = unit, height, font, text_color
+        self.palette = legend.palette
+        self.marks = legend.marks
+        self.name = name
+        self.unit = unit
+        self.height = height
+        self.font = font
+        self.text_color = text_color
         values = ticks(self.palette.low, self.palette.high, max(3, height // (4 * unit)))
-        self.scale = list(zip(values, labels(values), strict=True))
-        room = max(font.getlength(text) for text in (*labels(values), "0.00"))
-        self.width = round(5 * unit + max(room, font.getlength(name) - 3 * unit))
+        texts = labels(values)
+        self.scale = list(zip(values, texts, strict=True))
+
+        # numbers stand to the right of the colours, the name above both
+        numbers = max(font.getlength(text) for text in (*texts, "0.00"))
+        self.width = round(5 * unit + max(numbers, font.getlength(name) - 3 * unit))
 
     def draw(self, part: Part, corner: tuple[int, int]) -> None:
         """The bar with a thin border, contours across it and numbers next to it."""
-        palette, unit = self.palette, self.unit
+        palette = self.palette
+        x, y = corner
+        width = 3 * self.unit // 2
+        thin = max(1, self.unit // 12)
+        text_style: dict[str, Any] = {"fill": self.text_color, "font": self.font, "anchor": "lm"}
         column = palette.colors(np.linspace(palette.high, palette.low, self.height))[:, None, :]
-        (x, y), width, thin = corner, 3 * unit // 2, max(1, unit // 12)
-        part.paste(Image.fromarray(np.rint(column * 255).astype(np.uint8).repeat(width, axis=1), "RGB"), corner)
-        part.text((x, y - 1.2 * unit), self.name, fill=self.text_color, font=self.font, anchor="lm")
-
-        def line(value: float, left: int, right: int, color: tuple[int, ...]) -> float:
-            level = y + (palette.high - value) / (palette.high - palette.low) * (self.height - 1)
-            part.line((x + left, level), (x + right, level), fill=color, width=thin)
-            return level
+        pixels = np.rint(column * 255).astype(np.uint8).repeat(width, axis=1)
+        part.paste(Image.fromarray(pixels, "RGB"), corner)
+        part.text((x, y - 1.2 * self.unit), self.name, **text_style)
 
         for value, color in self.marks:
             if palette.low <= value <= palette.high:
-                line(value, 0, width - 1, tuple(round(255 * share) for share in color))
+                level = self._level(value, y)
+                in_255 = tuple(round(255 * share) for share in color)
+                part.line((x, level), (x + width - 1, level), fill=in_255, width=thin)
         part.rectangle((x, y), (x + width - 1, y + self.height - 1), outline=self.text_color)
+
+        right = x + width
         for value, text in self.scale:
-            level = line(value, width, width + unit // 3, self.text_color)
-            part.text((x + width + unit // 2, level), text, fill=self.text_color, font=self.font, anchor="lm")
+            level = self._level(value, y)
+            part.line((right, level), (right + self.unit // 3, level), fill=self.text_color, width=thin)
+            part.text((right + self.unit // 2, level), text, **text_style)
+
+    def _level(self, value: float, top: int) -> float:
+        """The row of a value, where the bar begins at the row ``top``."""
+        low, high = self.palette.low, self.palette.high
+        return top + (high - value) / (high - low) * (self.height - 1)
 
 
 def shortest(value: float) -> str:
@@ -152,27 +204,36 @@ def sentences(frame: Frame, *, contours: bool) -> list[str]:
 
 
 def _notes(frame: Frame, *, contours: bool) -> list[list[str]]:
+    """All notes, word by word: first those of constants, then those of contours."""
+    found = []
+    for legend in frame.legends:
+        if legend.constant is not None:
+            found.append([f"{legend.title}", f"= {shortest(legend.constant)}", "wherever", "it", "is", "seen"])
+    if not contours:
+        return found
     typed = typed_values(frame)
-    found = [
-        [f"{legend.title}", f"= {shortest(legend.constant)}", "wherever", "it", "is", "seen"]
-        for legend in frame.legends
-        if legend.constant is not None
-    ]
-    return found + [_note(legend, typed) for legend in frame.legends if legend.marks and contours]
+    return found + [_contour_note(legend, typed) for legend in frame.legends if legend.marks]
 
 
 def typed_values(frame: Frame) -> set[float]:
     """The values of contours that the scene has."""
-    styles = [item.style for item in frame.scene.every_object if not isinstance(item, VolumeRendering)]
-    return {value for style in styles if style.contours for value in style.contours.values}
+    values: set[float] = set()
+    for item in frame.scene.every_object:
+        if isinstance(item, VolumeRendering):
+            continue
+        contours = item.style.contours
+        if contours:
+            values.update(contours.values)
+    return values
 
 
-def _note(legend: Legend, typed: set[float]) -> list[str]:
+def _contour_note(legend: Legend, typed: set[float]) -> list[str]:
     """What contours are of, word by word."""
     words = [f"{text}," for text in mark_texts(legend, typed)]
     if len(words) > 16:
         words = [*words[:3], "…", words[-1]]
-    return ["contours", "of", legend.title, "at", *words[:-1], words[-1].rstrip(",")]
+    words[-1] = words[-1].rstrip(",")
+    return ["contours", "of", legend.title, "at", *words]
 
 
 def mark_texts(legend: Legend, typed: set[float]) -> list[str]:
@@ -183,8 +244,8 @@ def mark_texts(legend: Legend, typed: set[float]) -> list[str]:
 def value_labels(values: Sequence[float], typed: Set[float] = frozenset()) -> list[str]:
     """Texts of values in as many digits as tell them well apart from their neighbours; of ``typed`` ones in all."""
     gaps = np.diff(np.unique(values))
-    step = max(gaps.min() if len(gaps) else 1e-4 * abs(values[0]), 1e-300)
-    decimals = 1 - int(np.floor(np.log10(step)))
+    narrowest = gaps.min() if len(gaps) else 1e-4 * abs(values[0])
+    decimals = 1 - int(np.floor(np.log10(max(narrowest, 1e-300))))
     return [shortest(value if value in typed else round(value, decimals)) for value in values]
 
 
@@ -202,16 +263,24 @@ def _lines(words: list[str], width: float, font: Font) -> list[str]:
 
 def _emptiest(frame: Frame, side: int) -> tuple[int, int, bool]:
     """Column and row of a corner's square, with the disc where least is seen, lower left if possible; if nothing is."""
-    x, y = np.meshgrid(*2 * [np.arange(side) + 0.5 - side / 2])
-    disc = np.hypot(x, y) < side / 2
-    columns, rows = (0, frame.view.width - side), (frame.view.height - side, 0)
-    places = [(x, y) for y in rows for x in columns]
-    seen = [int((frame.status[y : y + side, x : x + side] != 0)[disc].sum()) for x, y in places]
-    return *places[int(np.argmin(seen))], min(seen) == 0
+    centers = np.arange(side) + 0.5 - side / 2
+    disc = np.hypot(centers, centers[:, None]) < side / 2
+    right = frame.view.width - side
+    bottom = frame.view.height - side
+    corners = [(0, bottom), (right, bottom), (0, 0), (right, 0)]
+
+    seen = []
+    for x, y in corners:
+        square = frame.status[y : y + side, x : x + side]
+        seen.append(int((square != 0)[disc].sum()))
+    best = int(np.argmin(seen))
+    return *corners[best], seen[best] == 0
 
 
 #: colours of the arrows along x, y and z
 AXES = ((200, 40, 40), (30, 140, 30), (40, 70, 200))
+#: pixels of the masks of arrows for each pixel of the page, along x and y
+_FINER = 4
 
 
 def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
@@ -219,29 +288,48 @@ def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
 
     Where all corners show data, a pale disc keeps them legible.
     """
+    side = 7 * unit
+    column, row, is_free = _emptiest(frame, side)
+    x = page.corner[0] + column
+    y = page.corner[1] + row
+    part = page.part((x - unit, y - unit, x + side + unit, y + side + unit))
+    if not is_free:
+        size = side * _FINER
+        disc = Image.new("L", (size, size))
+        ImageDraw.Draw(disc).ellipse((0, 0, size - 1, size - 1), fill=110)
+        part.paste(in_bytes(frame.scene.backdrop), (x, y), _smaller(disc, side))
+
     right, up, forward = frame.view.camera.basis()
-    side, finer = 7 * unit, 4
-    shape = (side * finer, side * finer)
-    arrows, middle = Image.new("L", shape), np.array([0.5, 0.5]) * shape
-    column, row, free = _emptiest(frame, side)
-    place = (page.corner[0] + column, page.corner[1] + row)
-    part = page.part((place[0] - unit, place[1] - unit, place[0] + side + unit, place[1] + side + unit))
-    if not free:
-        disc = Image.new("L", shape)
-        ImageDraw.Draw(disc).ellipse((0, 0, shape[0] - 1, shape[1] - 1), fill=110)
-        part.paste(in_bytes(frame.scene.backdrop), place, disc.resize((side, side), Image.Resampling.LANCZOS))
     for axis in np.argsort(-forward):
-        tip = middle + 2.4 * unit * finer * np.array([right[axis], -up[axis]])
-        along = tip - middle
-        length = float(np.linalg.norm(along))
-        arrows.paste(0, (0, 0, *shape))
-        pen = ImageDraw.Draw(arrows)
-        pen.line([*middle, *tip], fill=255, width=max(finer, unit * finer // 6))
-        if length > unit * finer // 3:
-            along = along / length * unit * finer * 0.55
-            across = 0.4 * np.array([-along[1], along[0]])
-            pen.polygon([*(tip + 0.4 * along), *(tip - along + across), *(tip - along - across)], fill=255)
-        part.paste(AXES[axis], place, arrows.resize((side, side), Image.Resampling.LANCZOS))
-        if length > unit * finer // 3:
-            x, y = place + (middle + (tip - middle) * 1.32) / finer
-            part.text((x, y), "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")
+        _arrow(part, (x, y), axis, np.array([right[axis], -up[axis]]), unit, font)
+
+
+def _arrow(part: Part, corner: tuple[int, int], axis: int, direction: Floats, unit: int, font: Font) -> None:
+    """The arrow along one axis, from the middle of a square of 7 units that begins at a corner.
+
+    direction  (2,) the unit vector of the axis on the screen, down; short ones are lines without head and letter
+    """
+    fine_unit = unit * _FINER
+    size = 7 * fine_unit
+    middle = np.array([0.5, 0.5]) * (size, size)
+    tip = middle + 2.4 * fine_unit * direction
+    along = tip - middle
+    length = float(np.linalg.norm(along))
+    has_head = length > fine_unit // 3
+
+    mask = Image.new("L", (size, size))
+    pen = ImageDraw.Draw(mask)
+    pen.line([*middle, *tip], fill=255, width=max(_FINER, fine_unit // 6))
+    if has_head:
+        head = along / length * unit * _FINER * 0.55
+        across = 0.4 * np.array([-head[1], head[0]])
+        pen.polygon([*(tip + 0.4 * head), *(tip - head + across), *(tip - head - across)], fill=255)
+    part.paste(AXES[axis], corner, _smaller(mask, 7 * unit))
+    if has_head:
+        x, y = corner + (middle + along * 1.32) / _FINER
+        part.text((x, y), "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")
+
+
+def _smaller(mask: Image.Image, side: int) -> Image.Image:
+    """A square mask of this many pixels."""
+    return mask.resize((side, side), Image.Resampling.LANCZOS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
-from elvis.plugins.faces import Faces
+from elvis.plugins.faces import FaceBlock, Faces
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Buffer, Kernel
 from elvis.renderer.device_volume import DeviceVolume
@@ -32,13 +32,44 @@ _AT_ONCE = 1 << 20
 _HELD = ("owner", "side", "status", "field", "reference", "depth", "normal")
 
 
+@dataclass(frozen=True, eq=False)
+class _ChosenFaces:
+    """Faces of one block that are drawn.
+
+    rows   (n,)           rows of the block
+    nets   (m, count, 4)  of those that stand for all (see Sides.alone)
+    sides  the pairs among them
+    """
+
+    rows: Ints
+    nets: Floats
+    sides: Sides
+
+
+@dataclass(frozen=True, eq=False)
+class _PartTiles:
+    """What one part has to draw: a kernel with its buffers, and (t,) how many patches each tile lists."""
+
+    number: int
+    kernel: Kernel
+    buffers: dict[str, Buffer]
+    counts: Ints
+
+    def run(self, output: dict[str, Buffer]) -> None:
+        """Run the kernel, a group for each tile."""
+        self.kernel(len(self.counts), {**self.buffers, **output}, groups=True, work=self.counts)
+
+
 class FaceDrawer:
     """The faces of a loaded volume's elements, ready to be seen from anywhere."""
 
     def __init__(self, loaded: DeviceVolume, faces: Faces) -> None:
-        self.loaded, self.faces = loaded, faces
-        self._chosen: tuple[tuple[str, ...] | Bools, list[tuple[Ints, Floats, Sides]]] = (), []
-        self._seen: tuple[object, list[tuple[FacePatches, Edges]]] = None, []
+        self.loaded = loaded
+        self.faces = faces
+        self._choice: tuple[str, ...] | Bools = ()
+        self._chosen: list[_ChosenFaces] = []
+        self._view_key: object = None
+        self._in_view: list[tuple[FacePatches, Edges]] = []
 
     def draw(
         self, view: View, select: Sequence[str] = ("all",), beyond: Floats | None = None, quantity: str | None = None
@@ -51,16 +82,18 @@ class FaceDrawer:
         """
         device = self.loaded.device
         after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
-        held: dict[str, Buffer] = {}
-        for number, kernel, buffers, work in self._work("face_draw", view, select, quantity, beyond is not None):
-            if not held:
-                held = new_arrays(device, view.count, _HELD)
-                image = {**arrays_to_write(device, held), "after": device.buffer(after)}
-            every = {**self.loaded.bindings(number, quantity), **buffers, **image}
-            kernel(len(work), every, groups=True, work=work)
-        hits = HitBuffer.on_device(device, held) if held else HitBuffer.empty(view.count)
+
+        # all parts draw into one picture; there is none where nothing is seen
+        arrays: dict[str, Buffer] = {}
+        for part in self._tiles("face_draw", view, select, quantity, beyond is not None):
+            if not arrays:
+                arrays = new_arrays(device, view.count, _HELD)
+                image = {**arrays_to_write(device, arrays), "after": device.buffer(after)}
+            part.run(image)
+        hits = HitBuffer.on_device(device, arrays) if arrays else HitBuffer.empty(view.count)
+
         for _, edges in self._patches(view, select):
-            _mark(view, hits, edges, np.broadcast_to(after, view.count))
+            _mark_edges(view, hits, edges, np.broadcast_to(after, view.count))
         return hits
 
     def hits(
@@ -73,20 +106,18 @@ class FaceDrawer:
         The records are those of face_list.slang.  A face appears as often as a ray meets it.  A ray within the
         tolerance of an edge may meet the faces on both sides of it, at one depth.
         """
-        found = [np.empty(0, self.loaded.device.kernel("face_list", self.loaded.parts[0]).dtype("hits"))]
-        for number, kernel, buffers, work in self._work("face_list", view, select, None, rows=rows):
-            run = partial(_run, kernel, work, {**self.loaded.bindings(number), **buffers})
-            found.append(self.loaded.device.appended("hits", kernel, run))
-        every = np.concatenate(found, dtype=found[0].dtype)
+        device = self.loaded.device
+        dtype = device.kernel("face_list", self.loaded.parts[0]).dtype("hits")
+        found = [np.empty(0, dtype)]
+        for part in self._tiles("face_list", view, select, None, rows=rows):
+            found.append(device.appended("hits", part.kernel, part.run))
+        hits = _without_repeats(np.concatenate(found, dtype=dtype), self._tie(view))
 
-        # patches of a face share their borders
-        every = every[np.lexsort((every["depth"], every["face"], every["pixel"]))]
-        same = (np.diff(every["face"].astype(np.int64)) == 0) & (np.diff(every["pixel"].astype(np.int64)) == 0)
-        every = every[~np.append(False, same & (np.diff(every["depth"]) <= self._tie(view)))[: len(every)]]
-        every = every[np.lexsort((every["element"], every["depth"], every["pixel"]))]
+        # tiles reach beyond the rows
         first, last = (0, view.height) if rows is None else rows
-        held: NDArray[Any] = every[(every["pixel"] >= first * view.width) & (every["pixel"] < last * view.width)]
-        return held
+        pixel = hits["pixel"]
+        wanted: NDArray[Any] = hits[(pixel >= first * view.width) & (pixel < last * view.width)]
+        return wanted
 
     def visible_patches(
         self, view: View, chosen: Bools, number: int, kernel: Kernel
@@ -95,23 +126,33 @@ class FaceDrawer:
 
         chosen  (elements,) by index
         """
-        patches = self._parts(view, chosen, number, kernel.dtype("patches"))
+        patches = self._part_patches(view, chosen, number, kernel.dtype("patches"))
+        element = patches["element"]
         near = np.full(len(self.loaded.parts[number]), np.inf)
-        np.minimum.at(near, patches["element"], patches["near"])
-        rank = np.argsort(np.argsort(near, kind="stable"))
-        return patches[np.argsort(rank[patches["element"]], kind="stable")], self._record(kernel, view)
+        np.minimum.at(near, element, patches["near"])
 
-    def _parts(self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+        # the rank of an element is its place among all, from near to far
+        rank = np.argsort(np.argsort(near, kind="stable"))
+        order = np.argsort(rank[element], kind="stable")
+        return patches[order], self._view_record(kernel, view)
+
+    def _part_patches(
+        self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]
+    ) -> NDArray[Any]:
         """Records of all patches of a part that are seen."""
-        every = self._patches(view, select)
-        own = [k for k, block in enumerate(self.faces.blocks) if block.part == number]
-        return np.concatenate([np.empty(0, dtype), *(self._records(k, every[k][0], dtype) for k in own)], dtype=dtype)
+        in_view = self._patches(view, select)
+        found = [np.empty(0, dtype)]
+        for index, block in enumerate(self.faces.blocks):
+            if block.part == number:
+                patches, _ = in_view[index]
+                found.append(self._patch_records(index, patches, dtype))
+        return np.concatenate(found, dtype=dtype)
 
     def _tie(self, view: View) -> float:
         """Difference of depth up to which two hits are at one place."""
         return _TIE * (self.loaded.extent + float(np.abs(view.camera.eye).max()))
 
-    def _work(
+    def _tiles(
         self,
         stage: str,
         view: View,
@@ -119,78 +160,103 @@ class FaceDrawer:
         quantity: str | None,
         has_beyond: bool | None = None,
         rows: tuple[int, int] | None = None,
-    ) -> Iterator[tuple[int, Kernel, dict[str, Buffer], Ints]]:
-        """For each part that is seen its number, a kernel, buffers that say what is where, and patches in each tile.
+    ) -> Iterator[_PartTiles]:
+        """The tiles of each part that is seen.
 
-        The first one has all tiles of the picture, unless they are only listed (``layered`` None).
+        has_beyond  whether depths are given beyond which hits count; None where hits are only listed
+        The first part has all tiles of the picture, unless hits are only listed: it writes every pixel.
         """
-        every, device, fresh = self._patches(view, select), self.loaded.device, has_beyond is not None
+        device = self.loaded.device
+        in_view = self._patches(view, select)
+        blocks_seen = zip(self.faces.blocks, in_view, strict=True)
+        parts_seen = {block.part for block, (patches, _) in blocks_seen if len(patches.face)}
+
+        is_first = has_beyond is not None
         for number, part in enumerate(self.loaded.parts):
-            if not any(
-                len(some.face)
-                for block, (some, _) in zip(self.faces.blocks, every, strict=True)
-                if block.part == number
-            ):
+            if number not in parts_seen:
                 continue
             kernel = device.kernel(stage, part, quantity)
-            patches = self._parts(view, select, number, kernel.dtype("patches"))
+            patches = self._part_patches(view, select, number, kernel.dtype("patches"))
             patches = patches[np.argsort(patches["near"], kind="stable")]
-            size = (view.width, view.height) if fresh else None
+
+            size = (view.width, view.height) if is_first else None
             tiles, listed = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"), size)
             if rows is not None:
                 tiles = tiles[(tiles["y"] + TILE > rows[0]) & (tiles["y"] < rows[1])]
+
             place = {"first": self.loaded.first[number], "count": len(tiles)}
-            record = self._record(kernel, view, **place, fresh=fresh, has_beyond=bool(has_beyond))
+            record = self._view_record(kernel, view, **place, fresh=is_first, has_beyond=bool(has_beyond))
             data = {"patches": patches, "listed": listed, "tiles": tiles, "view": record}
+            buffers = {name: device.buffer(array) for name, array in data.items()}
             counts = (tiles["end"] - tiles["first"]).astype(np.int64)
-            yield number, kernel, {name: device.buffer(some) for name, some in data.items()}, counts
-            fresh = False
+            yield _PartTiles(number, kernel, {**self.loaded.bindings(number, quantity), **buffers}, counts)
+            is_first = False
 
     def _patches(self, view: View, select: Sequence[str] | Bools) -> list[tuple[FacePatches, Edges]]:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
-        words = select if isinstance(select, np.ndarray) else tuple(select)
+        choice = select if isinstance(select, np.ndarray) else tuple(select)
         # what is interrupted leaves the last answers as they were
-        if not _same(self._chosen[0], words):
-            first, blocks = self.loaded.first, self.faces.blocks
-            rows = (
-                self.faces.select(words)
-                if isinstance(words, tuple)
-                else [np.flatnonzero(words[first[block.part] + block.element]) for block in blocks]
-            )
-            chosen = []
-            for block, own in zip(self.faces.blocks, rows, strict=True):
-                nets = block.nets(own)
-                sides = Sides.of(block.space, block.entity[own], nets)
-                chosen.append((own, nets[sides.alone], sides))
-            self._chosen = words, chosen
-        if self._seen[0] != (key := (view, words if isinstance(words, tuple) else id(words))):
-            found = []
-            for block, (_, nets, sides) in zip(self.faces.blocks, self._chosen[1], strict=True):
-                patches, edges = face_patches(block.space, nets, view)
-                found.append((sides.both(patches), edges))
-            self._seen = key, found
-        return self._seen[1]
+        if not _same(self._choice, choice):
+            chosen = [
+                _choose(block, rows) for block, rows in zip(self.faces.blocks, self._chosen_rows(choice), strict=True)
+            ]
+            self._choice = choice
+            self._chosen = chosen
 
-    def _records(self, number: int, patches: FacePatches, dtype: np.dtype[Any]) -> NDArray[Any]:
+        key = (view, choice if isinstance(choice, tuple) else id(choice))
+        if self._view_key != key:
+            in_view = []
+            for block, own in zip(self.faces.blocks, self._chosen, strict=True):
+                patches, edges = face_patches(block.space, own.nets, view)
+                in_view.append((own.sides.both(patches), edges))
+            self._view_key = key
+            self._in_view = in_view
+        return self._in_view
+
+    def _chosen_rows(self, choice: tuple[str, ...] | Bools) -> list[Ints]:
+        """For each block the rows of the chosen faces."""
+        if isinstance(choice, tuple):
+            return list(self.faces.select(choice))
+        first = self.loaded.first
+        return [np.flatnonzero(choice[first[block.part] + block.element]) for block in self.faces.blocks]
+
+    def _patch_records(self, number: int, patches: FacePatches, dtype: np.dtype[Any]) -> NDArray[Any]:
         """FacePatch records (face.slang) of a block's patches."""
-        block, rows = self.faces.blocks[number], self._chosen[1][number][0][patches.face]
+        block = self.faces.blocks[number]
+        rows = self._chosen[number].rows[patches.face]
+        faces_before = sum(map(len, self.faces.blocks[:number]))
         record = np.zeros(len(rows), dtype)
-        record["element"], record["square"] = block.element[rows], len(block.space.halves) == 2
-        record["face"] = sum(map(len, self.faces.blocks[:number])) + rows
-        record["least"], record["most"], record["near"] = *patches.bounds, patches.near
+        record["element"] = block.element[rows]
+        record["face"] = faces_before + rows
+        record["square"] = len(block.space.halves) == 2
+        record["least"], record["most"] = patches.bounds
+        record["near"] = patches.near
         record["noise"] = patches.noise
+
         # a margin changes by no more than the coordinates of the face
-        record["border_width"] = TOLERANCE + 2.0 * patches.noise * np.abs(patches.place[:, 1:]).sum(axis=1).max(axis=1)
+        axes = np.abs(patches.place[:, 1:]).sum(axis=1).max(axis=1)
+        record["border_width"] = TOLERANCE + 2.0 * patches.noise * axes
+
+        # origin and axes of the patch in its face, then in its element
         record["origin"], record["along"], record["across"] = patches.place.transpose(1, 0, 2)
         frames = block.frames[block.local[rows]]
-        own = patches.place @ frames[:, 1:]
-        record["start"], record["first"], record["second"] = frames[:, 0] + own[:, 0], own[:, 1], own[:, 2]
+        in_element = patches.place @ frames[:, 1:]
+        record["start"] = frames[:, 0] + in_element[:, 0]
+        record["first"] = in_element[:, 1]
+        record["second"] = in_element[:, 2]
         return record
 
-    def _record(self, kernel: Kernel, view: View, **values: Any) -> NDArray[Any]:
+    def _view_record(self, kernel: Kernel, view: View, **values: Any) -> NDArray[Any]:
         """The FaceView record (face.slang)."""
         uncertain = {"tie": self._tie(view), "misplaced": misplaced(view, self.loaded.extent)}
         return record_of(kernel, "view", view, **uncertain, **values)
+
+
+def _choose(block: FaceBlock, rows: Ints) -> _ChosenFaces:
+    """Some faces of a block; of two sides of a face one has the net for both."""
+    nets = block.nets(rows)
+    sides = Sides.of(block.space, block.entity[rows], nets)
+    return _ChosenFaces(rows, nets[sides.alone], sides)
 
 
 def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
@@ -198,35 +264,54 @@ def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
     return one is other or (isinstance(one, tuple) and isinstance(other, tuple) and one == other)
 
 
-def _run(kernel: Kernel, work: Ints, buffers: dict[str, Buffer], lists: dict[str, Buffer]) -> None:
-    kernel(len(work), {**buffers, **lists}, groups=True, work=work)
+def _without_repeats(hits: NDArray[Any], tie: float) -> NDArray[Any]:
+    """Hits by pixel and depth, each once: patches of a face share their borders, where both of them are met."""
+    hits = hits[np.lexsort((hits["depth"], hits["face"], hits["pixel"]))]
+    same_face = np.diff(hits["face"].astype(np.int64)) == 0
+    same_pixel = np.diff(hits["pixel"].astype(np.int64)) == 0
+    same_depth = np.diff(hits["depth"]) <= tie
+    repeats = np.append(False, same_face & same_pixel & same_depth)[: len(hits)]
+    hits = hits[~repeats]
+    return hits[np.lexsort((hits["element"], hits["depth"], hits["pixel"]))]
 
 
-def _mark(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> None:
+def _mark_edges(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> None:
     """What lies on an edge before all else is seen or not: such pixels are ambiguous."""
-    # steps of one pixel along the longer direction of each edge, within the picture
-    steep = np.abs(edges.ends[1, :, 1] - edges.ends[0, :, 1]) > np.abs(edges.ends[1, :, 0] - edges.ends[0, :, 0])
-    (x0, y0), (x1, y1) = np.moveaxis(np.where(steep[:, None], edges.ends[..., ::-1], edges.ends), -1, 1)
-    first, last = np.ceil(np.minimum(x0, x1) - edges.radius), np.floor(np.maximum(x0, x1) + edges.radius)
-    end = np.where(steep, view.height, view.width) - 1
-    edge, x = _runs(first.clip(0, None), np.minimum(last, end))
+    # x runs along the longer direction of each edge, rows of the picture where it is steep, and y across it
+    extent = np.abs(edges.ends[1] - edges.ends[0])
+    steep = extent[:, 1] > extent[:, 0]
+    start, end = np.where(steep[:, None], edges.ends[..., ::-1], edges.ends)
+    x0, y0 = start.T
+    x1, y1 = end.T
+    last_x = np.where(steep, view.height, view.width) - 1
+    last_y = np.where(steep, view.width, view.height) - 1
 
-    # there all pixels whose centres are near it
+    # steps of one pixel along each edge, within the picture
+    first = np.ceil(np.minimum(x0, x1) - edges.radius).clip(0, None)
+    last = np.minimum(np.floor(np.maximum(x0, x1) + edges.radius), last_x)
+    edge, x = _integers_between(first, last)
+
+    # at each step all pixels whose centres are near the edge
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
-    y, end = y0[edge] + slope[edge] * (x - x0[edge]), np.where(steep, view.width, view.height)[edge] - 1
-    first, last = np.ceil(y - edges.radius[edge]).clip(0, None), np.minimum(np.floor(y + edges.radius[edge]), end)
+    y = y0[edge] + slope[edge] * (x - x0[edge])
+    radius = edges.radius[edge]
+    first = np.ceil(y - radius).clip(0, None)
+    last = np.minimum(np.floor(y + radius), last_y[edge])
     for some in chunks(len(edge), max(1, _AT_ONCE // max(view.width, view.height))):
-        step, across = _runs(first[some], last[some])
-        along, own = x[some][step], edge[some][step]
+        step, across = _integers_between(first[some], last[some])
+        along = x[some][step]
+        own = edge[some][step]
         column, row = np.where(steep[own], [across, along], [along, across]).astype(np.int64)
         pixel = row * view.width + column
         near, far = edges.depth[:, own]
-        before = (near <= hits.depth[pixel]) & (far >= after[pixel]) & (hits.status[pixel] != Status.FAILED)
-        hits.status[pixel[before]] = Status.AMBIGUOUS
+        in_front = (near <= hits.depth[pixel]) & (far >= after[pixel])
+        in_front &= hits.status[pixel] != Status.FAILED
+        hits.status[pixel[in_front]] = Status.AMBIGUOUS
 
 
-def _runs(first: Floats, last: Floats) -> tuple[Ints, Floats]:
+def _integers_between(first: Floats, last: Floats) -> tuple[Ints, Floats]:
     """All whole numbers from first to last (n,), ends included: (m,) which of the ranges, and (m,) the number."""
     counts = np.maximum(last - first + 1, 0).astype(np.int64)
     which = np.repeat(np.arange(len(counts)), counts)
-    return which, first[which] + np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    starts = np.cumsum(counts) - counts
+    return which, first[which] + np.arange(len(which)) - starts[which]
