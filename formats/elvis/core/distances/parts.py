@@ -109,9 +109,9 @@ class Model:
         first = np.einsum("nia,nix->nax", frame, np.stack(along, axis=1))
 
         # (X - p) . X_ab, likewise
-        ss = _dot(gap, patches.at(middle, row, 2, 0))
-        st = _dot(gap, patches.at(middle, row, 1, 1))
-        tt = _dot(gap, patches.at(middle, row, 0, 2))
+        ss = dot(gap, patches.at(middle, row, 2, 0))
+        st = dot(gap, patches.at(middle, row, 1, 1))
+        tt = dot(gap, patches.at(middle, row, 0, 2))
         curvature = np.array([[ss, st], [st, tt]]).transpose(2, 0, 1)
         bend = np.einsum("nia,nij,njb->nab", frame, curvature, frame)
 
@@ -195,7 +195,7 @@ def linear_distance(patches: SurfacePatches, row: Ints, goal: Floats) -> Floats:
     gap = own[row, 0, 0] - goal
     s = own[row, 0, 1]
     t = own[row, 1, 0] if patches.corners > 2 else np.zeros_like(s)
-    gradient = np.stack([_dot(gap, s), _dot(gap, t)], axis=1)
+    gradient = np.stack([dot(gap, s), dot(gap, t)], axis=1)
     where = least(patches.corners, _products(s, t), gradient)
     away = gap + where[:, :1] * s + where[:, 1:] * t
     return np.asarray(np.linalg.norm(away, axis=1))
@@ -203,8 +203,9 @@ def linear_distance(patches: SurfacePatches, row: Ints, goal: Floats) -> Floats:
 
 def _products(s: Floats, t: Floats) -> Floats:
     """(n, 3) s . s, s . t and t . t, as `least` takes the second derivatives of linear parts."""
-    return np.stack([_dot(s, s), _dot(s, t), _dot(t, t)], axis=1)
+    return np.stack([dot(s, s), dot(s, t), dot(t, t)], axis=1)
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
+def dot(a: Floats, b: Floats) -> Floats:
+    """(n,) inner products of vectors (n, k)."""
     return np.asarray((a * b).sum(axis=1))

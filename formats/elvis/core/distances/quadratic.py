@@ -19,11 +19,11 @@ def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
     own = CORNERS[corners]
     for first, last in zip(own[: 1 if corners == 2 else None], np.roll(own, -1, axis=0), strict=False):
         way = last - first
-        straight, curved = gradient @ way + _times(bend, first) @ way, _times(bend, way) @ way
+        straight, curved = gradient @ way + multiply(bend, first) @ way, multiply(bend, way) @ way
         with np.errstate(divide="ignore", invalid="ignore"):
             part = np.where(curved > 0, np.clip(-straight / curved, 0.0, 1.0), straight + curved / 2 < 0)
         point = first + np.nan_to_num(part)[:, None] * way
-        value = ((gradient + _times(bend, point) / 2) * point).sum(axis=1)
+        value = ((gradient + multiply(bend, point) / 2) * point).sum(axis=1)
         better = value < lowest
         result[better], lowest[better] = point[better], value[better]
     if corners == 2:
@@ -42,8 +42,8 @@ def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
     return result
 
 
-def _times(bend: Floats, points: Floats) -> Floats:
-    """(n, 2) the matrices times points (n, 2) or (2,)."""
+def multiply(bend: Floats, points: Floats) -> Floats:
+    """(n, 2) symmetric matrices of entries ss, st, tt (n, 3) times points (n, 2) or (2,)."""
     s, t = np.moveaxis(points, -1, 0)
     return np.stack([bend[:, 0] * s + bend[:, 1] * t, bend[:, 1] * s + bend[:, 2] * t], axis=1)
 

@@ -13,19 +13,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.distances.parts import Model, Parts, linear_distance
-from elvis.core.distances.quadratic import least
+from elvis.core.distances.parts import Model, Parts, dot, linear_distance
+from elvis.core.distances.quadratic import least, multiply
 from elvis.core.distances.surface import LEAF, Surface
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches
 from elvis.core.needing import require_module
 
 #: parts of the surface's scale within which distances are equal
 EQUAL = 1e-12
-#: rounds of cutting, and parts that are looked at together
-_ROUNDS, _MOST = 26, 1 << 17
+#: rounds of cutting, and steps of Newton's method
+_ROUNDS = 26
 _STEPS = 12
-#: points at once
+#: parts, and points, that are looked at together
+_MOST = 1 << 17
 _BATCH = 1 << 15
+#: how near to a side points lie on it
+_ON = 1e-9
+#: what points within a face weigh, more than any angles
+_WITHIN = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,28 +47,58 @@ class Near:
 
 def nearest(surface: Surface, points: Floats) -> Near:
     """The distances of points (n, 3); NaN for points that are not finite."""
-    distance, place = np.full(len(points), np.nan), np.full((len(points), 3), np.nan)
-    own = np.array(points, np.float64)
+    distance = np.full(len(points), np.nan)
+    place = np.full((len(points), 3), np.nan)
+    goals = np.array(points, np.float64)
     if surface.is_planar:
-        own[:, 2] = 0.0
-    finite = np.flatnonzero(np.isfinite(own).all(axis=1))
+        goals[:, 2] = 0.0
+    finite = np.flatnonzero(np.isfinite(goals).all(axis=1))
     for first in range(0, len(finite), _BATCH):
         rows = finite[first : first + _BATCH]
-        search = _Search(surface, own[rows])
-        distance[rows], place[rows] = search.signed_distances(), search.place
+        search = _Search(surface, goals[rows])
+        distance[rows] = search.signed_distances()
+        place[rows] = search.place
     return Near(distance, place)
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Nearest places that were found on patches of a closed surface, for the sign of the distance.
+
+    point     (n,) number of the point
+    distance  (n,)
+    side      (n,) see _side
+    patch     (n,) number of the patch, the groups one after the other
+    face      (n,)
+    """
+
+    point: Ints
+    distance: Floats
+    side: Floats
+    patch: Ints
+    face: Ints
+
+    @staticmethod
+    def concatenate(several: list[_Places]) -> _Places:
+        """Several as one."""
+        arrays = zip(*(vars(places).values() for places in several), strict=True)
+        return _Places(*(np.concatenate(parts) for parts in arrays))
 
 
 class _Search:
     """Some points, the least distance of each that is known, and what takes part in its sign."""
 
     def __init__(self, surface: Surface, points: Floats) -> None:
-        self.surface, self.points = surface, points
-        self.distance, self.place = np.full(len(points), np.inf), np.full(points.shape, np.nan)
+        self.surface = surface
+        self.points = points
+        self.distance = np.full(len(points), np.inf)
+        self.place = np.full(points.shape, np.nan)
         self.equal = EQUAL * surface.scale
-        self._first = np.cumsum([0, *map(len, surface.groups)])
+        self._first_patch = np.cumsum([0, *map(len, surface.groups)])
         self._bounds = [group.bounds for group in surface.groups]
-        self._found: list[tuple[Ints, Floats, Floats, Ints, Ints]] = []
+        self._found: list[_Places] = []
+
+        # a near patch for each point first: it rules out most others
         first = self._closest_corners()
         self._search_pairs(np.arange(len(points)), first)
         for point, patch in self._candidates(self._undecided()):
@@ -74,14 +109,22 @@ class _Search:
         """(n,) the distances; of equally near places the signs are weighed together (Baerentzen and Aanaes 2005)."""
         if not self.surface.is_closed:
             return self.distance
-        point, distance, side, patch, face = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
-        equal = np.flatnonzero(distance <= self.distance[point] + self.equal)
-        equal = equal[np.unique(np.stack([point[equal], patch[equal]]), axis=1, return_index=True)[1]]
-        sides = self.surface.sides[face[equal]]
-        total = np.bincount(point[equal], side[equal] * (sides[:, 0] - sides[:, 1]), len(self.points))
+        found = _Places.concatenate(self._found)
+
+        # the nearest places of each point, one a patch
+        is_nearest = found.distance <= self.distance[found.point] + self.equal
+        rows = np.flatnonzero(is_nearest)
+        pairs = np.stack([found.point[rows], found.patch[rows]])
+        _, distinct = np.unique(pairs, axis=1, return_index=True)
+        rows = rows[distinct]
+        point = found.point[rows]
+
+        # signs are those of the region before and behind the face
+        before, behind = self.surface.sides[found.face[rows]].T
+        total = np.bincount(point, found.side[rows] * (before - behind), len(self.points))
         sign = np.where(total >= 0, 1.0, -1.0)
-        same = sides[:, 0] == sides[:, 1]
-        sign[point[equal[same]]] = sides[same, 0]
+        is_inner = before == behind
+        sign[point[is_inner]] = before[is_inner]
         return np.asarray(self.distance * sign)
 
     def _closest_corners(self) -> Ints:
@@ -89,141 +132,178 @@ class _Search:
         igl = require_module("igl", "the distance to a surface", "distances")
 
         corners, patch = self.surface.corners
-        ends = np.arange(len(corners)).reshape(-1, 3)
-        found = np.asarray(igl.point_mesh_squared_distance(self.points, corners, ends)[1])
-        return np.asarray(patch[found])
+        triangles = np.arange(len(corners)).reshape(-1, 3)
+        nearest_triangle = igl.point_mesh_squared_distance(self.points, corners, triangles)[1]
+        return np.asarray(patch[np.asarray(nearest_triangle)])
 
     def _undecided(self) -> Ints:
         """Points that other patches have to be looked at for: not those within the flat patch that is nearest."""
         if not all(group.is_flat for group in self.surface.groups):
             return np.arange(len(self.points))
-        border = [point[np.abs(side) < _WITHIN / 2] for point, _, side, _, _ in self._found]
-        return np.concatenate([np.empty(0, np.int64), *border])
+        on_border = [places.point[np.abs(places.side) < _WITHIN / 2] for places in self._found]
+        return np.concatenate([np.empty(0, np.int64), *on_border])
 
     def _candidates(self, point: Ints) -> list[tuple[Ints, Ints]]:
         """Pairs of a point and a patch whose box is as near as what has been found."""
-        tree, node = self.surface.tree, np.zeros_like(point)
-        while node[0] < tree.leaves - 1 if len(node) else False:
+        # down the binary tree of boxes: the children of node k are 2k + 1 and 2k + 2, and its leaves come last
+        tree = self.surface.tree
+        first_leaf = tree.leaves - 1
+        node = np.zeros_like(point)
+        while len(node) and node[0] < first_leaf:
             near = self._may_be_nearer(point, tree.nodes[node])
-            point, node = np.repeat(point[near], 2), (2 * node[near, None] + np.array([1, 2])).reshape(-1)
-        slots = (node[:, None] - (tree.leaves - 1)) * LEAF + np.arange(LEAF)
-        point, slots = np.repeat(point, LEAF), slots.reshape(-1)
-        point, slots = point[slots < len(tree.order)], slots[slots < len(tree.order)]
-        patch = tree.order[slots].astype(np.int64)
+            children = 2 * node[near, None] + np.array([1, 2])
+            point = np.repeat(point[near], 2)
+            node = children.reshape(-1)
+
+        # all patches of the leaves; the last one may hold fewer
+        slots = (node[:, None] - first_leaf) * LEAF + np.arange(LEAF)
+        slots = slots.reshape(-1)
+        point = np.repeat(point, LEAF)
+        is_taken = slots < len(tree.order)
+        point = point[is_taken]
+        patch = tree.order[slots[is_taken]].astype(np.int64)
+
         near = self._may_be_nearer(point, tree.boxes[patch])
-        point, patch = point[near], patch[near]
+        point = point[near]
+        patch = patch[near]
         return [(point[k : k + _MOST], patch[k : k + _MOST]) for k in range(0, len(point), _MOST)]
 
     def _may_be_nearer(self, point: Ints, boxes: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> Bools:
         """(n,) whether boxes (n, 6) are as near to points as what has been found."""
-        own, corners = self.points[point], boxes.astype(np.float64)
-        gap = np.maximum(np.maximum(corners[:, :3] - own, own - corners[:, 3:]), 0.0)
-        return np.asarray(np.sqrt((gap**2).sum(axis=1)) <= self.distance[point] + self.equal)
+        goal = self.points[point]
+        corners = boxes.astype(np.float64)
+        below = corners[:, :3] - goal
+        above = goal - corners[:, 3:]
+        gap = np.maximum(np.maximum(below, above), 0.0)
+        distance = np.sqrt((gap**2).sum(axis=1))
+        return np.asarray(distance <= self.distance[point] + self.equal)
 
     def _search_pairs(self, point: Ints, patch: Ints) -> None:
         """Find the least distances between pairs of points and patches."""
-        group = np.searchsorted(self._first, patch, side="right") - 1
+        group = np.searchsorted(self._first_patch, patch, side="right") - 1
         for number in np.unique(group):
             here = group == number
-            self._search(number, point[here], patch[here] - self._first[number])
+            self._search_group(number, point[here], patch[here] - self._first_patch[number])
 
-    def _search(self, number: int, point: Ints, row: Ints) -> None:
+    def _search_group(self, number: int, point: Ints, row: Ints) -> None:
         """The same with patches of one group: all parts that are not decided are cut, round by round."""
-        patches, bounds = self.surface.groups[number], self._bounds[number]
+        patches = self.surface.groups[number]
+        bounds = self._bounds[number]
+        deviation = bounds[row, 9]
         linear = linear_distance(patches, row, self.points[point])
-        near = np.flatnonzero(linear - bounds[row, 9] <= self.distance[point] + self.equal)
-        point, row = point[near], row[near]
-        waiting = [(point, Parts.whole(patches.corners, row))]
+        near = np.flatnonzero(linear - deviation <= self.distance[point] + self.equal)
+        waiting = [(point[near], Parts.whole(patches.corners, row[near]))]
         while waiting:
             point, parts = waiting.pop()
             model = Model.of(patches, parts, self.points[point])
             start, lower = model.nearest_linear(bounds)
             worth = np.flatnonzero(lower <= self.distance[point] + self.equal)
-            point, model, start = point[worth], model.take(worth), start[worth]
-            parts, convex = model.parts, model.is_convex(bounds)
-            start[convex] = self._polish(patches, model.take(np.flatnonzero(convex)), start[convex])
+            point = point[worth]
+            model = model.take(worth)
+            start = start[worth]
+
+            # where D is convex it is least where Newton's method ends; other places bound the distance at least
+            parts = model.parts
+            is_convex = model.is_convex(bounds)
+            convex_rows = np.flatnonzero(is_convex)
+            start[is_convex] = self._minimize(patches, model.take(convex_rows), start[is_convex])
             self._keep(number, point, parts.row, parts.places(start))
 
             # where D has no stationary point it is least on the sides; those within the face are other patches', too
-            cut = np.flatnonzero(~convex & ~model.is_steady(bounds))
-            whole = np.flatnonzero(~convex) if parts.depth == 0 and parts.corners > 2 else cut[:0]
-            if len(cut) and parts.depth < _ROUNDS and len(cut) <= _MOST:
-                made = parts.take(cut).divide()
-                waiting.append((np.tile(point[cut], len(made) // len(cut)), made))
-            if len(whole):
+            to_cut = np.flatnonzero(~is_convex & ~model.is_steady(bounds))
+            if len(to_cut) and parts.depth < _ROUNDS and len(to_cut) <= _MOST:
+                smaller = parts.take(to_cut).divide()
+                kinds = len(smaller) // len(to_cut)
+                waiting.append((np.tile(point[to_cut], kinds), smaller))
+            is_face = parts.depth == 0 and parts.corners > 2
+            if is_face and not is_convex.all():
+                whole = np.flatnonzero(~is_convex)
                 sides, owner = parts.take(whole).sides(patches)
                 waiting.append((point[whole[owner]], sides))
 
-    def _polish(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
-        """(n, 2) where the distance is least in parts where it is convex."""
-        result, moving = start.copy(), np.arange(len(start))
-        for _ in range(0 if patches.is_flat else _STEPS):
+    def _minimize(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
+        """(n, 2) where the distance is least in parts where it is convex, by Newton's method."""
+        result = start.copy()
+        if patches.is_flat:
+            return result
+        moving = np.arange(len(start))
+        for _ in range(_STEPS):
             if not len(moving):
                 break
-            parts, here = model.parts.take(moving), result[moving]
-            there = Model.of(patches, parts.around(here), model.goal[moving])
-            result[moving] = least(parts.corners, there.bend, there.gradient - _times(there.bend, here))
-            moving = moving[np.abs(result[moving] - here).max(axis=1) > 1e-10]
+            # the least of the quadratic model around each point, in coordinates of the part
+            here = result[moving]
+            parts = model.parts.take(moving)
+            local = Model.of(patches, parts.around(here), model.goal[moving])
+            gradient = local.gradient - multiply(local.bend, here)
+            result[moving] = least(parts.corners, local.bend, gradient)
+            step = np.abs(result[moving] - here).max(axis=1)
+            moving = moving[step > 1e-10]
         return result
 
     def _keep(self, number: int, point: Ints, row: Ints, where: Floats) -> None:
         """Note the distances to points ``where`` (n, 2) of patches of a group."""
-        patches, first = self.surface.groups[number], self._first[number]
+        patches = self.surface.groups[number]
         place = patches.at(where, row)
         away = self.points[point] - place
         distance = np.sqrt((away**2).sum(axis=1))
         np.minimum.at(self.distance, point, distance)
         best = np.flatnonzero(distance <= self.distance[point])
         self.place[point[best]] = place[best]
+
         near = np.flatnonzero(distance <= self.distance[point] + self.equal)
         if self.surface.is_closed and len(near):
-            side = _side(patches, row[near], where[near], away[near], distance[near])
-            self._found.append((point[near], distance[near], side, first + row[near], patches.face[row[near]]))
+            row = row[near]
+            side = _side(patches, row, where[near], away[near], distance[near])
+            patch = self._first_patch[number] + row
+            self._found.append(_Places(point[near], distance[near], side, patch, patches.face[row]))
 
 
 def _side(patches: SurfacePatches, row: Ints, where: Floats, away: Floats, distance: Floats) -> Floats:
     """(n,) positive before the patch, negative behind; weighed by the angle that the face has at its border."""
-    s, t = patches.at(where, row, 1, 0), patches.at(where, row, 0, 1)
-    normal = np.cross(s, t) if patches.corners > 2 else s[:, [1, 0, 2]] * (1, -1, 0)
+    s = patches.at(where, row, 1, 0)
+    t = patches.at(where, row, 0, 1)
+    is_face = patches.corners > 2
+    normal = np.cross(s, t) if is_face else s[:, [1, 0, 2]] * (1, -1, 0)
     size = np.linalg.norm(normal, axis=1) * distance
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(size > 0, _dot(normal, away) / size, 1.0) * _angle(patches, row, where, s, t))
-
-
-#: how near to a side points lie on it, and what points within a face weigh, more than any angles
-_ON, _WITHIN = 1e-9, 100.0
+        cosine = np.where(size > 0, dot(normal, away) / size, 1.0)
+    return np.asarray(cosine * _angle(patches, row, where, s, t))
 
 
 def _angle(patches: SurfacePatches, row: Ints, where: Floats, s: Floats, t: Floats) -> Floats:
     """(n,) the angle at which a face leaves a point of its border, or the patch's part of it; `_WITHIN` elsewhere."""
-    angle, corners = np.full(len(row), _WITHIN), CORNERS[patches.corners]
-    on = np.stack([_lies_on_side(patches.corners, k, where) for k in range(patches.corners)], axis=1)
-    sides, ends = ((patches.outer[row, None] >> (shift + np.arange(patches.corners))) & 1 == 1 for shift in (0, 4))
-    angle[(on & sides).any(axis=1)] = np.pi
-    if patches.corners == 2:
+    count = patches.corners
+    on = np.stack([_lies_on_side(count, k, where) for k in range(count)], axis=1)
+    outer_sides = _bits(patches.outer[row], 0, count)
+    outer_corners = _bits(patches.outer[row], 4, count)
+    angle = np.full(len(row), _WITHIN)
+    angle[(on & outer_sides).any(axis=1)] = np.pi
+    if count == 2:
         return angle
+
+    # at a corner the angle between the tangents of both sides; side k leaves corner k and side k - 1 ends there
+    corners = CORNERS[count]
     for k, corner in enumerate(corners):
-        here = np.flatnonzero(on[:, k] & on[:, k - 1] & ends[:, k])
-        ahead, back = corners[(k + 1) % patches.corners] - corner, corners[k - 1] - corner
-        a, b = (way[:1] * s[here] + way[1:] * t[here] for way in (ahead, back))
-        angle[here] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), _dot(a, b))
+        here = np.flatnonzero(on[:, k] & on[:, k - 1] & outer_corners[:, k])
+        ahead = corners[(k + 1) % count] - corner
+        back = corners[k - 1] - corner
+        a = ahead[:1] * s[here] + ahead[1:] * t[here]
+        b = back[:1] * s[here] + back[1:] * t[here]
+        angle[here] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), dot(a, b))
     return angle
+
+
+def _bits(numbers: Ints, first: int, count: int) -> Bools:
+    """(n, count) whether bits of numbers (n,) are set."""
+    places = first + np.arange(count)
+    return np.asarray((numbers[:, None] >> places) & 1 == 1)
 
 
 def _lies_on_side(corners: int, k: int, where: Floats) -> Bools:
     """(n,) whether points lie on side k."""
     s, t = where.T
     if corners == 2:
-        return np.asarray(np.abs(s - (1 if k else -1)) < _ON)
-    lines = (1 + t, -s - t, 1 + s) if corners == 3 else (1 + t, 1 - s, 1 - t, 1 + s)
-    return np.asarray(lines[k] < _ON)
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    return np.asarray((a * b).sum(axis=1))
-
-
-def _times(bend: Floats, points: Floats) -> Floats:
-    """(n, 2) symmetric matrices times points."""
-    (ss, st, tt), (s, t) = bend.T, points.T
-    return np.stack([ss * s + st * t, st * s + tt * t], axis=1)
+        end = 1 if k else -1
+        return np.asarray(np.abs(s - end) < _ON)
+    distances = (1 + t, -s - t, 1 + s) if corners == 3 else (1 + t, 1 - s, 1 - t, 1 + s)
+    return np.asarray(distances[k] < _ON)

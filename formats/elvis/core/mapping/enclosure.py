@@ -40,31 +40,50 @@ def search(targets: Targets) -> tuple[Floats, Bools, Bools]:
 
     Where neither holds the element has no root with a margin of -1e-10 or more, whatever rounding did.
     """
-    reference = np.full((len(targets), targets.patch.shape.dimension), np.nan)
-    found, undecided = np.zeros((2, len(targets)), bool)
-    step = max(64, _BATCH // (24 * _matrix(targets.patch.geometry)[0].shape[1]))
-    for part in chunks(len(targets), step):
-        run = _Search(targets.part(np.arange(part.start, part.stop)))
-        reference[part], found[part], undecided[part] = run.reference, run.found, run.undecided
+    count = len(targets)
+    reference = np.full((count, targets.patch.shape.dimension), np.nan)
+    found = np.zeros(count, bool)
+    undecided = np.zeros(count, bool)
+    net_size = _matrix(targets.patch.geometry)[0].shape[1]
+    for part in chunks(count, max(64, _BATCH // (24 * net_size))):
+        batch = _Search(targets.part(np.arange(part.start, part.stop)))
+        reference[part] = batch.reference
+        found[part] = batch.found
+        undecided[part] = batch.undecided
     return reference, found, undecided
 
 
 def hulls(patch: Patch, row: int, count: int) -> tuple[Floats, Floats]:
     """Low and high corners (k, 3) of boxes that together hold an element, in ``count`` parts in each direction."""
-    matrix, degrees = _matrix(patch.geometry)
-    nets = (patch.geometry_coefficients[[row]] @ matrix).reshape(1, 3, *(degree + 1 for degree in degrees[::-1]))
+    nets = _nets(patch, np.array([row]))
+    net_shape = nets.shape[1:]
     ends = np.linspace(-TOLERANCE, 1 + TOLERANCE, count + 1)
+    first = ends[:-1]
     low = np.empty((1, 0))
-    for i, degree in enumerate(degrees):
-        own = np.tile(np.eye(degree + 1), (count, 1, 1))
-        own = _left_of(_right_of(own, -1, ends[:-1]), -1, np.diff(ends) / (1 - ends[:-1]))
-        parts = np.einsum("...i,sij->s...j", np.moveaxis(nets, -1 - i, -1), own, optimize=True)
-        nets = np.moveaxis(parts, -1, -1 - i).reshape(-1, *nets.shape[1:])
-        low = np.column_stack([np.tile(low, (count, 1)), np.repeat(ends[:-1], len(low))])
+    for i in range(patch.shape.dimension):
+        # matrices from coefficients over [0, 1] to those over each part, by de Casteljau's scheme on unit vectors
+        axis = -1 - i
+        units = np.tile(np.eye(nets.shape[axis]), (count, 1, 1))
+        to_parts = _between(units, -1, first, ends[1:])
+
+        # every net in every part of this direction: parts vary slowest
+        parts = np.einsum("...i,sij->s...j", np.moveaxis(nets, axis, -1), to_parts, optimize=True)
+        nets = np.moveaxis(parts, -1, axis).reshape(-1, *net_shape)
+        low = np.column_stack([np.tile(low, (count, 1)), np.repeat(first, len(low))])
+
+    # beyond the face at which the s add up to 1 the element has no points
     if patch.shape in _SIMPLEX:
-        nets = nets[low[:, _SIMPLEX[patch.shape]].sum(axis=1) <= 1 + 1e-9]
+        sums = low[:, _SIMPLEX[patch.shape]].sum(axis=1)
+        nets = nets[sums <= 1 + 1e-9]
     axes = tuple(range(2, nets.ndim))
     return nets.min(axis=axes), nets.max(axis=axes)
+
+
+def _nets(patch: Patch, rows: Ints) -> Floats:
+    """(n, 3, ...) tensor Bernstein nets of the maps of elements (n,), direction i along axis -1 - i."""
+    matrix, degrees = _matrix(patch.geometry)
+    nets = patch.geometry_coefficients[rows] @ matrix
+    return nets.reshape(len(rows), 3, *_net_shape(degrees))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,118 +111,151 @@ class _Search:
     """One batch of targets and the results for them."""
 
     def __init__(self, targets: Targets) -> None:
-        self.targets, self.shape = targets, targets.patch.shape
+        self.targets = targets
+        self.shape = targets.patch.shape
         self.reference = np.full((len(targets), self.shape.dimension), np.nan)
-        self.found, self.undecided = np.zeros((2, len(targets)), bool)
-        cells = self._whole()
+        self.found = np.zeros(len(targets), bool)
+        self.undecided = np.zeros(len(targets), bool)
+        cells = self._whole_elements()
         for _ in range(_ROUNDS):
             if not len(cells):
                 return
-            cells = self._given_up(self._round(cells))
+            cells = self._give_up(self._contract(cells))
         self.undecided[cells.pair] = True
 
-    def _whole(self) -> _Cells:
+    def _whole_elements(self) -> _Cells:
         """Every element as one cell, larger by the tolerance."""
         targets = self.targets
-        matrix, degrees = _matrix(targets.patch.geometry)
-        net = (targets.patch.geometry_coefficients[targets.rows] @ matrix) - targets.points[:, :, None]
-        net = net.reshape(len(targets), 3, *(degree + 1 for degree in degrees[::-1]))
-        low, high = np.zeros((2, len(targets), len(degrees)))
-        cells = _Cells(np.arange(len(targets)), low, high + 1, net)
-        return _cut(cells, low - TOLERANCE, high + 1 + TOLERANCE)
+        maps = _nets(targets.patch, targets.rows)
+        points = targets.points.reshape(*targets.points.shape, *[1] * self.shape.dimension)
+        low = np.zeros((len(targets), self.shape.dimension))
+        high = np.ones_like(low)
+        cells = _Cells(np.arange(len(targets)), low, high, maps - points)
+        return _cut(cells, low - TOLERANCE, high + TOLERANCE)
 
-    def _round(self, cells: _Cells) -> _Cells:
+    def _contract(self, cells: _Cells) -> _Cells:
         """Cut all cells to where roots can be, seek roots from nearly linear ones, halve those still as large."""
-        lower, upper, linear = _contraction(cells, self._slack(cells))
+        lower, upper, is_linear = _root_bounds(cells, self._slack(cells))
         possible = np.asarray((lower <= upper).all(axis=1))
         if self.shape in _SIMPLEX:
-            ends = cells.low + lower * (cells.high - cells.low)
-            possible &= ends[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
-        large: Bools = ((upper - lower).max(axis=1) > 0.5)[possible]
-        cells = _cut(cells.part(possible), lower[possible], upper[possible])
-        going = self._seek(cells, linear[possible])
-        return _join(cells.part(going & ~large), *_halves(cells.part(going & large), self.shape))
+            corner = cells.low + lower * (cells.high - cells.low)
+            possible &= corner[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
+        lower = lower[possible]
+        upper = upper[possible]
+        is_large = (upper - lower).max(axis=1) > 0.5
+        cells = _cut(cells.part(possible), lower, upper)
+        is_open = self._seek_roots(cells, is_linear[possible])
+        small = cells.part(is_open & ~is_large)
+        large = cells.part(is_open & is_large)
+        return _concatenate(small, *_halves(large, self.shape))
 
     def _slack(self, cells: _Cells) -> Floats:
         """(c,) distance from zero within which the net may be at a root."""
         return np.maximum(self.targets.precision, self.targets.distance)[cells.pair]
 
-    def _seek(self, cells: _Cells, linear: Bools) -> Bools:
+    def _seek_roots(self, cells: _Cells, is_linear: Bools) -> Bools:
         """(c,) whether cells are still in question after Newton's method from the small, nearly linear ones."""
-        width = (cells.high - cells.low).max(axis=1, initial=0)
-        ready = np.flatnonzero(linear & (width < 0.1))
+        width = _widths(cells)
+        ready = np.flatnonzero(is_linear & (width < 0.1))
+        pair = cells.pair[ready]
         middles = cells.low[ready] + cells.high[ready] - 1
         starts = uncollapse(self.shape, middles) if self.shape is Shape.PYRAMID else middles
-        feet = newton(self.targets.part(cells.pair[ready]), starts)
-        self.reference[cells.pair[ready[feet.inside]]] = feet.reference[feet.inside]
-        self.found[cells.pair[ready[feet.inside]]] = True
+        feet = newton(self.targets.part(pair), starts)
+        self.reference[pair[feet.inside]] = feet.reference[feet.inside]
+        self.found[pair[feet.inside]] = True
+        is_open = ~self.found[cells.pair]
 
         # cells cannot shrink below rounding: all their points are one, and what is found from there decides on it
-        going = ~self.found[cells.pair]
-        spans = np.ptp(cells.net[ready], axis=tuple(range(2, cells.net.ndim))).max(axis=1, initial=0)
-        going[ready[feet.converged & (spans <= _ONE_POINT * self.targets.rounding[cells.pair[ready]])]] = False
+        net = cells.net[ready]
+        extent = np.ptp(net, axis=tuple(range(2, net.ndim))).max(axis=1, initial=0)
+        is_point = extent <= _ONE_POINT * self.targets.rounding[pair]
+        is_open[ready[feet.converged & is_point]] = False
 
         # on curves and surfaces a foot near a tiny cell is the result for it: cells cannot shrink below the distance
         if self.shape.dimension < 3:
-            near = np.abs(feet.reference - starts).max(axis=1, initial=0) < 0.01
-            going[ready[feet.converged & near & (width[ready] < 1e-3)]] = False
-        return going
+            is_near = np.abs(feet.reference - starts).max(axis=1, initial=0) < 0.01
+            is_tiny = width[ready] < 1e-3
+            is_open[ready[feet.converged & is_near & is_tiny]] = False
+        return is_open
 
-    def _given_up(self, cells: _Cells) -> _Cells:
+    def _give_up(self, cells: _Cells) -> _Cells:
         """Leave out pairs with cells too small or too many to go on."""
-        small = (cells.high - cells.low).max(axis=1, initial=0) < _SMALLEST
-        many = np.bincount(cells.pair, minlength=len(self.targets)) > _MOST_CELLS
-        self.undecided[cells.pair[small]] = True
-        self.undecided |= many & ~self.found
+        is_small = _widths(cells) < _SMALLEST
+        has_many = np.bincount(cells.pair, minlength=len(self.targets)) > _MOST_CELLS
+        self.undecided[cells.pair[is_small]] = True
+        self.undecided |= has_many & ~self.found
         return cells.part(~self.undecided[cells.pair])
 
 
-def _contraction(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
+def _root_bounds(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
     """Where in each cell, from 0 to 1 in each direction, roots can be: ``lower`` to ``upper`` (c, d), none if reversed.
 
     With the inverse A of the mean Jacobian, A times the net is t + e(t); a root has t = -e(t), in the range of -e.  The
     map is called nearly linear, the third result (c,), where e varies by half the cell at most.
     """
     axes = tuple(range(2, cells.net.ndim))
-    jacobians = np.stack([span.mean(axis=axes[:-1]) for span in _spans(cells)], axis=2)
+    jacobians = np.stack([step.mean(axis=axes[:-1]) for step in _steps_across(cells)], axis=2)
     inverse = duals(jacobians)
     with np.errstate(invalid="ignore", over="ignore"):
+        # the net of e: A times the net, less that of t, whose coefficients in direction i are i/n
         rest = np.einsum("cai,ca...->ci...", inverse, cells.net)
         for i in range(len(axes)):
-            rest[:, i] -= np.linspace(0, 1, rest.shape[-1 - i]).reshape(-1, *[1] * i)
-        least, most = rest.min(axis=axes), rest.max(axis=axes)
-        linear = (most - least <= 0.5).all(axis=1)
+            count = rest.shape[-1 - i]
+            rest[:, i] -= np.linspace(0, 1, count).reshape(-1, *[1] * i)
+        least = rest.min(axis=axes)
+        most = rest.max(axis=axes)
+        is_linear = (most - least <= 0.5).all(axis=1)
         allowance = slack[:, None] * np.abs(inverse).sum(axis=1)
-        lower, upper = -most - allowance, -least + allowance
-    lower, upper = np.where(np.isfinite(lower), lower, 0.0), np.where(np.isfinite(upper), upper, 1.0)
-    away = (cells.net.min(axis=axes) > slack[:, None]) | (cells.net.max(axis=axes) < -slack[:, None])
-    empty = away.any(axis=1, keepdims=True) | (lower > 1) | (upper < 0)
-    lower, upper = np.clip(lower, 0.0, 1 - _SMALLEST), np.clip(upper, _SMALLEST, 1.0)
-    return np.where(empty, 1.0, lower), np.where(empty, 0.0, upper), linear
+        lower = -most - allowance
+        upper = -least + allowance
+
+    # a singular Jacobian says nothing
+    lower = np.where(np.isfinite(lower), lower, 0.0)
+    upper = np.where(np.isfinite(upper), upper, 1.0)
+
+    # there is no root where a coordinate of the map has one sign all over, nor where the range of -e is beyond the cell
+    above = cells.net.min(axis=axes) > slack[:, None]
+    below = cells.net.max(axis=axes) < -slack[:, None]
+    is_empty = (above | below).any(axis=1, keepdims=True) | (lower > 1) | (upper < 0)
+    lower = np.clip(lower, 0.0, 1 - _SMALLEST)
+    upper = np.clip(upper, _SMALLEST, 1.0)
+    return np.where(is_empty, 1.0, lower), np.where(is_empty, 0.0, upper), is_linear
 
 
-def _spans(cells: _Cells) -> list[Floats]:
+def _steps_across(cells: _Cells) -> list[Floats]:
     """For each direction the difference of the net's last and first layers."""
     axes = [-1 - i for i in range(cells.low.shape[1])]
     return [np.asarray(cells.net.take(-1, axis) - cells.net.take(0, axis)) for axis in axes]
 
 
+def _widths(cells: _Cells) -> Floats:
+    """(c,) longest sides of the cells."""
+    return np.asarray((cells.high - cells.low).max(axis=1, initial=0))
+
+
 def _cut(cells: _Cells, lower: Floats, upper: Floats) -> _Cells:
-    """The cells between ``lower`` and ``upper`` (c, d), in parts of each cell, by de Casteljau's scheme."""
+    """The cells between ``lower`` and ``upper`` (c, d), in parts of each cell."""
     net = cells.net
     for i in range(lower.shape[1]):
-        net = _right_of(net, -1 - i, lower[:, i])
-        net = _left_of(net, -1 - i, (upper[:, i] - lower[:, i]) / (1 - lower[:, i]))
+        net = _between(net, -1 - i, lower[:, i], upper[:, i])
     width = cells.high - cells.low
     return _Cells(cells.pair, cells.low + lower * width, cells.low + upper * width, net)
+
+
+def _between(net: Floats, axis: int, lower: Floats, upper: Floats) -> Floats:
+    """Bernstein coefficients over [lower, upper] of one direction, by de Casteljau's scheme."""
+    right = _right_of(net, axis, lower)
+    return _left_of(right, axis, (upper - lower) / (1 - lower))
 
 
 def _right_of(net: Floats, axis: int, t: Floats) -> Floats:
     """Bernstein coefficients over [t, 1] of one direction."""
     points = np.moveaxis(net, axis, 1).copy()
+    count = points.shape[1]
     t = t.reshape(-1, *[1] * (net.ndim - 1))
-    for level in range(1, points.shape[1]):
-        points[:, :-level] += t * (points[:, 1 : points.shape[1] - level + 1] - points[:, :-level])
+    for level in range(1, count):
+        step = points[:, 1 : count - level + 1] - points[:, :-level]
+        points[:, :-level] += t * step
     return np.moveaxis(points, 1, axis)
 
 
@@ -216,16 +268,21 @@ def _halves(cells: _Cells, shape: Shape) -> tuple[_Cells, _Cells]:
     """Both halves of the cells, cut where their image is longest; at the apex of a pyramid, across its axis."""
     dimension = cells.low.shape[1]
     axes = tuple(range(1, dimension + 1))
-    lengths = np.stack([np.ptp(cells.net, axis=-1 - i).max(axis=axes) for i in range(dimension)], axis=1)
-    longest = np.argmax(lengths, axis=1)
+    lengths = [np.ptp(cells.net, axis=-1 - i).max(axis=axes) for i in range(dimension)]
+    longest = np.argmax(np.stack(lengths, axis=1), axis=1)
     if shape is Shape.PYRAMID:
-        longest = np.where(cells.high[:, 2] >= 1, 2, longest)
-    across = np.arange(dimension) == longest[:, None]
-    zero, one = np.zeros_like(cells.low), np.ones_like(cells.low)
-    return _cut(cells, zero, np.where(across, 0.5, one)), _cut(cells, np.where(across, 0.5, zero), one)
+        has_apex = cells.high[:, 2] >= 1
+        longest = np.where(has_apex, 2, longest)
+
+    is_halved = np.arange(dimension) == longest[:, None]
+    zero = np.zeros_like(cells.low)
+    one = np.ones_like(cells.low)
+    lower_half = _cut(cells, zero, np.where(is_halved, 0.5, one))
+    upper_half = _cut(cells, np.where(is_halved, 0.5, zero), one)
+    return lower_half, upper_half
 
 
-def _join(*several: _Cells) -> _Cells:
+def _concatenate(*several: _Cells) -> _Cells:
     return _Cells(
         np.concatenate([cells.pair for cells in several]),
         np.concatenate([cells.low for cells in several]),
@@ -238,24 +295,43 @@ def _join(*several: _Cells) -> _Cells:
 def _matrix(expansion: Expansion) -> tuple[Floats, tuple[int, ...]]:
     """Matrix (m, count) from modes to a tensor Bernstein net over the whole box, and the degree in each direction."""
     space = bernstein_space(expansion)
-    matrix, degrees = to_bernstein(expansion, space), space.degrees
-    if expansion.shape in _SIMPLEX:
-        degrees = _tensor_degrees(space)
-        matrix = matrix @ _tensor(space, degrees)
-    return frozen_floats(matrix), degrees
+    matrix = to_bernstein(expansion, space)
+    if expansion.shape not in _SIMPLEX:
+        return frozen_floats(matrix), space.degrees
+    degrees = _tensor_degrees(space)
+    return frozen_floats(matrix @ _tensor(space, degrees)), degrees
+
+
+def _net_shape(degrees: tuple[int, ...]) -> tuple[int, ...]:
+    """Numbers of coefficients of a tensor net in each direction, the last direction first."""
+    return tuple(degree + 1 for degree in degrees[::-1])
 
 
 def _tensor_degrees(space: BernsteinSpace) -> tuple[int, ...]:
-    first, *rest = space.degrees
-    return (first, rest[0], first) if space.shape is Shape.PRISM else (first,) * space.shape.dimension
+    """Degrees of a simplex or prism as a tensor net: the total degree of a simplex in each of its directions."""
+    if space.shape is not Shape.PRISM:
+        return (space.degrees[0],) * space.shape.dimension
+    triangle, along = space.degrees
+    return triangle, along, triangle
 
 
 def _tensor(space: BernsteinSpace, degrees: tuple[int, ...]) -> Floats:
     """(count, tensor count) functions of a simplex or prism as tensor nets, by interpolation at Chebyshev points."""
-    lines = [np.cos((2 * np.arange(degree, -1, -1) + 1) * np.pi / (2 * degree + 2)) for degree in degrees]
-    points = np.stack(np.meshgrid(*lines[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, len(degrees))
-    result = bernstein_values(space, points).T.reshape(-1, *(degree + 1 for degree in degrees[::-1]))
+    lines = [_chebyshev_points(degree) for degree in degrees]
+    grid = np.meshgrid(*lines[::-1], indexing="ij")
+    points = np.stack(grid[::-1], axis=-1).reshape(-1, len(degrees))
+    net = bernstein_values(space, points).T.reshape(-1, *_net_shape(degrees))
+
+    # from values to coefficients, one direction after the other
     for i, (line, degree) in enumerate(zip(lines, degrees, strict=True)):
-        inverse = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), line[:, None]))
-        result = np.moveaxis(np.moveaxis(result, -1 - i, -1) @ inverse.T, -1, -1 - i)
-    return np.ascontiguousarray(result.reshape(len(result), -1))
+        segment = BernsteinSpace(Shape.SEGMENT, (degree,))
+        inverse = np.linalg.inv(bernstein_values(segment, line[:, None]))
+        along = np.moveaxis(net, -1 - i, -1) @ inverse.T
+        net = np.moveaxis(along, -1, -1 - i)
+    return np.ascontiguousarray(net.reshape(len(net), -1))
+
+
+def _chebyshev_points(degree: int) -> Floats:
+    """(degree + 1,) the zeros of the Chebyshev polynomial of the next degree, ascending."""
+    odd = 2 * np.arange(degree, -1, -1) + 1
+    return np.cos(odd * np.pi / (2 * degree + 2))
