@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.mapping.orientation import face_shape
 from elvis.core.mesh import Composite, Entities, Mesh
 from elvis.core.shapes import Shape
 
@@ -21,92 +22,131 @@ def connected(vertices: Floats, elements: Mapping[Shape, Ints], space: int = 3) 
     """
     dimension = max(shape.dimension for shape in elements)
     shapes = [shape for shape in Shape.of_dimension(dimension) if len(elements.get(shape, ()))]
-    own = {shape: np.asarray(elements[shape], np.int64) for shape in shapes}
-    entities, boundary = _ASSEMBLED[dimension](own)
-    ids = np.split(np.arange(sum(map(len, own.values()))), np.cumsum([len(rows) for rows in own.values()])[:-1])
-    for shape, numbers in zip(shapes, ids, strict=True):
-        entities[shape] = Entities(frozen_ints(numbers), entities[shape].members)
-    domain = [Composite(i, ((s.tag, frozen_ints(ids[i])),), s.label.lower()) for i, s in enumerate(shapes)]
-    border = Composite(len(shapes), (("VEF"[dimension - 1], boundary),), "boundary")
+    vertices_of = {shape: np.asarray(elements[shape], np.int64) for shape in shapes}
+    entities, outer = _SKELETONS[dimension](vertices_of)
+
+    # elements are numbered through, shape after shape
+    counts = [len(rows) for rows in vertices_of.values()]
+    ids = _split(np.arange(sum(counts)), counts)
+    domain = []
+    for i, shape in enumerate(shapes):
+        own_ids = frozen_ints(ids[i])
+        entities[shape] = Entities(own_ids, entities[shape].members)
+        domain.append(Composite(i, ((shape.tag, own_ids),), shape.label.lower()))
+    tag = "VEF"[dimension - 1]
+    boundary = Composite(len(shapes), ((tag, outer),), "boundary")
     return Mesh(
         dimension,
         space,
         frozen_ints(np.arange(len(vertices))),
         frozen_floats(vertices),
         entities,
-        composites=(*domain, border),
+        composites=(*domain, boundary),
         domains={0: tuple(range(len(shapes)))},
     )
 
 
-def _line(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities], Ints]:
-    rows, counts = np.unique(elements[Shape.SEGMENT], return_counts=True)
-    return {Shape.SEGMENT: _entities(elements[Shape.SEGMENT])}, frozen_ints(rows[counts == 1])
+def _from_segments(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities], Ints]:
+    """Entities of lines, and the vertices of single ones."""
+    segments = elements[Shape.SEGMENT]
+    vertices, uses = np.unique(segments, return_counts=True)
+    return {Shape.SEGMENT: _entities(segments)}, frozen_ints(vertices[uses == 1])
 
 
-def _surface(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities], Ints]:
-    segments, members, uses = _edges(elements)
-    entities = {shape: _entities(rows) for shape, rows in members.items()}
-    return {Shape.SEGMENT: _entities(segments), **entities}, frozen_ints(np.flatnonzero(uses == 1))
+def _from_polygons(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities], Ints]:
+    """Entities of plane elements: their edges, themselves as edges; and the edges of single elements."""
+    edges, edges_of, uses = _edges(elements)
+    entities = {Shape.SEGMENT: _entities(edges)}
+    for shape, members in edges_of.items():
+        entities[shape] = _entities(members)
+    return entities, frozen_ints(np.flatnonzero(uses == 1))
 
 
-def _volume(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities], Ints]:
-    """Faces as their first element sees them, triangles numbered before quadrilaterals; then edges of the faces."""
+def _from_solids(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities], Ints]:
+    """Entities of solids, and the faces of single elements.
+
+    Faces as their first element sees them, triangles numbered before quadrilaterals; then edges of the faces.
+    """
     faces: dict[Shape, Ints] = {}
-    members = {shape: np.empty((len(rows), len(shape.faces)), np.int64) for shape, rows in elements.items()}
-    single, offset = [], 0
+    faces_of = {shape: np.empty((len(rows), len(shape.faces)), np.int64) for shape, rows in elements.items()}
+    outer = []
+    offset = 0
     for kind in (Shape.TRIANGLE, Shape.QUADRILATERAL):
-        places = [(s, i) for s in elements for i, face in enumerate(s.faces) if len(face) == len(kind.vertices)]
-        if not places:
+        sides = [
+            (shape, i, face) for shape in elements for i, face in enumerate(shape.faces) if face_shape(face) is kind
+        ]
+        if not sides:
             continue
-        stacked = np.concatenate([elements[s][:, list(s.faces[i])] for s, i in places])
-        first, which = _distinct(stacked)
+        vertices = [elements[shape][:, list(face)] for shape, _, face in sides]
+        stacked = np.concatenate(vertices)
+        first, which = distinct_rows(stacked)
         faces[kind] = stacked[first]
-        single.append(offset + np.flatnonzero(np.bincount(which) == 1))
-        for (shape, i), part in zip(places, _parts(which, [len(elements[s]) for s, _ in places]), strict=True):
-            members[shape][:, i] = part + offset
+
+        # faces of one element lie on the boundary
+        uses = np.bincount(which)
+        outer.append(offset + np.flatnonzero(uses == 1))
+        numbers = _split(offset + which, [len(rows) for rows in vertices])
+        for (shape, i, _), own in zip(sides, numbers, strict=True):
+            faces_of[shape][:, i] = own
         offset += len(first)
-    surface, _ = _surface(faces)
-    numbered = {kind: Entities(ids, surface[kind].members) for kind, ids in _face_ids(faces).items()}
-    solids = {shape: _entities(rows) for shape, rows in members.items()}
-    return {**surface, **numbered, **solids}, frozen_ints(np.concatenate(single))
+
+    entities, _ = _from_polygons(faces)
+    for kind, ids in _face_ids(faces).items():
+        entities[kind] = Entities(ids, entities[kind].members)
+    for shape, members in faces_of.items():
+        entities[shape] = _entities(members)
+    return entities, frozen_ints(np.concatenate(outer))
 
 
 def _face_ids(faces: Mapping[Shape, Ints]) -> dict[Shape, Ints]:
-    starts = np.cumsum([0] + [len(rows) for rows in faces.values()])
-    return {
-        kind: frozen_ints(start + np.arange(len(rows)))
-        for start, (kind, rows) in zip(starts, faces.items(), strict=False)
-    }
+    """Ids of the faces of each kind: all are numbered through."""
+    ids = {}
+    first = 0
+    for kind, rows in faces.items():
+        ids[kind] = frozen_ints(first + np.arange(len(rows)))
+        first += len(rows)
+    return ids
 
 
-_ASSEMBLED = {1: _line, 2: _surface, 3: _volume}
+#: how elements of a dimension get their edges and faces
+_SKELETONS = {1: _from_segments, 2: _from_polygons, 3: _from_solids}
 
 
 def _edges(polygons: Mapping[Shape, Ints]) -> tuple[Ints, dict[Shape, Ints], Ints]:
     """Distinct edges (n, 2) from lower to higher vertex, the edges of each polygon, and how many polygons use each."""
-    ends = [np.stack([rows, np.roll(rows, -1, axis=1)], axis=2).reshape(-1, 2) for rows in polygons.values()]
+    ends = []
+    for rows in polygons.values():
+        following = np.roll(rows, -1, axis=1)
+        ends.append(np.stack([rows, following], axis=2).reshape(-1, 2))
     stacked = np.sort(np.concatenate(ends), axis=1)
-    first, which = _distinct(stacked)
-    parts = _parts(which, [len(rows) for rows in ends])
-    members = {s: part.reshape(rows.shape) for (s, rows), part in zip(polygons.items(), parts, strict=True)}
-    return stacked[first], members, np.bincount(which)
+    first, which = distinct_rows(stacked)
+
+    numbers = _split(which, [len(rows) for rows in ends])
+    edges_of = {}
+    for (shape, rows), own in zip(polygons.items(), numbers, strict=True):
+        edges_of[shape] = own.reshape(rows.shape)
+    return stacked[first], edges_of, np.bincount(which)
 
 
-def _distinct(rows: Ints) -> tuple[Ints, Ints]:
-    """Rows (n, k) that hold the same numbers are the same: the first of each, and which of them every row is (n,)."""
+def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
+    """Rows (n, k) that hold the same numbers, in any order, are one.
+
+    The first row (m,) of each distinct one, and which distinct one each row is (n,).
+    """
     key = np.sort(rows, axis=1)
     order = np.lexsort(key.T[::-1])
-    new = np.ones(len(rows), bool)
-    new[1:] = (np.diff(key[order], axis=0) != 0).any(axis=1)
+    is_new = np.ones(len(rows), bool)
+    is_new[1:] = (np.diff(key[order], axis=0) != 0).any(axis=1)
     which = np.empty(len(rows), np.int64)
-    which[order] = np.cumsum(new) - 1
-    return order[new], which
+    which[order] = np.cumsum(is_new) - 1
+    return order[is_new], which
 
 
-def _parts(rows: Ints, lengths: list[int]) -> list[Ints]:
+def _split(rows: Ints, lengths: list[int]) -> list[Ints]:
+    """Parts of these lengths, one after the other."""
     return np.split(rows, np.cumsum(lengths)[:-1])
 
 
 def _entities(members: Ints) -> Entities:
+    """Entities with ids from 0."""
     return Entities(frozen_ints(np.arange(len(members))), frozen_ints(members))

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from elvis.core.arrays import Ints, frozen_ints
+from elvis.core.mapping.connectivity import distinct_rows
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter
@@ -28,24 +29,38 @@ def composites(
     vertices  of each block's elements as the source has them, (n, v) in its local order, to tell which sides are outer
     numbers   (n_vertices,) the source's number of each vertex of the mesh
     """
-    domain = [
-        Composite(id, ((shape.tag, frozen_ints(ids)),), name) for id, (shape, name, ids) in enumerate(_regions(blocks))
-    ]
-    notes, known = list[str](), Sides(mesh, numbers)
-    named: list[tuple[str, Ints]] = []
+    domain = []
+    for shape, name, ids in _regions(blocks):
+        domain.append(Composite(len(domain), ((shape.tag, frozen_ints(ids)),), name))
+
+    # the boundaries that the source names
+    notes: list[str] = []
+    boundaries: list[tuple[str, Ints]] = []
+    known = Sides(mesh, numbers)
     for boundary in source.boundaries:
-        rows, lost = _rows(boundary, mesh, blocks, known)
+        rows, lost = _boundary_rows(boundary, mesh, blocks, known)
         if lost:
             notes.append(f"{lost} entries of the boundary {boundary.name!r} are sides of no element")
-        named.append((boundary.name, rows))
-    outer = [_side_rows(mesh, blocks[i], rows, sides) for i, rows, sides in _outer_sides(blocks, vertices)]
-    rest = np.setdiff1d(
-        np.concatenate([np.empty(0, np.int64), *outer]), np.concatenate([np.empty(0, np.int64), *(r for _, r in named)])
+        boundaries.append((boundary.name, rows))
+
+    # outer sides that none of them has make one more
+    named = _concatenate([rows for _, rows in boundaries])
+    outer = _concatenate(
+        [_mesh_rows(mesh, blocks[i], rows, sides) for i, rows, sides in _outer_sides(blocks, vertices)]
     )
-    found = [(name, rows) for name, rows in (*named, (OUTER, rest)) if len(rows)]
+    boundaries.append((OUTER, np.setdiff1d(outer, named)))
+
     tag = _TAGS[mesh.dimension]
-    sides = [Composite(len(domain) + i, ((tag, frozen_ints(rows)),), name) for i, (name, rows) in enumerate(found)]
-    return (*domain, *sides), tuple(range(len(domain))), tuple(notes)
+    every = list(domain)
+    for name, rows in boundaries:
+        if len(rows):
+            every.append(Composite(len(every), ((tag, frozen_ints(rows)),), name))
+    return tuple(every), tuple(range(len(domain))), tuple(notes)
+
+
+def _concatenate(rows: Sequence[Ints]) -> Ints:
+    """All rows, none of them too."""
+    return np.concatenate([np.empty(0, np.int64), *rows])
 
 
 def _regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]:
@@ -58,18 +73,21 @@ def _regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]
         yield shape, region or shape.label.lower(), np.concatenate(ids)
 
 
-def _rows(boundary: Boundary, mesh: Mesh, blocks: Sequence[NativeBlock], known: Sides) -> tuple[Ints, int]:
+def _boundary_rows(boundary: Boundary, mesh: Mesh, blocks: Sequence[NativeBlock], known: Sides) -> tuple[Ints, int]:
     """Rows of the faces (edges, vertices) of a boundary, ascending, and how many of its entries fit none."""
-    found = [_side_rows(mesh, blocks[i], np.asarray(rows), np.asarray(sides)) for i, rows, sides in boundary.sides]
+    found = []
+    for i, rows, sides in boundary.sides:
+        found.append(_mesh_rows(mesh, blocks[i], np.asarray(rows), np.asarray(sides)))
     lost = 0
-    for wanted in boundary.vertices:
-        rows, missing = known.matched(np.atleast_2d(np.asarray(wanted, np.int64)))
+    for vertices in boundary.vertices:
+        wanted = np.atleast_2d(np.asarray(vertices, np.int64))
+        rows, missing = known.matched(wanted)
         found.append(rows)
         lost += missing
-    return np.unique(np.concatenate([np.empty(0, np.int64), *found])), lost
+    return np.unique(_concatenate(found)), lost
 
 
-def _side_rows(mesh: Mesh, block: NativeBlock, rows: Ints, sides: Ints) -> Ints:
+def _mesh_rows(mesh: Mesh, block: NativeBlock, rows: Ints, sides: Ints) -> Ints:
     """Rows of the sides of elements ``rows`` (n,) of the source's block; ``sides`` (n,) in its local numbers."""
     table = _native_sides(block)
     native = table[block.order[rows], sides]
@@ -79,28 +97,34 @@ def _side_rows(mesh: Mesh, block: NativeBlock, rows: Ints, sides: Ints) -> Ints:
 
 def local_sides(shape: Shape) -> tuple[tuple[int, ...], ...]:
     """Local vertices of the sides of a shape: faces of solids, edges of plane shapes, ends of segments."""
-    return shape.faces if shape.dimension == 3 else shape.edges if shape.dimension == 2 else ((0,), (1,))
+    if shape.dimension == 3:
+        return shape.faces
+    return shape.edges if shape.dimension == 2 else ((0,), (1,))
 
 
 def _native_sides(block: NativeBlock) -> Ints:
     """(orders, sides) the native local side that each side of the source's element becomes."""
     sides = [set(side) for side in local_sides(block.source.shape)]
-    taken = orders(block.source.shape, block.is_mirrored)
-    return np.array([[sides.index({order.index(j) for j in side}) for side in sides] for order in taken])
+    table = []
+    for order in orders(block.source.shape, block.is_mirrored):
+        native = [{order.index(vertex) for vertex in side} for side in sides]
+        table.append([sides.index(side) for side in native])
+    return np.array(table)
 
 
 def _outer_sides(blocks: Sequence[NativeBlock], vertices: Sequence[Ints]) -> Iterator[tuple[int, Ints, Ints]]:
     """Block, rows and local sides of the source's elements that no other element shares."""
-    views = [(i, j, local) for i, b in enumerate(blocks) for j, local in enumerate(local_sides(b.source.shape))]
-    for corners in {len(local) for _, _, local in views}:
-        own = [view for view in views if len(view[2]) == corners]
-        tables = [vertices[i][:, list(local)] for i, _, local in own]
-        key = np.sort(np.concatenate(tables), axis=1)
-        order = np.lexsort(key.T)
-        change = (np.diff(key[order], axis=0) != 0).any(axis=1)
-        single = np.empty(len(key), bool)
-        single[order] = np.append(True, change) & np.append(change, True)
+    # block, number and local vertices of each side, those with as many corners together
+    by_corners: dict[int, list[tuple[int, int, tuple[int, ...]]]] = {}
+    for i, block in enumerate(blocks):
+        for side, local in enumerate(local_sides(block.source.shape)):
+            by_corners.setdefault(len(local), []).append((i, side, local))
+
+    for views in by_corners.values():
+        tables = [vertices[i][:, list(local)] for i, _, local in views]
+        _, which = distinct_rows(np.concatenate(tables))
+        is_single = (np.bincount(which) == 1)[which]
         ends = np.cumsum([len(table) for table in tables])[:-1]
-        for (i, j, _), part in zip(own, np.split(single, ends), strict=True):
+        for (i, side, _), part in zip(views, np.split(is_single, ends), strict=True):
             rows = np.flatnonzero(part)
-            yield i, rows, np.full(len(rows), j)
+            yield i, rows, np.full(len(rows), side)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Ints
+from elvis.core.mapping.connectivity import distinct_rows
 from elvis.core.shapes import Shape
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.vertices import connected_labels
@@ -101,18 +102,18 @@ def conflicting_elements(blocks: Sequence[Corners], rank: Ints) -> list[Bools]:
     if not faces:
         return marks
     stacked = np.concatenate(faces)
-    key = np.sort(stacked, axis=1)
-    order = np.lexsort(key.T)
-    starts = np.flatnonzero(np.append(True, (np.diff(key[order], axis=0) != 0).any(axis=1)))
-    group = np.empty(len(key), np.int64)
-    group[order] = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(key))))
+    first, triangle = distinct_rows(stacked)
 
     # a triangle is disputed where the vertices at which it is collapsed are not all one
     collapsed = stacked[:, 2]
-    lowest, highest = np.full(len(starts), np.iinfo(np.int64).max), np.full(len(starts), -1)
-    np.minimum.at(lowest, group, collapsed)
-    np.maximum.at(highest, group, collapsed)
-    wrong = (lowest < highest)[group] & (collapsed != key[:, 2])
-    for (i, _), part in zip(views, np.split(wrong, np.cumsum([len(face) for face in faces])[:-1]), strict=True):
+    lowest = np.full(len(first), np.iinfo(np.int64).max)
+    highest = np.full(len(first), -1)
+    np.minimum.at(lowest, triangle, collapsed)
+    np.maximum.at(highest, triangle, collapsed)
+    is_disputed = lowest < highest
+    is_wrong = is_disputed[triangle] & (collapsed != stacked.max(axis=1))
+
+    ends = np.cumsum([len(face) for face in faces])[:-1]
+    for (i, _), part in zip(views, np.split(is_wrong, ends), strict=True):
         marks[i] |= part
     return marks
