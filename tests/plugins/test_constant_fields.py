@@ -6,7 +6,7 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.plugins.converting import Settings, convert
-from elvis.plugins.faces.derived import _off
+from elvis.plugins.faces.derived import _deviation
 from elvis.plugins.faces.nets import face_space
 from elvis.plugins.testing import Analytic, AnalyticField
 
@@ -70,7 +70,7 @@ def test_faces_far_from_the_origin_are_the_polynomials_that_they_are(away, bend,
         return (points + shift)[None]
 
     net = np.linalg.solve(_values(space), positions(0, places[0, 0] + space.points @ places[0, 1:])[0])
-    assert (_off(space, net[None], rows, rows, places, positions) > 1e-10) == is_off
+    assert (_deviation(space, net[None], rows, rows, places, positions) > 1e-10) == is_off
 
 
 def _values(space):

@@ -51,6 +51,13 @@ class HostEvaluation:
         positions, values = self.part.evaluate(rows, own)
         return np.asarray(positions, np.float64), np.asarray(values, np.float64)
 
+    def positions(self, rows: Ints, points: Floats) -> Floats:
+        """(n, k, 3) world positions of the same points (k, d) in each of the elements ``rows`` (n,)."""
+        every_row = np.repeat(rows, len(points))
+        every_point = np.tile(points, (len(rows), 1))
+        positions, _ = self.evaluate(every_row, every_point)
+        return positions.reshape(len(rows), len(points), 3)
+
     def derivatives(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Derivatives of positions (n, 3, d) and values (n, d); see `numerical_derivatives`."""
 

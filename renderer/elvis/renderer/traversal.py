@@ -44,8 +44,10 @@ class Traversal:
         own = self.loaded.quantity(number, quantity)
         if own.rounding is not None:
             return own.rounding()
-        greatest = np.abs(np.stack(self.loaded.bounds(number, quantity))).max(axis=0)
-        return np.asarray(ROUNDING * np.where(np.isfinite(greatest), greatest, abs(value)))
+        low, high = self.loaded.bounds(number, quantity)
+        greatest = np.maximum(np.abs(low), np.abs(high))
+        size = np.where(np.isfinite(greatest), greatest, abs(value))
+        return np.asarray(ROUNDING * size)
 
     def steepest(self, number: int, quantity: str | None, value: float) -> Floats:
         """(n,) how much a polynomial field may change at most in each element for a unit in reference coordinates.
@@ -55,26 +57,32 @@ class Traversal:
         """
         low, high = self.loaded.bounds(number, quantity)
         degree = self.degree(number, quantity)
-        rounding = self.rounding(number, quantity, value)
-        range_of = np.where(np.isfinite(high - low), high - low, 2.0**53 * rounding / degree)
-        return np.asarray(1.5 * degree * range_of)
+        by_rounding = 2.0**53 * self.rounding(number, quantity, value) / degree
+        extent = np.where(np.isfinite(high - low), high - low, by_rounding)
+        return np.asarray(1.5 * degree * extent)
 
     def flat(self, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) elements of a part whose field can't be told from the value anywhere, by its bounds."""
         low, high = self.loaded.bounds(number, quantity)
-        return np.maximum(np.abs(high - value), np.abs(value - low)) <= 4.0 * self.rounding(number, quantity, value)
+        farthest = np.maximum(np.abs(high - value), np.abs(value - low))
+        return farthest <= 4.0 * self.rounding(number, quantity, value)
 
     def corners(self, number: int) -> Floats:
         """(n, 4, 3) the corners of a part's straight tetrahedra; asked of the device once."""
         if number not in self._corners:
-            kernel, count = self.device.kernel("ray_corner", self.loaded.parts[number]), len(self.loaded.parts[number])
-            record = np.zeros(1, kernel.dtype("rays"))
-            record["count"] = count
-            buffers = {**self.loaded.bindings(number), "rays": self.device.buffer(record)}
-            buffers["corners"] = self.device.empty(np.float64, 12 * count)
-            kernel(count, buffers)
-            self._corners[number] = self.device.read(buffers["corners"], np.float64)[: 12 * count].reshape(count, 4, 3)
+            self._corners[number] = self._read_corners(number)
         return self._corners[number]
+
+    def _read_corners(self, number: int) -> Floats:
+        part = self.loaded.parts[number]
+        kernel = self.device.kernel("ray_corner", part)
+        count = len(part)
+        record = np.zeros(1, kernel.dtype("rays"))
+        record["count"] = count
+        output = self.device.empty(np.float64, 12 * count)
+        kernel(count, {**self.loaded.bindings(number), "rays": self.device.buffer(record), "corners": output})
+        corners = self.device.read(output, np.float64)
+        return corners[: 12 * count].reshape(count, 4, 3)
 
     def rays(self, kernel: Kernel, view: View, number: int, count: int, level: float = 0.0) -> Buffer:
         """The Rays record of the stages (ray.slang)."""
@@ -85,8 +93,7 @@ class Traversal:
 
     def lines(self, degree: int) -> dict[str, Buffer]:
         """Places on a line, and the way from values there to Bernstein coefficients: exact, and with an error."""
-        names = ("nodes", "net", "places", "fit", "net_size")
-        return {name: self.device.buffer(data) for name, data in zip(names, _line(degree), strict=True)}
+        return {name: self.device.buffer(data) for name, data in _line(degree).items()}
 
 
 def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:
@@ -95,34 +102,54 @@ def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:
     points = corners[elements]
     with np.errstate(divide="ignore", invalid="ignore"):
         homogeneous = view.projected(points)
-        pixel = homogeneous[..., :2] / homogeneous[..., 2:]
-    behind = (homogeneous[..., 2] <= 0).any(axis=1)
-    x, y = pixel[..., 0], pixel[..., 1]
-    diagonal = np.stack([x, y, x + y, x - y], axis=2)
-    diagonal[behind] = np.nan
-    size = np.array([view.width, view.height])
-    wide = np.append(size, [4 * size.max()] * 2).astype(float)
-    least = np.nan_to_num(diagonal.min(axis=1), nan=-np.inf) - 1e-3
-    most = np.nan_to_num(diagonal.max(axis=1), nan=np.inf) + 1e-3
-    first = np.ceil(np.clip(least, [0, 0, *-wide[2:]], wide)).astype(np.int32)
-    last = np.floor(np.clip(most, [-1, -1, *-wide[2:]], [*size - 1, *wide[2:]])).astype(np.int32)
+        weight = homogeneous[..., 2]
+        x = homogeneous[..., 0] / weight
+        y = homogeneous[..., 1] / weight
 
-    near = view.depth_of(points)
-    kept = (first <= last).all(axis=1) & (near.max(axis=1) > 0)
-    order = np.argsort(near.min(axis=1)[kept], kind="stable")
-    return Sections(elements.astype(np.uint32), first, last)[kept][order]
+    # x, y, x + y and x - y: unbounded where a corner is behind the eye
+    places = np.stack([x, y, x + y, x - y], axis=2)
+    places[(weight <= 0).any(axis=1)] = np.nan
+    least = np.nan_to_num(places.min(axis=1), nan=-np.inf) - 1e-3
+    most = np.nan_to_num(places.max(axis=1), nan=np.inf) + 1e-3
+
+    # within the picture; what lies beyond it ends before it begins
+    diagonal = 4 * max(view.width, view.height)
+    start = [0, 0, -diagonal, -diagonal]
+    end = [view.width - 1, view.height - 1, diagonal, diagonal]
+    before_start = [-1, -1, -diagonal, -diagonal]
+    after_end = [view.width, view.height, diagonal, diagonal]
+    first = np.ceil(np.clip(least, start, after_end)).astype(np.int32)
+    last = np.floor(np.clip(most, before_start, end)).astype(np.int32)
+
+    depth = view.depth_of(points)
+    is_seen = (first <= last).all(axis=1) & (depth.max(axis=1) > 0)
+    order = np.argsort(depth.min(axis=1)[is_seen], kind="stable")
+    return Sections(elements.astype(np.uint32), first, last)[is_seen][order]
 
 
 @lru_cache(maxsize=16)
-def _line(degree: int) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Chebyshev points of [0, 1], degree + 1 of them, and the matrix from values there to Bernstein coefficients; two
-    points more, and the matrix to those of a Chebyshev series, then to the two terms that it lacks; the greatest sum of
-    magnitudes in a row of the first matrix.
+def _line(degree: int) -> dict[str, Floats]:
+    """Places on the line [0, 1], and the way from values there to Bernstein coefficients, as the shaders name them.
+
+    nodes     (degree + 1,) Chebyshev points
+    net       matrix from values there to Bernstein coefficients
+    places    (degree + 3,) two more
+    fit       matrix from values there to the Bernstein coefficients of a Chebyshev series, then to the two terms that
+              it lacks
+    net_size  (1,) the greatest sum of magnitudes in a row of ``net``
     """
-    nodes, places = (-np.cos(np.pi * np.arange(d + 1) / max(d, 1)) for d in (degree, degree + 2))
+    nodes = _extremes(degree)
     net = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), nodes[:, None]))
+
+    # the series through all places, without its last two terms, by its values at the nodes
+    places = _extremes(degree + 2)
     series = np.linalg.inv(chebvander(places, degree + 2))
     fit = np.vstack([net @ chebvander(nodes, degree) @ series[:-2], series[-2:]])
     size = np.abs(net).sum(axis=-1).max(keepdims=True)
-    nodes, places = (nodes + 1) / 2, (places + 1) / 2
-    return frozen_floats(nodes), frozen_floats(net), frozen_floats(places), frozen_floats(fit), frozen_floats(size)
+    arrays = {"nodes": (nodes + 1) / 2, "net": net, "places": (places + 1) / 2, "fit": fit, "net_size": size}
+    return {name: frozen_floats(array) for name, array in arrays.items()}
+
+
+def _extremes(degree: int) -> Floats:
+    """(degree + 1,) where the Chebyshev polynomial of a degree is 1 or -1, ascending."""
+    return -np.cos(np.pi * np.arange(degree + 1) / max(degree, 1))

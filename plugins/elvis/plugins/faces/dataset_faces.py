@@ -37,56 +37,102 @@ def native_faces(dataset: Dataset, ids: Sequence[Ints], length: float | None = N
             rows, numbers = np.intersect1d(block.element_ids, own, return_indices=True)[1:]
             if len(rows):
                 found += _blocks(mesh, part, block, rows, numbers, length)
-    return Faces(found, ids, *_names(mesh, length is not None))
+    is_extruded = length is not None
+    boundaries, regions = _names(mesh, is_extruded)
+    return Faces(found, ids, boundaries, regions)
 
 
-def frames(shape: Shape) -> Floats:
-    """(k, 3, 3) where the faces of a shape lie: the ``frames`` of a FaceBlock."""
-    corners = np.pad(shape.vertices, ((0, 0), (0, 3 - shape.dimension)))[[[f[0], f[1], f[-1]] for f in shape.faces]]
-    along, across = (corners[:, 1] - corners[:, 0]) / 2, (corners[:, 2] - corners[:, 0]) / 2
-    return frozen_floats(np.stack([corners[:, 0] + along + across, along, across], axis=1))
+def frames(shape: Shape, unit: bool = False) -> Floats:
+    """(k, 3, 3) where the faces of a shape lie: the ``frames`` of a FaceBlock.
+
+    unit  whether reference coordinates lie in [0, 1]; else in [-1, 1]
+    """
+    # axes run from the first corner to the next and to the last one
+    corners = np.pad(shape.vertices, ((0, 0), (0, 3 - shape.dimension)))
+    origin, next_corner, last_corner = (corners[[face[k] for face in shape.faces]] for k in (0, 1, -1))
+    along = (next_corner - origin) / 2
+    across = (last_corner - origin) / 2
+    found = np.stack([origin + along + across, along, across], axis=1)
+    if unit:
+        found = 0.5 * found + np.array([0.5, 0.0, 0.0])[:, None]
+    return frozen_floats(found)
+
+
+def faces_by_shape(shape: Shape) -> Iterator[tuple[Shape, list[int]]]:
+    """Numbers of the triangles, then of the quadrilaterals, among a shape's faces."""
+    for kind in _FACES:
+        local = [k for k, face in enumerate(shape.faces) if face_shape(face) is kind]
+        if local:
+            yield kind, local
 
 
 def _blocks(
     mesh: Mesh, part: int, block: GeometryBlock, rows: Ints, numbers: Ints, length: float | None
 ) -> Iterator[FaceBlock]:
     """The faces of the elements ``rows`` of a block, which are ``numbers`` in their part: by shape of face."""
-    shape, degree = block.expansion.shape, max(bernstein_space(block.expansion).degrees)
-    solid = shape.label.lower() if length is None else f"extruded {shape.label.lower()}"
-    for kind, own, entity in _sides(mesh, shape, block.element_ids[rows], length is not None):
-        space, local = face_space(kind, max(degree, 1)), np.tile(np.arange(len(own)), len(rows))
-        element, nets = (np.repeat(which, len(own)) for which in (numbers, rows))
-        images = sampled_nets(space, nets, local, own, _images(block, length))
-        yield FaceBlock(part, solid, space, element, local, entity.reshape(-1), own, images)
+    shape = block.expansion.shape
+    degree = max(1, *bernstein_space(block.expansion).degrees)
+    images = _images(block, length)
+    ids = block.element_ids[rows]
+    if length is None:
+        solid = shape.label.lower()
+        sides = _sides(mesh, shape, ids)
+    else:
+        solid = f"extruded {shape.label.lower()}"
+        sides = _extruded_sides(mesh, shape, ids)
+
+    for kind, places, entity in sides:
+        space = face_space(kind, degree)
+        count = len(places)
+        local = np.tile(np.arange(count), len(rows))
+        nets = sampled_nets(space, np.repeat(rows, count), local, places, images)
+        element = np.repeat(numbers, count)
+        yield FaceBlock(part, solid, space, element, local, entity.reshape(-1), places, nets)
 
 
-def _sides(mesh: Mesh, shape: Shape, ids: Ints, extruded: bool) -> Iterator[tuple[Shape, Floats, Ints]]:
+def _sides(mesh: Mesh, shape: Shape, ids: Ints) -> Iterator[tuple[Shape, Floats, Ints]]:
     """Faces of elements by shape: the shape, frames (k, 3, 3), and numbers (n, k) of the faces in the mesh.
 
-    Triangles of the mesh count first, then quadrilaterals; in quasi-3D data edges, then lids.
+    Triangles of the mesh count first, then quadrilaterals.
     """
+    rows = mesh.of(shape).rows_of(ids)
+    numbers = _plane_numbers(mesh, shape, rows) if shape.dimension == 2 else mesh.of(shape).members[rows]
+    places = frames(shape)
+    for kind, local in faces_by_shape(shape):
+        yield kind, places[local], numbers[:, local]
+
+
+def _extruded_sides(mesh: Mesh, shape: Shape, ids: Ints) -> Iterator[tuple[Shape, Floats, Ints]]:
+    """The same of plane elements with a period along z: walls over their edges, which count first, then lids."""
     entities = mesh.of(shape)
     rows = entities.rows_of(ids)
-    numbers = rows[:, None] + first_face_row(mesh, shape) if shape.dimension == 2 else entities.members[rows]
-    if extruded:
-        ends, up = shape.vertices[[*shape.edges]], np.broadcast_to([0.0, 0.0, 1.0], (len(shape.edges), 3))
-        middle, half = np.pad((ends[:, 0] + ends[:, 1]) / 2, ((0, 0), (0, 1))), (ends[:, 1] - ends[:, 0]) / 2
-        yield Shape.QUADRILATERAL, np.stack([middle, np.pad(half, ((0, 0), (0, 1))), up], 1), entities.members[rows]
-        lids = np.repeat(frames(shape), 2, axis=0)
-        lids[:, 0, 2] = (-1.0, 1.0)
-        yield shape, lids, len(mesh.of(Shape.SEGMENT)) + 2 * numbers + np.arange(2)
-        return
-    for kind in _FACES:
-        local = [k for k, face in enumerate(shape.faces) if face_shape(face) is kind]
-        if local:
-            yield kind, frames(shape)[local], numbers[:, local]
+
+    # a wall lies around the middle of its edge: s along the edge, t up
+    ends = shape.vertices[[*shape.edges]]
+    in_space = ((0, 0), (0, 1))
+    middle = np.pad((ends[:, 0] + ends[:, 1]) / 2, in_space)
+    half = np.pad((ends[:, 1] - ends[:, 0]) / 2, in_space)
+    up = np.broadcast_to([0.0, 0.0, 1.0], half.shape)
+    yield Shape.QUADRILATERAL, np.stack([middle, half, up], axis=1), entities.members[rows]
+
+    # two lids for each element
+    lids = np.repeat(frames(shape), 2, axis=0)
+    lids[:, 0, 2] = (-1.0, 1.0)
+    walls = len(mesh.of(Shape.SEGMENT))
+    yield shape, lids, walls + 2 * _plane_numbers(mesh, shape, rows) + np.arange(2)
+
+
+def _plane_numbers(mesh: Mesh, shape: Shape, rows: Ints) -> Ints:
+    """(n, 1) numbers of plane elements as faces of the mesh."""
+    return np.asarray(rows[:, None] + first_face_row(mesh, shape))
 
 
 def _images(block: GeometryBlock, length: float | None) -> Images:
     """The maps of a block's elements; in quasi-3D data the third coordinate goes from 0 to the length."""
 
     def positions(rows: Ints, points: Floats) -> Floats:
-        basis = values(block.expansion, points[:, : block.expansion.shape.dimension])
+        in_plane = points[:, : block.expansion.shape.dimension]
+        basis = values(block.expansion, in_plane)
         found: Floats = np.einsum("ndm,km->nkd", block.coefficients[rows], basis, optimize=True)
         if length is not None:
             found[..., 2] = length * (1 + points[:, 2]) / 2
@@ -97,19 +143,25 @@ def _images(block: GeometryBlock, length: float | None) -> Images:
 
 def _names(mesh: Mesh, extruded: bool) -> tuple[dict[str, Ints], dict[str, Ints]]:
     """Composites by id and name: those of faces as numbers of faces, those of elements as ids."""
-    tables: tuple[dict[str, Ints], dict[str, Ints]] = {}, {}
-    solids = {shape.tag for shape in Shape.of_dimension(mesh.dimension)} | ({"F"} if mesh.dimension == 2 else set())
-    sides = ("E", "S") if extruded else ("F", "T", "Q")
+    face_tags = ("E", "S") if extruded else ("F", "T", "Q")
+    element_tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
+    if mesh.dimension == 2:
+        element_tags.add("F")
+
+    boundaries: dict[str, Ints] = {}
+    regions: dict[str, Ints] = {}
     for name, parts in mesh.named_parts().items():
-        faces = [_numbers(mesh, extruded, ids) for tag, ids in parts if tag in sides]
-        elements = [ids for tag, ids in parts if tag in solids]
-        for table, found in zip(tables, (faces, elements), strict=True):
-            if found:
-                table[name] = np.concatenate(found)
-    return tables
+        faces = [_face_numbers(mesh, extruded, ids) for tag, ids in parts if tag in face_tags]
+        if faces:
+            boundaries[name] = np.concatenate(faces)
+        elements = [ids for tag, ids in parts if tag in element_tags]
+        if elements:
+            regions[name] = np.concatenate(elements)
+    return boundaries, regions
 
 
-def _numbers(mesh: Mesh, extruded: bool, ids: Ints) -> Ints:
+def _face_numbers(mesh: Mesh, extruded: bool, ids: Ints) -> Ints:
     """Numbers of the faces with these ids."""
-    every = np.concatenate([mesh.of(shape).ids for shape in ((Shape.SEGMENT,) if extruded else _FACES)])
+    shapes = (Shape.SEGMENT,) if extruded else _FACES
+    every = np.concatenate([mesh.of(shape).ids for shape in shapes])
     return np.flatnonzero(np.isin(every, ids))

@@ -32,8 +32,7 @@ class Hexahedra:
 
     def frames(self) -> Floats:
         """(6, 3, 3) where the faces lie: the ``frames`` of a FaceBlock."""
-        own = frames(Shape.HEXAHEDRON)
-        return 0.5 * own + np.array([0.5, 0.0, 0.0])[:, None] if self.unit else own
+        return frames(Shape.HEXAHEDRON, self.unit)
 
 
 def hexahedron_faces(parts: Sequence[Hexahedra]) -> tuple[FaceBlock, ...]:
