@@ -37,37 +37,46 @@ class Skeleton:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.vertices = _within(mesh, mesh.vertices)
-        self.faces: Mapping[Shape, Ints] = {s: polygon_vertices(mesh, s) for s in _FACES} if mesh.dimension > 1 else {}
+        shapes = _FACES if mesh.dimension > 1 else ()
+        self.faces: Mapping[Shape, Ints] = {shape: polygon_vertices(mesh, shape) for shape in shapes}
         self.curved = len(mesh.edge_curves) + len(mesh.face_curves) > 0
         self._read_edges()
         self._read_faces()
 
     def _read_edges(self) -> None:
         """Modes of the edge curves, by row of curve; a last row of zeros serves straight edges."""
-        mesh, curves = self.mesh, self.mesh.edge_curves
+        mesh = self.mesh
+        curves = mesh.edge_curves
         groups = list(_groups(mesh, Shape.SEGMENT, np.arange(len(curves))))
+        most = max((n for _, n, _ in groups), default=2)
+        self._edge_modes = np.zeros((len(curves) + 1, 3, most))
         orders = np.full(len(curves), 2)
-        self._edge_modes = np.zeros((len(curves) + 1, 3, max((n for _, n, _ in groups), default=2)))
         for family, n, which in groups:
             orders[which] = n
             self._edge_modes[which, :, :n] = _interpolate(mesh, Shape.SEGMENT, family, n, which)
 
         # where an edge has several curves, the last one holds
-        self._edge_orders = np.full(len(mesh.of(Shape.SEGMENT)) if self.curved else 0, 2)
-        self._edge_slots = np.full(len(self._edge_orders), -1)
-        self._edge_orders[curves.rows], self._edge_slots[curves.rows] = orders, np.arange(len(curves))
+        edges = len(mesh.of(Shape.SEGMENT)) if self.curved else 0
+        self._edge_orders = np.full(edges, 2)
+        self._edge_slots = np.full(edges, -1)
+        self._edge_orders[curves.rows] = orders
+        self._edge_slots[curves.rows] = np.arange(len(curves))
 
     def _read_faces(self) -> None:
         """The curve of each face, -1 where it has none; curved faces need edges with as many nodes."""
-        mesh, curves = self.mesh, self.mesh.face_curves
         self._face_slots: dict[Shape, Ints] = {}
-        for shape, vertices in self.faces.items() if self.curved else ():
-            which = np.flatnonzero((curves.rows < len(mesh.of(Shape.TRIANGLE))) == (shape is Shape.TRIANGLE))
-            rows = curves.rows[which] - first_face_row(mesh, shape)
+        if not self.curved:
+            return
+        mesh = self.mesh
+        curves = mesh.face_curves
+        is_triangle = curves.rows < len(mesh.of(Shape.TRIANGLE))
+        for shape, vertices in self.faces.items():
+            which = np.flatnonzero(is_triangle == (shape is Shape.TRIANGLE))
+            first = first_face_row(mesh, shape)
             self._face_slots[shape] = np.full(len(vertices), -1)
-            self._face_slots[shape][rows] = which
+            self._face_slots[shape][curves.rows[which] - first] = which
             for _, n, group in _groups(mesh, shape, which):
-                rows = curves.rows[group] - first_face_row(mesh, shape)
+                rows = curves.rows[group] - first
                 found = self._edge_orders[mesh.of(shape).members[rows]]
                 expected = f"edges curved with {n} nodes each, as the face is"
                 require(found == n, mesh, shape, rows, expected, "edges of {} nodes", found)
@@ -88,7 +97,10 @@ class Skeleton:
         result = np.zeros((len(rows), 3, modes))
         kept = min(modes, self._edge_modes.shape[2])
         result[:, :, :kept] = self._edge_modes[self._edge_slots[rows], :, :kept]
-        result[:, :, :2] = self.vertices[self.mesh.of(Shape.SEGMENT).members[rows]].transpose(0, 2, 1)
+
+        # the first two modes are those of the ends
+        ends = self.mesh.of(Shape.SEGMENT).members[rows]
+        result[:, :, :2] = self.vertices[ends].transpose(0, 2, 1)
         return result
 
     def face_modes(self, shape: Shape, rows: Ints, modes: int) -> Floats:
@@ -98,8 +110,10 @@ class Skeleton:
         """
         result = np.zeros((len(rows), 3, modes, modes))
         slots = self._face_slots[shape][rows]
-        for family, n, which in _groups(self.mesh, shape, np.unique(slots[slots >= 0])):
-            own = _interpolate(self.mesh, shape, family, n, which).reshape(-1, 3, n, n)
+        curved = np.unique(slots[slots >= 0])
+        for family, n, which in _groups(self.mesh, shape, curved):
+            own = _interpolate(self.mesh, shape, family, n, which)
+            own = own.reshape(-1, 3, n, n)
             here = np.flatnonzero(np.isin(slots, which))
             result[here, :, :n, :n] = own[np.searchsorted(which, slots[here])]
         self._put_edges(result, shape, rows)
@@ -109,16 +123,21 @@ class Skeleton:
         """Overwrite vertex and edge modes of ``faces`` (n, 3, modes, modes) by those of the edges."""
         modes = faces.shape[3]
         k = np.arange(2, modes)
-        places = {"0": 0 * k, "1": 0 * k + 1, "k": k, "j": k - 1}
-        starts = self.mesh.of(Shape.SEGMENT).members[:, 0]
-        for edge, (start, p, q) in zip(self.mesh.of(shape).members[rows].T, _EDGES[shape], strict=True):
-            backwards = starts[edge] != self.faces[shape][rows, start]
-            signs = np.where(backwards[:, None], (-1.0) ** k, 1.0)
-            faces[:, :, places[p], places[q]] = self.edge_modes(edge, modes)[:, :, 2:] * signs[:, None, :]
+        places: dict[str, Ints | int] = {"0": 0, "1": 1, "k": k, "j": k - 1}
+        first_vertex = self.mesh.of(Shape.SEGMENT).members[:, 0]
+        edges = self.mesh.of(shape).members[rows]
+        vertices = self.faces[shape][rows]
+        for edge, (start, p, q) in zip(edges.T, _EDGES[shape], strict=True):
+            # an edge that runs the other way has the odd modes with the other sign
+            is_backwards = first_vertex[edge] != vertices[:, start]
+            signs = np.where(is_backwards[:, None], (-1.0) ** k, 1.0)
+            inner = self.edge_modes(edge, modes)[:, :, 2:]
+            faces[:, :, places[p], places[q]] = inner * signs[:, None, :]
 
         # vertex modes stand where the vertices do: 0 at -1, 1 at +1
-        for vertices, (p, q) in zip(self.faces[shape][rows].T, (shape.vertices > 0).astype(int), strict=True):
-            faces[:, :, p, q] = self.vertices[vertices]
+        corners = (shape.vertices > 0).astype(int)
+        for vertex, (p, q) in zip(vertices.T, corners, strict=True):
+            faces[:, :, p, q] = self.vertices[vertex]
 
 
 def _within(mesh: Mesh, points: Floats) -> Floats:
@@ -136,28 +155,34 @@ def _curves(mesh: Mesh, shape: Shape) -> Curves:
 def _groups(mesh: Mesh, shape: Shape, which: Ints) -> Iterator[tuple[PointsType, int, Ints]]:
     """Curves ``which`` of a shape with like nodes together: their family, nodes along an edge, and which they are."""
     curves = _curves(mesh, shape)
-    keys = np.stack([curves.kinds[which], np.diff(curves.offsets)[which]], axis=1)
+    counts = np.diff(curves.offsets)
+    keys = np.stack([curves.kinds[which], counts[which]], axis=1)
     distinct, index = np.unique(keys, axis=0, return_inverse=True)
     for number, (kind, count) in enumerate(distinct.tolist()):
         group = which[index.reshape(-1) == number]
-        yield *_describe(mesh, shape, kind, count, group), group
+        family, n = _describe(mesh, shape, kind, count, group)
+        yield family, n, group
 
 
 def _describe(mesh: Mesh, shape: Shape, kind: int, count: int, group: Ints) -> tuple[PointsType, int]:
     """Family and nodes along an edge of a group of curves; FormatError names the first where there is no such curve."""
-    row = _curves(mesh, shape).rows[group[0]] - (0 if shape is Shape.SEGMENT else first_face_row(mesh, shape))
     try:
         if kind not in PointsType.__members__.values():
             raise FormatError(f"expected the number of a family of nodes, found {kind}")
-        n = nodes_along(shape, PointsType(kind), count)
-        interpolation(shape, PointsType(kind), n)
+        family = PointsType(kind)
+        n = nodes_along(shape, family, count)
+        interpolation(shape, family, n)
     except FormatError as error:
+        first = 0 if shape is Shape.SEGMENT else first_face_row(mesh, shape)
+        row = _curves(mesh, shape).rows[group[0]] - first
         raise error.within(place=f"curve of {label(mesh, shape, row)}") from None
-    return PointsType(kind), n
+    return family, n
 
 
 def _interpolate(mesh: Mesh, shape: Shape, family: PointsType, n: int, which: Ints) -> Floats:
     """(k, 3, n or n^2) modes of the interpolants of the curves ``which``, all of one family and order."""
-    curves, matrix = _curves(mesh, shape), interpolation(shape, family, n)
-    points = curves.points[curves.offsets[which][:, None] + np.arange(len(matrix))]
-    return np.asarray(_within(mesh, points).transpose(0, 2, 1) @ matrix)
+    curves = _curves(mesh, shape)
+    matrix = interpolation(shape, family, n)
+    rows = curves.offsets[which][:, None] + np.arange(len(matrix))
+    points = _within(mesh, curves.points[rows])
+    return np.asarray(points.transpose(0, 2, 1) @ matrix)

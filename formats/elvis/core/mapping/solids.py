@@ -34,7 +34,8 @@ _TIED = {Shape.TETRAHEDRON: [0, 1, 2], Shape.PYRAMID: [0, 1, 2], Shape.PRISM: [0
 def volume_modes(shape: Shape, face: int, p: Ints, q: Ints) -> Ints:
     """(3, n) volume mode of the modes (p, q) of a local face, seen in the element's own frame."""
     place = _PLACES[shape][face]
-    modes = np.stack([{"p": p, "q": q, "0": 0 * p, "1": 0 * p + 1}[letter] for letter in place])
+    indices = {"p": p, "q": q, "0": np.zeros_like(p), "1": np.ones_like(p)}
+    modes = np.stack([indices[letter] for letter in place])
     fixed = place.find("1")
     if fixed not in _FOLDING[shape]:
         return modes
@@ -52,13 +53,14 @@ def volume_modes(shape: Shape, face: int, p: Ints, q: Ints) -> Ints:
 def solid_orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
     """(n, 3) numbers of modes that the faces of each element need; ``vertices`` as from `local_vertices`."""
     orders = np.full((len(vertices), 3), 2)
-    by_shape = {s: skeleton.face_orders(s) for s in skeleton.faces}
+    face_orders = {kind: skeleton.face_orders(kind) for kind in skeleton.faces}
     for number, (kind, faces, turns) in enumerate(_faces(skeleton, shape, np.arange(len(vertices)), vertices)):
-        along = by_shape[kind][faces]
+        needed = face_orders[kind][faces]
         if kind is Shape.QUADRILATERAL:
-            along = np.where(transposed(turns)[:, None], along[:, ::-1], along)
+            is_transposed = transposed(turns)[:, None]
+            needed = np.where(is_transposed, needed[:, ::-1], needed)
         axes = [_PLACES[shape][number].index(letter) for letter in "pq"]
-        orders[:, axes] = np.maximum(orders[:, axes], along)
+        orders[:, axes] = np.maximum(orders[:, axes], needed)
     tied = _TIED[shape]
     orders[:, tied] = orders[:, tied].max(axis=1, keepdims=True, initial=2)
     return orders
@@ -66,16 +68,23 @@ def solid_orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
 
 def solid_modes(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
     """(n, 3, m) geometry coefficients of the elements ``rows`` (n,) with local ``vertices`` (n, n_vertices)."""
-    shape, modes = expansion.shape, max(expansion.modes)
+    # a table from mode indices to the number of the mode, -1 where there is none
+    modes = max(expansion.modes)
+    indices = mode_indices(expansion)
     numbers = np.full((modes,) * 3, -1)
-    numbers[tuple(mode_indices(expansion).T)] = np.arange(len(mode_indices(expansion)))
-    result = np.zeros((len(rows), 3, len(mode_indices(expansion))))
+    numbers[tuple(indices.T)] = np.arange(len(indices))
+
+    shape = expansion.shape
+    result = np.zeros((len(rows), 3, len(indices)))
     p, q = np.divmod(np.arange(modes * modes), modes)
     for number, (kind, faces, turns) in enumerate(_faces(skeleton, shape, rows, vertices)):
         distinct, which = np.unique(faces, return_inverse=True)
         own = skeleton.face_modes(kind, distinct, modes)
         targets = numbers[tuple(volume_modes(shape, number, p, q))]
-        valid = np.flatnonzero((targets >= 0) & ((kind is Shape.QUADRILATERAL) | (p + q < modes)))
+        is_mode = (kind is Shape.QUADRILATERAL) | (p + q < modes)
+        valid = np.flatnonzero((targets >= 0) & is_mode)
+
+        # modes as the element sees them, for every way in which the face may be turned
         for turn in np.unique(turns).tolist():
             here = np.flatnonzero(turns == turn)
             index, sign = orientation_matrix(len(skeleton.faces[kind][0]), turn, modes)
@@ -90,4 +99,5 @@ def _faces(skeleton: Skeleton, shape: Shape, rows: Ints, vertices: Ints) -> Iter
     for local, faces in zip(shape.faces, members.T, strict=True):
         kind = face_shape(local)
         own = faces - first_face_row(skeleton.mesh, kind)
-        yield kind, own, face_turns(vertices[:, list(local)], skeleton.faces[kind][own])
+        turns = face_turns(vertices[:, list(local)], skeleton.faces[kind][own])
+        yield kind, own, turns

@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Expansion
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
@@ -44,14 +45,22 @@ class Solver:
         near = np.flatnonzero(self._may_hold(elements, points))
         if not len(near):
             return solution
+
+        # w (x - p) is zero where x is p
         nets = self.nets[elements[near]]
-        gaps = nets[..., :3] - points[near, None, None, None] * nets[..., 3:]
-        roots = invert(_through(_values(gaps), gaps.shape[1:4]), np.arange(len(near)), np.zeros((len(near), 3)))
-        inside = roots.status == Status.INSIDE
-        there, reference = near[inside], (1 + roots.reference[inside]) / 2
-        solution.status[near] = np.select([inside, roots.status == Status.OUTSIDE], [1, 0], UNDECIDED)
-        solution.margin[there], solution.reference[there] = roots.margin[inside], reference
-        solution.field[there] = self.value(elements[there], reference)
+        goals = points[near, None, None, None]
+        gaps = nets[..., :3] - goals * nets[..., 3:]
+        patch = _interpolate(_values_at_nodes(gaps), gaps.shape[1:4])
+        roots = invert(patch, np.arange(len(near)), np.zeros((len(near), 3)))
+
+        is_inside = roots.status == Status.INSIDE
+        is_outside = roots.status == Status.OUTSIDE
+        solution.status[near] = np.select([is_inside, is_outside], [1, 0], UNDECIDED)
+        inside = near[is_inside]
+        reference = (1 + roots.reference[is_inside]) / 2
+        solution.margin[inside] = roots.margin[is_inside]
+        solution.reference[inside] = reference
+        solution.field[inside] = self.value(elements[inside], reference)
         return solution
 
     def _may_hold(self, elements: Ints, points: Floats) -> Bools:
@@ -59,14 +68,19 @@ class Solver:
         turn, low, high = self._boxes
         with np.errstate(invalid="ignore"):
             along = np.einsum("nij,nj->ni", turn[elements], points)
-            return np.asarray(~((along < low[elements]) | (along > high[elements])).any(axis=1))
+            is_beyond = (along < low[elements]) | (along > high[elements])
+        return np.asarray(~is_beyond.any(axis=1))
 
     @cached_property
     def _boxes(self) -> tuple[Floats, Floats, Floats]:
         """Matrices (e, 3, 3) to the elements' own directions, and bounds (e, 3) of the control points there."""
+        # an element's own directions are the mean steps from one side to the other
         controls = self.nets[..., :3] / self.nets[..., 3:]
-        sides = [np.take(controls, -1, axis) - np.take(controls, 0, axis) for axis in (1, 2, 3)]
-        turn = inverses(np.stack([side.mean(axis=(1, 2)) for side in sides], axis=2))
+        directions = []
+        for axis in (1, 2, 3):
+            steps = np.take(controls, -1, axis) - np.take(controls, 0, axis)
+            directions.append(steps.mean(axis=(1, 2)))
+        turn = inverses(np.stack(directions, axis=2))
         along = np.einsum("nij,nkj->nki", turn, controls.reshape(len(controls), -1, 3))
         slack = 1e-9 * np.ptp(along, axis=1)
         return turn, along.min(axis=1) - slack, along.max(axis=1) + slack
@@ -76,43 +90,51 @@ class Solver:
         nets = self.nets[elements]
         space = BernsteinSpace(Shape.HEXAHEDRON, tuple(size - 1 for size in nets.shape[1:4]))
         flat = nets.transpose(0, 4, 3, 2, 1).reshape(len(nets), 4, space.count)
-        return bent(space, flat[:, :3], _central_jacobians(space, flat), flat[:, 3], unit=2.0)
+        places = flat[:, :3]
+        weights = flat[:, 3]
+        return bent(space, places, _central_jacobians(space, flat), weights, unit=2.0)
 
 
 def _central_jacobians(space: BernsteinSpace, nets: Floats) -> Floats:
     """(n, 3, 3) derivatives of x = (w x) / w at the centre, from nets (n, 4, count) of w x and w."""
     centre = np.zeros((1, 3))
     middle = nets @ bernstein_values(space, centre)[0]
-    lower = gradient_nets(space)
-    jacobians = np.stack([nets @ matrix @ bernstein_values(some, centre)[0] for some, matrix in lower], axis=2)
-    place, weight = middle[:, :3] / middle[:, 3:], middle[:, 3, None, None]
-    return np.asarray((jacobians[:, :3] - place[:, :, None] * jacobians[:, 3:]) / weight)
+    derivatives = []
+    for lower, matrix in gradient_nets(space):
+        derivatives.append(nets @ matrix @ bernstein_values(lower, centre)[0])
+    jacobians = np.stack(derivatives, axis=2)
+
+    # the quotient's rule: x' = ((w x)' - x w') / w
+    place = middle[:, :3, None] / middle[:, 3:, None]
+    weight = middle[:, 3:, None]
+    return np.asarray((jacobians[:, :3] - place * jacobians[:, 3:]) / weight)
 
 
 def inverses(matrices: Floats) -> Floats:
     """(n, 3, 3) inverses; the unit matrix where there is none, or hardly one."""
-    good = np.linalg.cond(matrices) < 1e6
-    return np.asarray(np.linalg.inv(np.where(good[:, None, None], matrices, np.eye(3))))
+    is_regular = np.linalg.cond(matrices) < 1e6
+    regular = np.where(is_regular[:, None, None], matrices, np.eye(3))
+    return np.asarray(np.linalg.inv(regular))
 
 
-def _values(nets: Floats) -> Floats:
+def _values_at_nodes(nets: Floats) -> Floats:
     """(n, k, c) values of nets at the nodes."""
     lines = [bernstein(size - 1, (1 + gauss(size)[0]) / 2) for size in nets.shape[1:4]]
     found = np.einsum("ai,bj,ck,nijkd->nabcd", *lines, nets, optimize=True)
     return np.asarray(found.reshape(len(nets), -1, nets.shape[4]))
 
 
-def _through(places: Floats, sizes: tuple[int, ...]) -> Patch:
+def _interpolate(places: Floats, sizes: tuple[int, ...]) -> Patch:
     """The maps that have these values (n, k, 3) at the nodes."""
-    modes = tuple(max(size, 2) for size in sizes)
-    coefficients = np.einsum("mk,nkc->ncm", _fit(sizes), places)
-    return Patch(Shape.HEXAHEDRON, np.arange(len(places)), modified(Shape.HEXAHEDRON, modes), coefficients, (), ())
+    expansion, fit = _fit(sizes)
+    coefficients = np.einsum("mk,nkc->ncm", fit, places)
+    return Patch(Shape.HEXAHEDRON, np.arange(len(places)), expansion, coefficients, (), ())
 
 
 @lru_cache(maxsize=64)
-def _fit(sizes: tuple[int, ...]) -> Floats:
-    """(modes, k) matrix from values at the nodes to the modes of hexahedra."""
-    x, y, z = np.meshgrid(*(gauss(size)[0] for size in sizes), indexing="ij")
-    points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    modes = tuple(max(size, 2) for size in sizes)
-    return np.asarray(np.linalg.pinv(values(modified(Shape.HEXAHEDRON, modes), points)))
+def _fit(sizes: tuple[int, ...]) -> tuple[Expansion, Floats]:
+    """The modes of hexahedra, and the matrix (modes, k) from values at the nodes to them."""
+    expansion = modified(Shape.HEXAHEDRON, tuple(max(size, 2) for size in sizes))
+    grid = np.meshgrid(*(gauss(size)[0] for size in sizes), indexing="ij")
+    nodes = np.stack([axis.ravel() for axis in grid], axis=1)
+    return expansion, np.asarray(np.linalg.pinv(values(expansion, nodes)))
