@@ -39,7 +39,8 @@ def times(a: Interval, b: Interval) -> Interval:
     if a is b:
         return _even(a, 2)
     products = [_product(x, y) for x in a for y in b]
-    low, high = (_among(least, products) for least in (np.minimum, np.maximum))
+    low = _fold(np.minimum, products)
+    high = _fold(np.maximum, products)
     return _sound(low, high, a, b)
 
 
@@ -47,7 +48,8 @@ def _product(x: Any, y: Any) -> Any:
     return np.where((x == 0) | (y == 0), 0.0, x * y)
 
 
-def _among(choose: Any, arrays: list[Any]) -> Any:
+def _fold(choose: Any, arrays: list[Any]) -> Any:
+    """The first two arrays combined, then that with the next, and so on."""
     result = arrays[0]
     for other in arrays[1:]:
         result = choose(result, other)
@@ -59,9 +61,19 @@ def over(a: Interval, b: Interval) -> Interval:
     has_zero = (b[0] <= 0) & (b[1] >= 0)
     least = 1 / np.where(has_zero, 1.0, b[1])
     greatest = 1 / np.where(has_zero, 1.0, b[0])
-    inverse = np.where(has_zero, -np.inf, least), np.where(has_zero, np.inf, greatest)
-    low, high = times(a, inverse)
-    return _sound(np.where(has_zero, -np.inf, low), np.where(has_zero, np.inf, high), a, b)
+    inverse = _entire_where(has_zero, (least, greatest))
+    low, high = _entire_where(has_zero, times(a, inverse))
+    return _sound(low, high, a, b)
+
+
+def _entire_where(condition: Any, a: Interval) -> Interval:
+    """Everything where a condition holds."""
+    return np.where(condition, -np.inf, a[0]), np.where(condition, np.inf, a[1])
+
+
+def _empty_where(condition: Any, a: Interval) -> Interval:
+    """No value where a condition holds."""
+    return np.where(condition, np.nan, a[0]), np.where(condition, np.nan, a[1])
 
 
 def power(a: Interval, b: Interval) -> Interval:
@@ -72,7 +84,8 @@ def power(a: Interval, b: Interval) -> Interval:
     if exponent.is_integer():
         if exponent < 0:
             return over(number(1.0), power(a, number(-exponent)))
-        return _even(a, int(exponent)) if exponent % 2 == 0 else grow(a)
+        is_even = exponent % 2 == 0
+        return _even(a, int(exponent)) if is_even else grow(a)
     if exponent > 0:
         return grow(_clip(a, 0.0, np.inf))
     return increasing(np.exp)(times(b, logarithm(a)))
@@ -144,20 +157,21 @@ def hyperbolic_cosine(a: Interval) -> Interval:
 
 def cosine(a: Interval) -> Interval:
     """Extremes at whole multiples of pi, ends elsewhere."""
-    first, last = np.cos(a[0]), np.cos(a[1])
+    first = np.cos(a[0])
+    last = np.cos(a[1])
     low = np.where(_holds(a, np.pi), -1.0, np.minimum(first, last))
     high = np.where(_holds(a, 0.0), 1.0, np.maximum(first, last))
 
     # all values where an end is infinite
     total = a[0] + a[1]
-    endless = ~np.isfinite(total) & ~np.isnan(total)
-    return np.where(endless, -1.0, low), np.where(endless, 1.0, high)
+    is_endless = ~np.isfinite(total) & ~np.isnan(total)
+    return np.where(is_endless, -1.0, low), np.where(is_endless, 1.0, high)
 
 
 def _holds(a: Interval, place: float) -> Any:
     """Whether the interval holds the place or its copies, 2 pi apart."""
-    last = np.floor((a[1] - place) / (2 * np.pi))
     first = np.ceil((a[0] - place) / (2 * np.pi))
+    last = np.floor((a[1] - place) / (2 * np.pi))
     return last >= first
 
 
@@ -168,19 +182,21 @@ def sine(a: Interval) -> Interval:
 
 def tangent(a: Interval) -> Interval:
     """Everything where there is a pole."""
-    last = np.floor(a[1] / np.pi - 0.5)
-    first = np.ceil(a[0] / np.pi - 0.5)
-    has_pole = last >= first
-    return np.where(has_pole, -np.inf, np.tan(a[0])), np.where(has_pole, np.inf, np.tan(a[1]))
+    first_pole = np.ceil(a[0] / np.pi - 0.5)
+    last_pole = np.floor(a[1] / np.pi - 0.5)
+    has_pole = last_pole >= first_pole
+    return _entire_where(has_pole, (np.tan(a[0]), np.tan(a[1])))
 
 
 def angle(y: Interval, x: Interval) -> Interval:
     """Of the point (x, y): at the corners, unless the half line that it jumps across, or the origin, is touched."""
     corners = [np.arctan2(b, a) for a in x for b in y]
-    low = _among(np.minimum, corners)
-    high = _among(np.maximum, corners)
+    low = _fold(np.minimum, corners)
+    high = _fold(np.maximum, corners)
     jumps = (x[0] <= 0) & (y[0] <= 0) & (y[1] >= 0)
-    return _sound(np.where(jumps, -np.pi, low), np.where(jumps, np.pi, high), x, y)
+    low = np.where(jumps, -np.pi, low)
+    high = np.where(jumps, np.pi, high)
+    return _sound(low, high, x, y)
 
 
 def imaginary_root(value: Callable[..., Any]) -> Callable[[Interval, Interval], Interval]:
@@ -189,14 +205,20 @@ def imaginary_root(value: Callable[..., Any]) -> Callable[[Interval, Interval], 
     Its square is off by rounding, which is more than rounding of the root where that is near zero.
     """
 
+    def squared(a: Any, b: Any, direction: int) -> Any:
+        """The square of the value, moved by its rounding in one direction."""
+        rounding = direction * _ROUNDING * (np.abs(a) + np.cbrt(b) ** 2)
+        return value(a, b) ** 2 + rounding
+
     def bounded(a: Interval, b: Interval) -> Interval:
-        ends = []
-        for first, second, sign in zip(a, absolute(b), (-1, 1), strict=True):
-            rounding = sign * _ROUNDING * (np.abs(first) + np.cbrt(second) ** 2)
-            ends.append(np.sqrt(np.maximum(value(first, second) ** 2 + rounding, 0.0)))
-        nothing = np.isnan(a[0]) | np.isnan(b[0])
-        low, high = (np.where(np.isnan(end), beyond, end) for end, beyond in zip(ends, (0.0, np.inf), strict=True))
-        return np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
+        nearest, farthest = absolute(b)
+        low = np.sqrt(np.maximum(squared(a[0], nearest, -1), 0.0))
+        high = np.sqrt(np.maximum(squared(a[1], farthest, 1), 0.0))
+
+        # values that overflow on the way bound nothing, operands without values have none
+        low = np.where(np.isnan(low), 0.0, low)
+        high = np.where(np.isnan(high), np.inf, high)
+        return _empty_where(np.isnan(a[0]) | np.isnan(b[0]), (low, high))
 
     return bounded
 
@@ -211,34 +233,35 @@ def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Interval]:
     def bounded(*entries: Interval) -> Interval:
         middles = [(low + high) / 2 for low, high in entries]
         xx, yy, zz, xy, xz, yz = ((high - low) / 2 for low, high in entries)
-        away = _among(np.maximum, [xx + xy + xz, xy + yy + yz, xz + yz + zz])
+        rows = [xx + xy + xz, xy + yy + yz, xz + yz + zz]
         size = sum(np.abs(middle) for middle in middles)
-        middle, away = value(*middles), away + _ROUNDING * size
-        low, high = middle - away, middle + away
-        nothing = _among(np.logical_or, [np.isnan(low) for low, _ in entries])
-        unknown = np.isnan(low) | np.isnan(high)
-        return (
-            np.where(nothing, np.nan, np.where(unknown, -np.inf, low)),
-            np.where(nothing, np.nan, np.where(unknown, np.inf, high)),
-        )
+        away = _fold(np.maximum, rows) + _ROUNDING * size
+        middle = value(*middles)
+        low = middle - away
+        high = middle + away
+
+        # what overflows on the way bounds nothing, entries without values have no eigenvalue
+        is_unknown = np.isnan(low) | np.isnan(high)
+        is_empty = _fold(np.logical_or, [np.isnan(entry[0]) for entry in entries])
+        return _empty_where(is_empty, _entire_where(is_unknown, (low, high)))
 
     return bounded
 
 
 def _clip(a: Interval, low: float, high: float) -> Interval:
     """The part of the interval between two ends, NaN where there is none."""
-    nothing = (a[1] < low) | (a[0] > high)
+    is_empty = (a[1] < low) | (a[0] > high)
     first = np.clip(a[0], low, high)
     last = np.clip(a[1], low, high)
-    return np.where(nothing, np.nan, first), np.where(nothing, np.nan, last)
+    return _empty_where(is_empty, (first, last))
 
 
 def _sound(low: Any, high: Any, a: Interval, b: Interval) -> Interval:
     """Infinities that meet bound nothing; operands without values have none."""
-    nothing = np.isnan(a[0]) | np.isnan(b[0])
-    endless_low = np.isnan(low) & ~nothing
-    endless_high = np.isnan(high) & ~nothing
-    return np.where(endless_low, -np.inf, low), np.where(endless_high, np.inf, high)
+    is_empty = np.isnan(a[0]) | np.isnan(b[0])
+    is_endless_low = np.isnan(low) & ~is_empty
+    is_endless_high = np.isnan(high) & ~is_empty
+    return np.where(is_endless_low, -np.inf, low), np.where(is_endless_high, np.inf, high)
 
 
 def ends(net: Floats) -> Interval:
