@@ -31,7 +31,8 @@ class Gaps:
 
     def __init__(self, parts: Sequence[Part], candidates: Callable[[int], NDArray[Any]]) -> None:
         """Of a volume's parts; ``candidates`` makes n empty candidates."""
-        self._parts, self._empty = parts, candidates
+        self._parts = parts
+        self._empty = candidates
         self._first = np.cumsum([0, *map(len, parts)])
         self._bent = [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
 
@@ -42,11 +43,15 @@ class Gaps:
         if not sum(map(len, bent)) or not free.any():
             return
 
-        # wherever an element that owns nothing may be, and beside what is owned
-        owning = np.zeros(self._first[-1], bool)
-        owning[pixels.owner[~free.reshape(-1)]] = True
-        idle = [some[~owning[some["element"] + first]] for some, first in zip(bent, self._first, strict=False)]
+        # wherever an element that owns nothing may be
+        is_owning = np.zeros(self._first[-1], bool)
+        is_owning[pixels.owner[~free.reshape(-1)]] = True
+        idle = []
+        for some, first in zip(bent, self._first, strict=False):
+            idle.append(some[~is_owning[some["element"] + first]])
         self._resolve(view, pixels, idle, free)
+
+        # beside what is owned, then beside what has been found
         due = free & beside(~free)
         while due.any():
             self._resolve(view, pixels, bent, due)
@@ -59,26 +64,33 @@ class Gaps:
         for start, stop in row_bands(sections, mask):
             own: Bools = np.zeros_like(mask)
             own[start:stop] = mask[start:stop]
-            bands = [_between_rows(some, start, stop) for some in sections]
-            candidates = [self._candidates(some, first, own) for some, first in zip(bands, self._first, strict=False)]
-            resolve(pixels, [prove(self._parts, view, some) for some in candidates if len(some)])
+            proved = []
+            for some, first in zip(sections, self._first, strict=False):
+                candidates = self._candidates(_between_rows(some, start, stop), first, own)
+                if len(candidates):
+                    proved.append(prove(self._parts, view, candidates))
+            resolve(pixels, proved)
 
     def _candidates(self, sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
         """Undecided candidates: elements of a part's sections, by index in the volume, for the pixels of a mask."""
         pixel, element = pairs(sections, mask)
         candidates = self._empty(len(pixel))
-        candidates["pixel"], candidates["element"] = pixel, first + element
+        candidates["pixel"] = pixel
+        candidates["element"] = first + element
         return candidates
 
     def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
         """The sections of a part's strongly bent elements."""
-        if self._parts[number].bends is None or self._parts[number].solve is None or not len(sections):
+        part = self._parts[number]
+        if part.bends is None or part.solve is None or not len(sections):
             return sections[:0]
-        return sections[self._bends(number, sections["element"].astype(np.int64))]
+        elements = sections["element"].astype(np.int64)
+        return sections[self._bends(number, elements)]
 
     def _bends(self, number: int, elements: Ints) -> Bools:
         """(n,) whether elements of a part bend strongly; asked once for each."""
-        known, bends = self._bent[number], self._parts[number].bends
+        known = self._bent[number]
+        bends = self._parts[number].bends
         assert bends is not None
         new = elements[known[elements] == _UNKNOWN]
         if len(new):
@@ -91,26 +103,35 @@ def row_bands(sections: Sequence[NDArray[Any]], mask: Bools) -> list[tuple[int, 
 
     A row that has more by itself is a band of its own; rows without any are in none.
     """
-    # how many sections, and how many pixels within their bounds, each row has: from what begins and ends there
     height, width = mask.shape
-    changes = np.zeros((2, height + 1), np.int64)
+
+    # how the number of sections, and of pixels within their bounds, changes from one row to the next
+    count_steps = np.zeros(height + 1, np.int64)
+    area_steps = np.zeros(height + 1, np.int64)
     for some in sections:
-        least = np.clip(some["least"][:, :2], 0, (width, height)).astype(np.int64)
-        most = np.clip(some["most"][:, :2] + 1, 0, (width, height)).astype(np.int64)
-        for row, sign in ((least[:, 1], 1), (most[:, 1], -1)):
-            np.add.at(changes[0], row, sign)
-            np.add.at(changes[1], row, sign * (most[:, 0] - least[:, 0]))
-    count, area = changes.cumsum(axis=1)[:, :height]
+        left, top = np.clip(some["least"][:, :2], 0, (width, height)).astype(np.int64).T
+        right, bottom = np.clip(some["most"][:, :2] + 1, 0, (width, height)).astype(np.int64).T
+        for row, sign in ((top, 1), (bottom, -1)):
+            np.add.at(count_steps, row, sign)
+            np.add.at(area_steps, row, sign * (right - left))
+    count = count_steps.cumsum()[:height]
+    area = area_steps.cumsum()[:height]
     candidates = np.minimum(area, count * mask.sum(axis=1))
 
-    bands, start, total = [], 0, 0
+    # as many rows together as there is room for
+    bands = []
+    start = 0
+    total = 0
     for row in np.flatnonzero(candidates):
         if total and total + candidates[row] > _MOST:
             bands.append((start, int(row)))
             total = 0
-        start = start if total else int(row)
+        if not total:
+            start = int(row)
         total += int(candidates[row])
-    return [*bands, (start, int(row) + 1)] if total else bands
+    if total:
+        bands.append((start, int(row) + 1))
+    return bands
 
 
 def _between_rows(sections: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
@@ -127,16 +148,23 @@ def pairs(sections: NDArray[Any], mask: Bools) -> tuple[Ints, NDArray[np.uint32]
     tiles = tiles_of(sections["least"], sections["most"])
     tiles = tiles[_any_near(mask, tiles.x, tiles.y)]
 
-    # all pixels of these tiles, then those that the bounds and the mask allow
+    # all pixels of these tiles that the mask has; tiles may reach beyond its end
     width = mask.shape[1]
     steps = np.arange(TILE)[:, None] * width + np.arange(TILE)
+    first_pixel = tiles.y.astype(np.int64) * width + tiles.x
     flat = np.append(mask, np.zeros((TILE + 1) * width, bool))
-    held = np.flatnonzero(flat[(tiles.y.astype(np.int64) * width + tiles.x)[:, None] + steps.reshape(-1)])
-    tile, place = tiles[held // TILE**2], held % TILE**2
-    x, y, section = tile.x + place % TILE, tile.y + place // TILE, sections[tile.section]
+    held = np.flatnonzero(flat[first_pixel[:, None] + steps.reshape(-1)])
+    tile = held // TILE**2
+    row, column = np.divmod(held % TILE**2, TILE)
+    x = tiles.x[tile] + column
+    y = tiles.y[tile] + row
+
+    # those that the bounds allow
+    section = sections[tiles.section[tile]]
     place = np.stack([x, y, x + y, x - y], axis=1)
-    within = ((section["least"] <= place) & (place <= section["most"])).all(axis=1) & (x < width)
-    return y[within] * width + x[within], section["element"][within]
+    is_within = ((section["least"] <= place) & (place <= section["most"])).all(axis=1)
+    is_within &= x < width
+    return y[is_within] * width + x[is_within], section["element"][is_within]
 
 
 def beside(mask: Bools) -> Bools:
@@ -152,10 +180,17 @@ def beside(mask: Bools) -> Bools:
 
 def _any_near(mask: Bools, x: Ints, y: Ints) -> Bools:
     """(n,) whether there may be a pixel of the mask (h, w) in tiles that begin at columns x and rows y (n,)."""
-    rows, columns = (side // TILE + 2 for side in mask.shape)
+    height, width = mask.shape
+    rows = height // TILE + 2
+    columns = width // TILE + 2
     padded = np.zeros((rows * TILE, columns * TILE), bool)
-    padded[: mask.shape[0], : mask.shape[1]] = mask
-    strips = padded.reshape(rows, TILE, columns * TILE).any(axis=1)  # axis by axis, which is sooner done than both
+    padded[:height, :width] = mask
+
+    # which tiles of a grid have any: axis by axis, which is sooner done than both
+    strips = padded.reshape(rows, TILE, columns * TILE).any(axis=1)
     cells: Bools = np.asarray(strips.reshape(rows, columns, TILE).any(axis=2))
-    i, j = y // TILE, x // TILE
+
+    # a tile meets four of the grid at most
+    i = y // TILE
+    j = x // TILE
     return np.asarray(cells[i, j] | cells[i + 1, j] | cells[i, j + 1] | cells[i + 1, j + 1])

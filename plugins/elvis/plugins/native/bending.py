@@ -76,11 +76,8 @@ def changes(space: BernsteinSpace, parts: Floats, beyond: float = BEYOND) -> tup
 
     beyond  how many times as large as the element its neighbourhood is in which they hold
     """
-    axes = range(space.shape.dimension)
-    parts = parts - net_of_xi(space).T
-    change = sum(np.abs(derived(space, parts, (j,), beyond)) for j in axes)
-    derivative = sum(np.abs(derived(space, parts, pair, beyond)) for pair in product(axes, axes))
-    return np.max(change, axis=(1, 2)), np.max(derivative, axis=(1, 2))
+    change, derivative = derivative_sums(space, parts - net_of_xi(space).T, beyond)
+    return change.max(axis=(1, 2)), derivative.max(axis=(1, 2))
 
 
 def _rational(space: BernsteinSpace, parts: Floats, weights: Floats) -> tuple[Floats, Floats]:
@@ -120,6 +117,14 @@ def _pyramid_change(space: BernsteinSpace, parts: Floats) -> Floats:
         across.append((np.abs(layers) * scale[:, None]).max(axis=(2, 3)))
     up = np.abs(parts @ gradient_nets(space)[2][1]).max(axis=2) + across[0] + across[1]
     return np.asarray((across[0] + across[1] + up).max(axis=1))
+
+
+def derivative_sums(space: BernsteinSpace, nets: Floats, beyond: float = BEYOND) -> tuple[Floats, Floats]:
+    """Absolute nets (..., count) of the first and of the second derivatives, summed over directions and their pairs."""
+    axes = range(space.shape.dimension)
+    first = sum(np.abs(derived(space, nets, (j,), beyond)) for j in axes)
+    second = sum(np.abs(derived(space, nets, pair, beyond)) for pair in product(axes, axes))
+    return np.asarray(first), np.asarray(second)
 
 
 def derived(space: BernsteinSpace, nets: Floats, directions: tuple[int, ...], beyond: float = BEYOND) -> Floats:
