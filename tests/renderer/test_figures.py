@@ -19,7 +19,7 @@ from elvis.scene.commandline.composing import in_one_range
 from elvis.scene.palette import NOT_A_NUMBER, Palette
 from elvis.scene.rulers import aligned, box_edges, scale_bar, sides
 from elvis.scene.saving import save_panels
-from elvis.scene.strokes import SAME, STRAIGHT, borders, chained, straightened
+from elvis.scene.strokes import SAME, STRAIGHT, borders, chain, simplify
 
 #: pixels that contours may be displaced by
 CLOSE = 0.02
@@ -94,18 +94,18 @@ def test_short_lines_become_long_ones():
     order = np.random.default_rng(3).permutation(199)
     shaken = np.random.default_rng(4).uniform(-0.1 * SAME, 0.1 * SAME, (2, 199, 2))
     starts, ends = circle[:-1][order] + shaken[0], circle[1:][order] + shaken[1]
-    (line,) = chained(starts, ends)
+    (line,) = chain(starts, ends)
     assert np.allclose(line[0], line[-1])
     assert np.abs(np.linalg.norm(line, axis=1) - 20).max() < SAME
-    (dot,) = chained(np.array([[3.0, 4.0]]), np.array([[3.0, 4.0]]))
+    (dot,) = chain(np.array([[3.0, 4.0]]), np.array([[3.0, 4.0]]))
     assert np.array_equal(dot, [[3.0, 4.0]])
-    assert len(chained(np.zeros((3, 2)), np.array([[1.0, 0], [0, 1], [-1, -1]]))) == 3
+    assert len(chain(np.zeros((3, 2)), np.array([[1.0, 0], [0, 1], [-1, -1]]))) == 3
 
 
 def test_curves_lose_points_but_no_place():
     along = np.linspace(0, 60, 2000)
     curve = np.stack([along, 5 * np.sin(0.2 * along)], axis=1)
-    fewer = straightened(curve)
+    fewer = simplify(curve)
     assert len(fewer) < len(curve) / 4
     assert np.abs(np.interp(along, *fewer.T) - curve[:, 1]).max() < 2 * STRAIGHT
 

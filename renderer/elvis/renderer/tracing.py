@@ -15,7 +15,7 @@ from elvis.renderer.pixels import NOBODY
 from elvis.renderer.shading import Drawn, Painter
 from elvis.renderer.stages import DrawCall
 from elvis.scene import Vector
-from elvis.scene.strokes import Stroke, borders, chained, meet_at_corners
+from elvis.scene.strokes import Stroke, borders, chain, meet_at_corners
 from elvis.scene.view import View
 
 #: width of lines whose distances to borders are known far enough from these, in pixels
@@ -49,7 +49,7 @@ class Tracer:
         made = []
         for style, parts in self.found.items():
             starts, ends = (np.concatenate(some) for some in zip(*parts, strict=True))
-            lines = chained(starts, ends)
+            lines = chain(starts, ends)
             lines = meet_at_corners(lines) if style.value is None else lines
             made.append(Stroke(lines, style.width, style.color, style.opacity, style.value, style.labels))
         return tuple(made)

@@ -38,25 +38,31 @@ class Stroke:
     labels: bool = False
 
 
-def chained(starts: Floats, ends: Floats) -> tuple[Floats, ...]:
+def chain(starts: Floats, ends: Floats) -> tuple[Floats, ...]:
     """Polylines of short lines (n, 2) to (n, 2) that share ends; where more than two meet, they end."""
     nodes, places = _nodes(np.concatenate([starts, ends]))
-    first, second = nodes[: len(starts)], nodes[len(starts) :]
-    degree = np.bincount(nodes, minlength=len(places))
-    real = np.flatnonzero(first != second)
-    pairs = np.unique(np.sort(np.stack([first[real], second[real]], axis=1), axis=1), axis=0)
-    dots = np.setdiff1d(first[first == second], pairs)
-    chains = [straightened(places[chain]) for chain in _chains(pairs, len(degree))]
-    return (*chains, *(places[[dot]] for dot in dots))
+    first = nodes[: len(starts)]
+    second = nodes[len(starts) :]
+
+    # distinct lines, and points where lines without a length are all there is
+    is_line = first != second
+    lines = np.stack([first[is_line], second[is_line]], axis=1)
+    pairs = np.unique(np.sort(lines, axis=1), axis=0)
+    dots = np.setdiff1d(first[~is_line], pairs)
+
+    polylines = [simplify(places[along]) for along in _chains(pairs, len(places))]
+    return (*polylines, *(places[[dot]] for dot in dots))
 
 
 def _nodes(points: Floats) -> tuple[Ints, Floats]:
     """Numbers (n,) of nodes, and their places (m, 2): points in one square of a grid are one node, in four grids."""
-    numbers, places = np.arange(len(points)), points
+    numbers = np.arange(len(points))
+    places = points
     for shift in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5)):
         squares = np.floor(places / SAME + shift).astype(np.int64)
         _, first, inverse = np.unique(squares, axis=0, return_index=True, return_inverse=True)
-        numbers, places = inverse.reshape(-1)[numbers], places[first]
+        numbers = inverse.reshape(-1)[numbers]
+        places = places[first]
     return numbers, places
 
 
@@ -72,29 +78,37 @@ def _chains(pairs: Ints, count: int) -> Iterator[list[int]]:
         for pair, other in around[tip]:
             if not free[pair]:
                 continue
-            free[pair], chain = False, [tip, other]
+            free[pair] = False
+            chain = [tip, other]
             while len(around[chain[-1]]) == 2:
-                onward = [(pair, node) for pair, node in around[chain[-1]] if free[pair]]
+                onward = [link for link in around[chain[-1]] if free[link[0]]]
                 if not onward:
                     break
-                free[onward[0][0]] = False
-                chain.append(onward[0][1])
+                next_pair, node = onward[0]
+                free[next_pair] = False
+                chain.append(node)
             yield chain
 
 
-def straightened(line: Floats) -> Floats:
+def simplify(line: Floats) -> Floats:
     """A polyline (k, 2) without points that are within STRAIGHT of it all the same: every other one, over and over."""
     close = 0.5 * STRAIGHT
     while len(line) > 2:
-        before, here, after = line[:-2:2], line[1:-1:2], line[2::2]
+        before = line[:-2:2]
+        here = line[1:-1:2]
+        after = line[2::2]
+
+        # how far points are from the line between their neighbours, and along it
         along = after - before
+        step = here - before
         length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
-        aside = np.abs(along[:, 0] * (here - before)[:, 1] - along[:, 1] * (here - before)[:, 0]) / length
-        forward = np.einsum("nk,nk->n", here - before, along)
-        left_out = 1 + 2 * np.flatnonzero((aside < close) & (forward > 0.0) & (forward < length**2))
-        if not len(left_out):
+        aside = np.abs(along[:, 0] * step[:, 1] - along[:, 1] * step[:, 0]) / length
+        forward = np.einsum("nk,nk->n", step, along)
+        is_needless = (aside < close) & (forward > 0.0) & (forward < length**2)
+        if not is_needless.any():
             break
-        line, close = np.delete(line, left_out, axis=0), 0.5 * close
+        line = np.delete(line, 1 + 2 * np.flatnonzero(is_needless), axis=0)
+        close = 0.5 * close
     return line
 
 
@@ -104,42 +118,63 @@ def meet_at_corners(lines: tuple[Floats, ...]) -> tuple[Floats, ...]:
     Distances to the nearest border say nothing of the other ones beside a vertex: there lines go on as they do ROOM
     away, to the point that is nearest to all of them.
     """
-    around: dict[tuple[float, ...], list[tuple[int, bool]]] = {}
-    for number, line in enumerate(lines):
-        for is_last in (False, True) if len(line) > 1 else ():
-            around.setdefault(tuple(line[-is_last]), []).append((number, is_last))
     better = list(lines)
-    for place, ends in around.items():
+    for place, ends in _ends_by_place(lines).items():
         if len(ends) < 3:
             continue
-        shorter = [_without(better[number][:: -1 if is_last else 1]) for number, is_last in ends]
-        found = _nearest_to([line for line in shorter if line is not None])
-        if found is None or np.linalg.norm(found - place) > ROOM:
+        shorter = [_without_start(_from_end(better[number], is_last)) for number, is_last in ends]
+        corner = _nearest_to([tail for tail in shorter if tail is not None])
+        if corner is None or np.linalg.norm(corner - place) > ROOM:
             continue
-        for (number, is_last), cut in zip(ends, shorter, strict=True):
-            whole = better[number][:: -1 if is_last else 1]
-            moved = np.concatenate([found[None], whole[1:] if cut is None else cut[0]])
-            better[number] = moved[:: -1 if is_last else 1]
+        for (number, is_last), tail in zip(ends, shorter, strict=True):
+            rest = _from_end(better[number], is_last)[1:] if tail is None else tail.line
+            better[number] = _from_end(np.concatenate([corner[None], rest]), is_last)
     return tuple(better)
 
 
-def _without(line: Floats) -> tuple[Floats, Floats] | None:
-    """A line from ROOM away from its first point on, and its way there; None where it is too short for that."""
-    length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+def _ends_by_place(lines: tuple[Floats, ...]) -> dict[tuple[float, ...], list[tuple[int, bool]]]:
+    """For each place where lines end their numbers, and whether it is their last point."""
+    ends: dict[tuple[float, ...], list[tuple[int, bool]]] = {}
+    for number, line in enumerate(lines):
+        if len(line) > 1:
+            ends.setdefault(tuple(line[0]), []).append((number, False))
+            ends.setdefault(tuple(line[-1]), []).append((number, True))
+    return ends
+
+
+def _from_end(line: Floats, is_last: bool) -> Floats:
+    """A line that begins at its last point, or as it is; and back again."""
+    return line[::-1] if is_last else line
+
+
+@dataclass(frozen=True, eq=False)
+class _Tail:
+    """A line (k, 2) without its start, and its direction (2,) where it begins."""
+
+    line: Floats
+    direction: Floats
+
+
+def _without_start(line: Floats) -> _Tail | None:
+    """A line from ROOM away from its first point on; None where it is too short for that."""
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    length = np.append(0.0, np.cumsum(steps))
     if length[-1] < 3.0 * ROOM:
         return None
-    first, further = (np.array([np.interp(far, length, part) for part in line.T]) for far in (ROOM, 2.0 * ROOM))
-    return np.concatenate([first[None], line[length > ROOM]]), further - first
+    first = np.array([np.interp(ROOM, length, coordinate) for coordinate in line.T])
+    further = np.array([np.interp(2.0 * ROOM, length, coordinate) for coordinate in line.T])
+    return _Tail(np.concatenate([first[None], line[length > ROOM]]), further - first)
 
 
-def _nearest_to(lines: list[tuple[Floats, Floats]]) -> Floats | None:
+def _nearest_to(tails: list[_Tail]) -> Floats | None:
     """(2,) the point nearest to all lines, gone on with straight; None where they have one direction."""
-    ways = np.array([way / np.linalg.norm(way) for _, way in lines]).reshape(-1, 2)
-    across = np.stack([-ways[:, 1], ways[:, 0]], axis=1)
+    # least squares of the distances a . x - a . p, with a across the line and p on it
+    directions = np.array([tail.direction / np.linalg.norm(tail.direction) for tail in tails]).reshape(-1, 2)
+    across = np.stack([-directions[:, 1], directions[:, 0]], axis=1)
     matrix = across.T @ across
     if np.linalg.det(matrix) < 1e-2:
         return None
-    offsets = np.array([own @ line[0] for own, (line, _) in zip(across, lines, strict=True)])
+    offsets = np.array([normal @ tail.line[0] for normal, tail in zip(across, tails, strict=True)])
     return np.asarray(np.linalg.solve(matrix, across.T @ offsets))
 
 
@@ -152,54 +187,74 @@ def borders(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Float
     Between two centres the border is where the distances from both say; where one side is empty, or another surface
     behind, where the distance goes to zero.  Where more than two owners meet, lines go to the middle.
     """
-    wide, across = _crossings(owner, distance, depth)
-    tall, down = (found.T for found in _crossings(owner.T, distance.T, depth.T))
-    rows, columns = np.indices((owner.shape[0] - 1, owner.shape[1] - 1))
-    places = np.stack(
-        [
-            np.stack([columns + wide[:-1], rows], -1),
-            np.stack([columns + wide[1:], rows + 1.0], -1),
-            np.stack([columns, rows + tall[:, :-1]], -1),
-            np.stack([columns + 1.0, rows + tall[:, 1:]], -1),
-        ],
-        axis=2,
-    )
-    crossed = np.stack([across[:-1], across[1:], down[:, :-1], down[:, 1:]], axis=2)
-    count = np.count_nonzero(crossed, axis=2)
+    crossings, is_crossed = _square_sides(owner, distance, depth)
+    count = np.count_nonzero(is_crossed, axis=2)
     nearest = _nearest(owner, depth)
 
-    # two crossings of a square's sides are joined, three and four with their middle
-    two, more = np.nonzero(count == 2), np.nonzero(count > 2)
-    joined = places[two][crossed[two]].reshape(-1, 2, 2)
-    many, which = places[more], crossed[more]
-    middle = (many * which[..., None]).sum(axis=1) / which.sum(axis=1)[:, None]
-    square, side = np.nonzero(which)
+    # two crossings of a square's sides are joined
+    two = count == 2
+    joined = crossings[two][is_crossed[two]].reshape(-1, 2, 2)
+
+    # three and four with their middle
+    more = count > 2
+    many = crossings[more]
+    is_one = is_crossed[more]
+    middle = (many * is_one[..., None]).sum(axis=1) / is_one.sum(axis=1)[:, None]
+    square, side = np.nonzero(is_one)
     starts = np.concatenate([joined[:, 0], many[square, side]])
     ends = np.concatenate([joined[:, 1], middle[square]])
     return starts, ends, np.concatenate([nearest[two], nearest[more][square]])
 
 
+def _square_sides(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bools]:
+    """Where borders cross the sides of the squares between centres: (h - 1, w - 1, 4, 2), and whether they do.
+
+    Sides are the upper, the lower, the left and the right one.
+    """
+    wide, is_across = _crossings(owner, distance, depth)
+    tall, is_down = (found.T for found in _crossings(owner.T, distance.T, depth.T))
+    rows, columns = np.indices((owner.shape[0] - 1, owner.shape[1] - 1))
+    upper = np.stack([columns + wide[:-1], rows], axis=-1)
+    lower = np.stack([columns + wide[1:], rows + 1.0], axis=-1)
+    left = np.stack([columns, rows + tall[:, :-1]], axis=-1)
+    right = np.stack([columns + 1.0, rows + tall[:, 1:]], axis=-1)
+    places = np.stack([upper, lower, left, right], axis=2)
+    return places, np.stack([is_across[:-1], is_across[1:], is_down[:, :-1], is_down[:, 1:]], axis=2)
+
+
 def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bools]:
     """(h, w - 1) where borders cross from one column to the next, from 0 to 1; whether there are any."""
-    is_border = owner[:, :-1] != owner[:, 1:]
-    left, right = distance[:, :-1], distance[:, 1:]
-    start, end = _border_distance(owner, distance), 1.0 - _border_distance(owner[:, ::-1], distance[:, ::-1])[:, ::-1]
+    left = distance[:, :-1]
+    right = distance[:, 1:]
+    is_left = owner[:, :-1] >= 0
+    is_right = owner[:, 1:] >= 0
+
+    # two elements side by side: where the distances from both say
+    sum_of_both = left + right
+    is_between = is_left & is_right & (sum_of_both <= 1.1) & (sum_of_both > 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        between = left / (left + right)
-        nearer = np.where(depth[:, :-1] <= depth[:, 1:], start, end)
-    alone = np.where(owner[:, 1:] < 0, start, np.where(owner[:, :-1] < 0, end, nearer))
-    together = (owner[:, :-1] >= 0) & (owner[:, 1:] >= 0) & (left + right <= 1.1) & (left + right > 0.0)
-    return np.clip(np.where(together, between, alone), 0.0, 1.0), is_border
+        between = left / sum_of_both
+
+    # one ends alone, where nothing or another surface is: the distance from the one that is there, or nearer
+    start = _border_distance(owner, distance)
+    end = 1.0 - _border_distance(owner[:, ::-1], distance[:, ::-1])[:, ::-1]
+    nearer = np.where(depth[:, :-1] <= depth[:, 1:], start, end)
+    alone = np.where(is_right, np.where(is_left, nearer, end), start)
+    is_border = owner[:, :-1] != owner[:, 1:]
+    return np.clip(np.where(is_between, between, alone), 0.0, 1.0), is_border
 
 
 def _border_distance(owner: Ints, distance: Floats) -> Floats:
     """(h, w - 1) how far from each column but the last its border is, towards the next; half where unknown."""
-    here, slope = distance[:, :-1], np.full(distance[:, :-1].shape, np.nan)
+    # how much the distance falls from the column before, in one element
+    here = distance[:, :-1]
+    gradient = np.full(here.shape, np.nan)
+    is_border = owner[:, :-2] != owner[:, 1:-1]
     with np.errstate(invalid="ignore", divide="ignore"):
-        slope[:, 1:] = distance[:, :-2] - distance[:, 1:-1]
-        slope[:, 1:][owner[:, :-2] != owner[:, 1:-1]] = np.nan
-        far = here / slope
-    return np.where((slope > SLOPE) & (far <= 1.0), far, 0.5)
+        gradient[:, 1:] = distance[:, :-2] - distance[:, 1:-1]
+        gradient[:, 1:][is_border] = np.nan
+        far = here / gradient
+    return np.where((gradient > SLOPE) & (far <= 1.0), far, 0.5)
 
 
 def _nearest(owner: Ints, depth: Floats) -> Ints:

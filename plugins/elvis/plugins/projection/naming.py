@@ -29,7 +29,7 @@ def composites(
     vertices  of each block's elements as the source has them, (n, v) in its local order, to tell which sides are outer
     numbers   (n_vertices,) the source's number of each vertex of the mesh
     """
-    domain = []
+    domain: list[Composite] = []
     for shape, name, ids in _regions(blocks):
         domain.append(Composite(len(domain), ((shape.tag, frozen_ints(ids)),), name))
 
