@@ -87,10 +87,7 @@ def _add_frame(frame: Frame) -> Page:
     mapped = [legend for legend in frame.legends if legend.palette and legend.constant is None]
     title = _title(frame, mapped)
     bar_height = max(image_height, 6 * unit if mapped else 0)  # what numbers of a bar need
-    bars = []
-    for legend in mapped:
-        name = legend.title if len(mapped) > 1 else ""
-        bars.append(_Bar(legend, name, unit, bar_height, small, text_color))
+    bars = [_Bar(legend, len(mapped) > 1, unit, bar_height, small, text_color) for legend in mapped]
 
     # the page: a unit of margin, and what is above, beside and below the image
     width_of_title = round(font.getlength(title)) + 3 * unit
@@ -98,8 +95,7 @@ def _add_frame(frame: Frame) -> Page:
     width = max(width_of_image, width_of_title)
     lines = notes(frame, width - 2 * unit, small)
     line_height = round(1.6 * unit)
-    has_head = title or any(bar.name for bar in bars)
-    top = 3 * unit if has_head else unit
+    top = 3 * unit if title or any(bar.name for bar in bars) else unit
     right = unit + image_width
     bottom = top + bar_height
     height = bottom + unit + line_height * len(lines)
@@ -115,15 +111,19 @@ def _add_frame(frame: Frame) -> Page:
     for bar in bars:
         bar.draw(beside, (x, top))
         x += bar.width
-    y = bottom + unit
-    for line in lines:
-        for part in (below, beside):
-            part.text((unit, y), line, fill=text_color, font=small, anchor="lt")
-        y += line_height
+    for part in (below, beside):
+        _write_lines(part, (unit, bottom + unit), lines, line_height, fill=text_color, font=small)
     page.parts += [above, beside, below]
     if min(image_width, image_height) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, page, unit, small)
     return page
+
+
+def _write_lines(part: Part, place: tuple[int, int], lines: list[str], step: int, **style: Any) -> None:
+    """Lines of text, one below the other."""
+    x, y = place
+    for number, line in enumerate(lines):
+        part.text((x, y + step * number), line, anchor="lt", **style)
 
 
 def _title(frame: Frame, mapped: list[Legend]) -> str:
@@ -136,11 +136,11 @@ def _title(frame: Frame, mapped: list[Legend]) -> str:
 class _Bar:
     """A colour map from low (below) to high (above), this many pixels high, under its name where it has one."""
 
-    def __init__(self, legend: Legend, name: str, unit: int, height: int, font: Font, text_color: Rgb) -> None:
+    def __init__(self, legend: Legend, has_name: bool, unit: int, height: int, font: Font, text_color: Rgb) -> None:
         assert legend.palette is not None
         self.palette = legend.palette
         self.marks = legend.marks
-        self.name = name
+        self.name = legend.title if has_name else ""
         self.unit = unit
         self.height = height
         self.font = font
@@ -151,7 +151,7 @@ class _Bar:
 
         # numbers stand to the right of the colours, the name above both
         numbers = max(font.getlength(text) for text in (*texts, "0.00"))
-        self.width = round(5 * unit + max(numbers, font.getlength(name) - 3 * unit))
+        self.width = round(5 * unit + max(numbers, font.getlength(self.name) - 3 * unit))
 
     def draw(self, part: Part, corner: tuple[int, int]) -> None:
         """The bar with a thin border, contours across it and numbers next to it."""
