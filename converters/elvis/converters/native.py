@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
+from elvis.core.dataset import MAP_KEY, Expansion
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Composite, Mesh
@@ -65,7 +65,7 @@ class Native(Converter):
         self.fields = [plane for i, name in enumerate(names) for plane in self._planes(i, name)]
         self.boundaries = list(_boundaries(dataset.mesh))
         self.time = dataset.time
-        self.metadata = {key: text for key, text in dataset.metadata.items() if key != "GeometryMap"}
+        self.metadata = {key: text for key, text in dataset.metadata.items() if key != MAP_KEY}
 
     def positions(self, block: Elements, points: Floats) -> Floats:
         """The map of the mesh, or of its fields."""

@@ -13,7 +13,9 @@ from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 
-#: fields that hold the mapping where the metadata names none
+#: key of the metadata that names the fields which hold the map of the elements
+MAP_KEY = "GeometryMap"
+#: those fields where the metadata names none
 MAP_FIELDS = ("map_x", "map_y", "map_z")
 
 
@@ -112,9 +114,9 @@ class Dataset:
     @property
     def map_names(self) -> tuple[str, ...]:
         """The names of the fields that give the map of the elements, none where the mesh alone does."""
-        if "GeometryMap" not in self.metadata:
+        if MAP_KEY not in self.metadata:
             return ()
-        return tuple(name.strip() for name in self.metadata["GeometryMap"].split(",") if name.strip()) or MAP_FIELDS
+        return tuple(name.strip() for name in self.metadata[MAP_KEY].split(",") if name.strip()) or MAP_FIELDS
 
     @property
     def solution(self) -> tuple[Field, ...]:

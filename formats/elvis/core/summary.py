@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Block, Dataset, Expansion, Field
+from elvis.core.dataset import MAP_KEY, Block, Dataset, Expansion, Field
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.polynomials.collapse import uncollapse
@@ -55,7 +55,7 @@ def _mesh(mesh: Mesh) -> Facts:
 def _geometry(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
     """Orders of the map, the box that holds all elements, and the sign of the Jacobian where it was sampled."""
     return {
-        "given_by_fields": "GeometryMap" in dataset.metadata,
+        "given_by_fields": MAP_KEY in dataset.metadata,
         "expansions": [_expansion(block.expansion, len(block)) for block in blocks],
         "box": box(dataset, blocks),
         "jacobian": jacobian(blocks, dataset.mesh.space),

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from elvis.core.arrays import Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import MAP_FIELDS, Block, Dataset, Field
+from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
@@ -122,7 +122,9 @@ def _dataset(
 ) -> Dataset:
     """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files."""
     modes = [_modes(block, [(each, i) for each in fitted]) for i, block in enumerate(blocks)]
-    metadata = {**source.metadata, **({"GeometryMap": ",".join(MAP_FIELDS[: mesh.space])} if has_map else {})}
+    metadata = dict(source.metadata)
+    if has_map:
+        metadata[MAP_KEY] = ",".join(MAP_FIELDS[: mesh.space])
     named = [list(group) for _, group in groupby(fitted, lambda each: each.field.name)]
     return Dataset(mesh, tuple(_field(planes, blocks, modes) for planes in named), source.time, metadata)
 

@@ -182,3 +182,19 @@ def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
     assert all(character.isprintable() or character == "\n" for character in shown)
     assert elvis_json("info", *files)["fields"][0]["name"] == name
     assert name in elvis("probe", *files, "--line", "0,0:1,1", "-n", "2")
+
+
+def test_a_map_given_by_fields_is_told_as_a_map_alone(elvis, elvis_json, tmp_path):
+    from elvis.core.testing import approximated, grid
+
+    bare = Dataset(grid(Shape.QUADRILATERAL, 2))
+    names = ("map_x", "map_y", "u")
+    fields = tuple(approximated(bare, name, lambda x, i=i: x[:, i % 2], 3) for i, name in enumerate(names))
+    metadata = {"GeometryMap": "map_x,map_y", "Solver": "ours"}
+    files = write(Dataset(bare.mesh, fields, metadata=metadata), tmp_path / "m.xml")
+    table = elvis("info", *files)
+    assert "map of" in table
+    assert "Solver" in table
+    assert "map_x" not in table
+    assert "GeometryMap" not in table
+    assert elvis_json("info", *files)["metadata"]["GeometryMap"] == "map_x,map_y"

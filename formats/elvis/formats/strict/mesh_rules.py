@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import MAP_KEY, Dataset
 from elvis.core.errors import FormatError
 from elvis.core.geometry import geometry
 from elvis.core.mapping.orientation import local_vertices
@@ -160,8 +160,8 @@ def _composites(mesh: Mesh) -> Iterator[Finding]:
 
 def _jacobians(dataset: Dataset) -> Iterator[Finding]:
     """Positive where sampled, for the map of the mesh file and for the one that fields give."""
-    plain = replace(dataset, metadata={k: v for k, v in dataset.metadata.items() if k != "GeometryMap"})
-    for each in [plain, dataset] if "GeometryMap" in dataset.metadata else [plain]:
+    plain = replace(dataset, metadata={k: v for k, v in dataset.metadata.items() if k != MAP_KEY})
+    for each in [plain, dataset] if MAP_KEY in dataset.metadata else [plain]:
         wrong = jacobian(geometry(each), dataset.mesh.space)["elements_not_positive"]
         if wrong:
             whose = "of the map that fields give" if each is dataset and each is not plain else "of the mesh"

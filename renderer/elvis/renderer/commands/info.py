@@ -196,6 +196,7 @@ def _listed_row(row: Facts) -> tuple[object, ...]:
 
 def _print(facts: Facts, many: int | None) -> None:
     """Print the facts as tables, lists of more than ``many`` cut with a word."""
+    from elvis.core.dataset import MAP_KEY
     from elvis.core.terminal import print_table
     from elvis.plugins.report import CONVERTED, REPORT, RecordedReport
 
@@ -204,8 +205,9 @@ def _print(facts: Facts, many: int | None) -> None:
     orders = list(_orders(facts["fields"]))
     composites = [_composite_row(composite) for composite in facts["composites"]]
     report = RecordedReport.of(facts["metadata"])
-    told = {CONVERTED, REPORT} if report else set()
-    metadata = [item for item in facts["metadata"].items() if item[0] not in told]
+    # the table of the map has what these keys tell, and so has the report
+    shown_elsewhere = {MAP_KEY, *((CONVERTED, REPORT) if report else ())}
+    metadata = [item for item in facts["metadata"].items() if item[0] not in shown_elsewhere]
     ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
     targets: list[tuple[object, ...]] = [
         (name, each["faces"], _sign(each)) for name, each in facts.get("distances", {}).items()
