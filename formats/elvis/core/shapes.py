@@ -84,6 +84,10 @@ class Shape(Enum):
     def __repr__(self) -> str:
         return f"Shape.{self.name}"
 
+    def __reduce_ex__(self, protocol: object) -> tuple[object, ...]:
+        """Pickled by name, as facts hold arrays, which aren't found again by their values."""
+        return getattr, (Shape, self.name)
+
     @property
     def label(self) -> str:
         """The name in field files, e.g. ``Tetrahedron``."""
