@@ -1,4 +1,7 @@
-"""Pixel-exact pictures: ``render(dataset, field="u", plane=Plane((0, 0, 0), (0, 0, 1))).save("u.png")``."""
+"""Pixel-exact pictures: ``render(dataset, field="u", plane=Plane((0, 0, 0), (0, 0, 1))).save("u.png")``.
+
+This is a door: it names what programs need, and imports it when it is used; nothing in the house goes through it.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ if TYPE_CHECKING:
     from elvis.renderer.device_errors import DeviceError
     from elvis.renderer.rendering import Renderer, default_field, render
     from elvis.scene import *  # noqa: F403
+    from elvis.viewer.widget import view
 
-__all__ = ["DeviceError", "Renderer", "default_field", "read", "render"]
-__all__ += scene.__all__
+__all__ = ["DeviceError", "Renderer", "default_field", "read", "render", "view", *scene.__all__]
 
 __getattr__ = lazy_names(
     __name__,
@@ -23,6 +26,7 @@ __getattr__ = lazy_names(
         "elvis.renderer.device_errors": ("DeviceError",),
         "elvis.renderer.rendering": ("Renderer", "default_field", "render"),
         "elvis.scene": tuple(scene.__all__),
+        "elvis.viewer.widget": ("view",),
     },
 )
 

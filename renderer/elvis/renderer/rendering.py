@@ -78,24 +78,10 @@ def render(
     return frame
 
 
-def _render(dataset: Dataset | PluginData, scene: Scene, device: str, progress: Progress | None) -> Frame:
+def _render(data: Dataset | PluginData, scene: Scene, device: str, progress: Progress | None) -> Frame:
     """A picture of data that are at hand."""
-    if not scene.field and isinstance(dataset, Dataset) and not dataset.solution:
-        scene, dataset = of_mesh(scene), replace(dataset, remarks=(*dataset.remarks, REMARK))
-    scene = scene if scene.field else replace(scene, field=default_field(dataset))
-    dataset = dataset if scene.time is None else replace(dataset, time=scene.time)
-    if isinstance(dataset, PluginData):
-        return draw_plugin(dataset, scene, device, progress)
-    kind = Kind.of(dataset)
-    asked, scene = scene, _arrange(_with_quantity(scene, dataset), kind)
-    other = _other(device)
-    if other is not None:
-        return _note(other(dataset, scene), asked, dataset.remarks)
-    if kind is Kind.LINE:
-        return _note(draw_curves(dataset, scene), asked, dataset.remarks)
-    with Renderer(device, progress) as renderer:
-        renderer.load(dataset, *quantities(scene))
-        return _note(renderer.render(scene, references=_is_exact(scene)), asked, dataset.remarks)
+    with Pictures(data, device, progress) as pictures:
+        return pictures.draw(scene)
 
 
 def _at_hand(asked: Request) -> Dataset | PluginData:
@@ -108,18 +94,9 @@ def _at_hand(asked: Request) -> Dataset | PluginData:
     return open_data([Path(file) for file in scene.data], Reading(scene.plugin, pairs(scene.reader)), warn)
 
 
-def draw_plugin(opened: PluginData, scene: Scene, device: str, progress: Progress | None = None) -> Frame:
-    """A picture of a runtime plugin's data, whose elements are tried first; remarks on them go to the statistics."""
-    scene = _with_quantity(scene, opened)
-    volume = volume_of(opened, quantities(scene))
-    asked, scene = scene, _arrange(scene, Kind(volume.dimension))
-    other = _other(device)
-    if other is not None:
-        return _note(other(opened, scene), asked)
-    with Renderer(device, progress) as renderer:
-        renderer.show(volume)
-        remarks = check_volume(opened.name, volume, renderer)
-        return _note(renderer.render(scene, references=_is_exact(scene)), asked, remarks)
+def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
+    """What is to be drawn, by dimension."""
+    return Kind.of(data) if isinstance(data, Dataset) else Kind(volume_of(data, quantities(scene)).dimension)
 
 
 def _other(device: str) -> Drawing | None:
@@ -198,6 +175,75 @@ def _constants(frame: Frame) -> list[str]:
         return []
     constant = [legend for legend in frame.legends if legend.constant is not None]
     return [f"{legend.title} is {legend.constant:g} wherever it is seen: one colour" for legend in constant]
+
+
+class Pictures:
+    """Pictures of the same data, one after another: the device and what was brought to it are kept.
+
+    device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
+    progress  called with how much of how much of a picture is done
+    """
+
+    def __init__(self, data: Dataset | PluginData, device: str = "auto", progress: Progress | None = None) -> None:
+        self.data, self.device = data, device
+        self._progress = progress
+        self._renderer: Renderer | None = None
+        self._quantities: tuple[str, ...] = ()
+        self._time: float | None = None
+        self._remarks: Sequence[str] = ()
+        self._kind: Kind | None = None
+
+    def __enter__(self) -> Pictures:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the device back; the next picture opens it again."""
+        renderer, self._renderer = self._renderer, None
+        self._quantities = ()
+        if renderer is not None:
+            renderer.close()
+
+    def draw(self, scene: Scene) -> Frame:
+        """A picture; raises as `render`."""
+        data = self.data
+        if not scene.field and isinstance(data, Dataset) and not data.solution:
+            scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
+        scene = scene if scene.field else replace(scene, field=default_field(data))
+        if isinstance(data, Dataset) and scene.time is not None:
+            data = replace(data, time=scene.time)
+        scene = _with_quantity(scene, data)
+        self._kind = self._kind or _kind(data, scene)
+        remarks = data.remarks if isinstance(data, Dataset) else ()
+        asked, scene = scene, _arrange(scene, self._kind)
+        other = _other(self.device)
+        if other is not None:
+            return _note(other(data, scene), asked, remarks)
+        if self._kind is Kind.LINE and isinstance(data, Dataset):
+            return _note(draw_curves(data, scene), asked, remarks)
+        renderer = self._with_volume(data, scene)
+        return _note(renderer.render(scene, references=_is_exact(scene)), asked, (*remarks, *self._remarks))
+
+    def _with_volume(self, data: Dataset | PluginData, scene: Scene) -> Renderer:
+        """The renderer with all that a scene evaluates; elements are those that have its field."""
+        wanted = quantities(scene)
+        known = self._quantities
+        if self._renderer is None:
+            self._renderer = Renderer(self.device, self._progress)
+        elif known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time:
+            return self._renderer
+        self._quantities = ()
+        if isinstance(data, Dataset):
+            self._renderer.load(data, *wanted)
+        else:
+            volume = volume_of(data, wanted)
+            self._renderer.show(volume)
+            # a runtime plugin's elements are tried first
+            self._remarks = check_volume(data.name, volume, self._renderer)
+        self._quantities, self._time = wanted, scene.time
+        return self._renderer
 
 
 class Renderer:

@@ -1,16 +1,26 @@
-"""The time limit of a picture: all that takes long, in the renderer and in the reference, looks at it from within."""
+"""What ends a picture in the making: its time limit, or a caller that has no use for it any more.
+
+All that takes long, in the renderer and in the reference, looks at both from within.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from time import perf_counter
 
+from elvis.core.errors import ElvisError
 from elvis.scene.errors import SceneError
 
 #: when the picture in the making is to be done, by perf_counter, and the seconds that it was given
 _limit: ContextVar[tuple[float, float] | None] = ContextVar("limit", default=None)
+#: whether the caller has no use for it any more
+_is_obsolete: ContextVar[Callable[[], bool] | None] = ContextVar("is_obsolete", default=None)
+
+
+class ObsoleteError(ElvisError):
+    """A picture that nobody waits for any more was not finished."""
 
 
 @contextmanager
@@ -26,8 +36,21 @@ def limited(seconds: float | None) -> Iterator[None]:
         _limit.reset(token)
 
 
+@contextmanager
+def stopped_when(is_obsolete: Callable[[], bool]) -> Iterator[None]:
+    """Let `check_time` raise ObsoleteError once ``is_obsolete`` is true."""
+    token = _is_obsolete.set(is_obsolete)
+    try:
+        yield
+    finally:
+        _is_obsolete.reset(token)
+
+
 def check_time() -> None:
-    """Look at the time; SceneError where the limit has passed."""
+    """Look at both; SceneError where the limit has passed, ObsoleteError where nobody waits."""
     known = _limit.get()
     if known is not None and perf_counter() > known[0]:
         raise SceneError(f"the picture was not done after {known[1]:g} s, the time limit: nothing is written")
+    is_obsolete = _is_obsolete.get()
+    if is_obsolete is not None and is_obsolete():
+        raise ObsoleteError("nobody waits for this picture any more")

@@ -152,7 +152,7 @@ def _open(scene: Scene, is_kept: bool) -> Dataset | PluginData:
     """The data of the scene, read, converted or opened by a runtime plugin."""
     from elvis.core.terminal import warn
     from elvis.plugins.data import Reading, open_data, pairs
-    from elvis.renderer import SceneError
+    from elvis.scene.errors import SceneError
 
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
@@ -163,7 +163,7 @@ def _open(scene: Scene, is_kept: bool) -> Dataset | PluginData:
 def _frame(opened: Dataset | PluginData, scene: Scene) -> Frame:
     """A picture of the data."""
     from elvis.core.terminal import progress
-    from elvis.renderer import render as draw
+    from elvis.renderer.rendering import render as draw
 
     with progress("drawing") as told:
         return draw(opened, scene, device=scene.device, progress=told)
