@@ -13,10 +13,14 @@ BELOW = {
     "converters": {"core", "formats", "plugins"},
     "scene": {"core"},
     "renderer": {"core", "formats", "plugins", "scene"},
+    "viewer": {"core", "formats", "plugins", "scene", "renderer"},
     "reference": {"core", "formats", "plugins", "scene"},
 }
 #: doors name what programs need from all over the house; they hold names alone, and nothing below goes through them
-DOORS = {"formats/elvis/formats/__init__.py": "elvis.formats"}
+DOORS = {
+    "formats/elvis/formats/__init__.py": "elvis.formats",
+    "renderer/elvis/renderer/__init__.py": "elvis.renderer",
+}
 
 MODULE = re.compile(r"elvis(\.\w+)+")
 

@@ -11,7 +11,7 @@ AREAS = {
     "formats": ("core", "formats"),
     "plugins": ("plugins",),
     "converters": ("converters",),
-    "renderer": ("renderer", "scene"),
+    "renderer": ("renderer", "scene", "viewer"),
     "reference": ("reference",),
 }
 

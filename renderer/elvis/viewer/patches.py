@@ -1,0 +1,77 @@
+"""Changes of a scene's table by dotted keys, such as ``objects[0].style.opacity``, and what a page may change."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from elvis.scene.errors import SceneError
+from elvis.scene.permissions import check_texts
+from elvis.scene.tables import Table, input_files, scene_of
+from elvis.scene.whole import Scene
+
+#: keys of a scene that say what is read, run or written, or what is no matter of a page
+FIXED = {"data", "plugin", "reader", "device", "outputs", "stats", "scenes", "panels", "timeout"}
+#: what separates the steps of a key
+_STEPS = re.compile(r"[.\[\]]+")
+
+
+def patched(table: Table, changes: Mapping[str, Any]) -> Table:
+    """The table with values in other places; None takes a key away, in a list the item.
+
+    A number one past the end of a list adds an item.  SceneError for places that a table hasn't.
+    """
+    result = deepcopy(table)
+    for key, value in changes.items():
+        steps = [int(step) if step.isdecimal() else step for step in _STEPS.split(key.rstrip("]"))]
+        if steps[0] in FIXED:
+            raise SceneError(f"{key}: this is settled when the viewer starts")
+        try:
+            _set(result, steps, value)
+        except (IndexError, KeyError, TypeError, AttributeError, ValueError) as error:
+            raise SceneError(f"{key[:80]}: the scene has no such place") from error
+    return result
+
+
+def _set(table: Any, steps: list[int | str], value: Any) -> None:
+    """Set, add or take away what stands at the end of some steps."""
+    place = table
+    for step, following in pairwise(steps):
+        if isinstance(step, int):
+            place = place[step]
+        else:
+            place = place.setdefault(step, [] if isinstance(following, int) else {})
+    last = steps[-1]
+    if value is None:
+        del place[last]
+    elif isinstance(last, int) and last == len(place):
+        place.append(value)
+    else:
+        place[last] = value
+
+
+def scene_of_page(table: Table, own: Scene) -> Scene:
+    """The scene of a table that came from a page; SceneError where it isn't valid, or reads files that it may not.
+
+    own  the scene that the viewer started with, whose files may be read, and others in the folders of its data
+    """
+    check_texts(table)
+    scene = scene_of({key: value for key, value in table.items() if key not in FIXED})
+    known = {path.resolve() for path in input_files(own)}
+    folders = {path.parent for path in known}
+    for path in input_files(scene):
+        place = path.resolve()
+        if place not in known and not any(folder in place.parents for folder in folders):
+            raise SceneError(f"{path}: a page may read files in the folder of the data alone")
+    settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "device")}
+    return replace(scene, **settled)
+
+
+def folder_of(own: Scene) -> Path:
+    """Where a saved scene is thought to stand: next to the data."""
+    return Path(own.data[0]).parent if own.data else Path()

@@ -1,0 +1,201 @@
+"""The page of a session on localhost: files of the page, one socket for each page, files that are saved.
+
+Whoever has the token may look and change the scene; addresses are relative, so that tunnels and proxies work.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import secrets
+from collections.abc import Awaitable, Callable
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from elvis.core.errors import ElvisError
+from elvis.core.needing import require_module
+from elvis.viewer.session import Session, Viewer
+
+if TYPE_CHECKING:
+    from aiohttp import web
+
+#: bytes of a message of a page, at most
+MOST_BYTES = 1 << 20
+#: files of the page, and what they are
+PAGE = {
+    "": ("index.html", "text/html"),
+    "viewer.js": ("viewer.js", "text/javascript"),
+    "viewer.css": ("viewer.css", "text/css"),
+}
+#: the page runs its own code alone, and takes nothing from elsewhere
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+
+class Server:
+    """Serves a session.
+
+    token  what the address has to have
+    """
+
+    def __init__(self, session: Session, token: str | None = None) -> None:
+        require_module("aiohttp", "elvis view", "view")
+        self.session = session
+        self.token = token or secrets.token_urlsafe(24)
+        self.on_empty: Callable[[], object] = lambda: None
+        self._runner: Any = None
+
+    async def start(self, host: str, port: int) -> int:
+        """Listen; the port, which is a free one where 0 was given.  ElvisError where the port is taken."""
+        from aiohttp import web
+
+        app = web.Application(middlewares=[self._guard])
+        app.router.add_get("/", self._page)
+        app.router.add_get("/{name:viewer\\.(?:js|css)}", self._page)
+        app.router.add_get("/socket", self._socket)
+        app.router.add_get("/save/{name}", self._save)
+        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        await self._runner.setup()
+        site = web.TCPSite(self._runner, host, port)
+        try:
+            await site.start()
+        except OSError as error:
+            await self._runner.cleanup()
+            raise ElvisError(f"cannot listen at {host}:{port}: {error.strerror}; --port takes another one") from error
+        self.session.start()
+        return int(self._runner.addresses[0][1])
+
+    async def close(self) -> None:
+        """Close all pages' sockets and end the drawing."""
+        await self.session.close()
+        await self._runner.cleanup()
+
+    @property
+    def _guard(self) -> Any:
+        """Refuses who has not the token, and pages of other origins."""
+        from aiohttp import web
+
+        @web.middleware
+        async def guard(request: web.Request, handler: Callable[[web.Request], Awaitable[Any]]) -> Any:
+            given = request.query.get("token", "")
+            if not hmac.compare_digest(given.encode(), self.token.encode()):
+                return web.Response(status=403, text="The address lacks the token that elvis view has printed.\n")
+            origin = request.headers.get("Origin")
+            if origin is not None and urlsplit(origin).netloc != request.host:
+                return web.Response(status=403, text="Pages of other origins have no access.\n")
+            answer = await handler(request)
+            if not isinstance(answer, web.WebSocketResponse):
+                answer.headers.update(HEADERS)
+            return answer
+
+        return guard
+
+    async def _page(self, request: web.Request) -> web.Response:
+        from aiohttp import web
+
+        name, kind = PAGE[request.match_info.get("name", "")]
+        text = (files("elvis.viewer") / "page" / name).read_text(encoding="utf-8")
+        if name == "index.html":
+            text = text.replace("{{token}}", self.token)
+        return web.Response(text=text, content_type=kind)
+
+    async def _socket(self, request: web.Request) -> web.WebSocketResponse:
+        """One page: its messages go to the session, pictures come back."""
+        from aiohttp import WSMsgType, web
+
+        socket = web.WebSocketResponse(max_msg_size=MOST_BYTES, heartbeat=30.0)
+        await socket.prepare(request)
+
+        async def send(message: str | bytes) -> None:
+            if socket.closed:
+                return
+            try:
+                await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
+            except (ConnectionError, RuntimeError):
+                self.session.leave(viewer)
+
+        viewer = Viewer(send)
+        await send(json.dumps({"type": "schema", **page_facts()}))
+        await self.session.join(viewer)
+        try:
+            async for message in socket:
+                if message.type != WSMsgType.TEXT:
+                    continue
+                try:
+                    content = json.loads(message.data)
+                except ValueError:
+                    content = {}
+                await self.session.receive(viewer, content if isinstance(content, dict) else {})
+        finally:
+            self.session.leave(viewer)
+            if not self.session.viewers:
+                self.on_empty()
+        return socket
+
+    async def _save(self, request: web.Request) -> web.Response:
+        """The scene, the picture or the record as a file that the browser keeps."""
+        from aiohttp import web
+
+        name = request.match_info["name"]
+        suffix = f".{name.rpartition('.')[2].lower()}"
+        try:
+            content = await self.session.content_of(suffix, *_how(request))
+        except (ElvisError, ValueError) as error:
+            return web.Response(status=400, text=f"{error}\n")
+        headers = {"Content-Disposition": f'attachment; filename="elvis{suffix}"'}
+        return web.Response(body=content, content_type="application/octet-stream", headers=headers)
+
+
+def _how(request: web.Request) -> tuple[tuple[int, int] | None, int | None]:
+    """Size and samples of a picture that is saved, None for those of the page."""
+    given, samples = request.query.get("size"), request.query.get("samples")
+    if given is None:
+        return None, int(samples) if samples else None
+    width, _, height = given.partition("x")
+    return (int(width), int(height)), int(samples) if samples else None
+
+
+def page_facts() -> dict[str, Any]:
+    """What the page makes its controls from: the schema of scenes, the names of colour maps."""
+    from elvis.scene.validation import scene_schema
+
+    return {"schema": scene_schema(), "palettes": list(PALETTES)}
+
+
+#: colour maps that the page offers; any other name may be typed
+PALETTES = (
+    *("viridis", "cividis", "plasma", "inferno", "magma", "turbo"),
+    *("coolwarm", "RdBu_r", "PiYG", "gray", "twilight", "batlow", "vik"),
+)
+
+
+async def serve(server: Server, host: str, port: int, opened: Callable[[str], object], idle: float | None) -> None:
+    """Serve until it is cancelled, or nobody has looked for ``idle`` seconds.
+
+    opened  called with the address once it can be opened
+    """
+    done = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    def end_if_empty() -> None:
+        if not server.session.viewers:
+            done.set()
+
+    def on_empty() -> None:
+        if idle is not None:
+            loop.call_later(idle, end_if_empty)
+
+    server.on_empty = on_empty
+    own = await server.start(host, port)
+    try:
+        opened(f"http://{host if ':' not in host else f'[{host}]'}:{own}/?token={server.token}")
+        await done.wait()
+    finally:
+        await server.close()

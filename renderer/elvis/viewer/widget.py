@@ -1,0 +1,153 @@
+"""The viewer in a notebook: the page's module as an anywidget, its messages by way of the notebook.
+
+The session runs on a loop in a thread of its own, so that it answers while a cell runs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import struct
+import threading
+from collections.abc import Coroutine
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from elvis.core.dataset import Dataset
+from elvis.core.needing import require_module
+from elvis.plugins.opening import PluginData
+from elvis.renderer.rendering import render
+from elvis.renderer.request import Request
+from elvis.scene.frame import Frame
+from elvis.scene.tables import table_of
+from elvis.scene.whole import Scene
+from elvis.viewer.drawing_process import Source
+from elvis.viewer.patches import FIXED
+from elvis.viewer.server import page_facts
+from elvis.viewer.session import Session, Viewer
+
+#: seconds that a cell waits for the first picture, which a saved notebook shows
+PATIENCE = 20.0
+
+
+def view(*data: Any, scene: Scene | None = None, height: int = 620, **keywords: Any) -> NotebookViewer:
+    """A viewer of data in a notebook: ``view("wing.xml", "wing.fld")``, ``view(ds, "speed", plane=(point, normal))``.
+
+    data      what `read` returns, or files and scene files; then the quantity that colours the picture, or a Scene
+    scene     what is shown first, which keywords change
+    height    of the widget in pixels
+    keywords  as of `render`
+
+    Raises as `render`; ElvisError where anywidget is not installed.
+    """
+    return NotebookViewer(Request.of(data, scene, keywords), height)
+
+
+class NotebookViewer:
+    """What a cell shows; the scene in Python and on the page is the same."""
+
+    def __init__(self, request: Request, height: int) -> None:
+        anywidget = require_module("anywidget", "view in a notebook", "notebook")
+        import traitlets
+
+        self._data: Dataset | PluginData | None = request.data
+        scene = request.scene
+        source = Source(scene.data, request.data, scene.plugin, scene.reader, True, scene.device)
+        self._loop = asyncio.new_event_loop()
+        threading.Thread(target=self._loop.run_forever, daemon=True, name="elvis-viewer").start()
+        self._session: Session = self._call(_session(scene, source))
+        page = files("elvis.viewer") / "page"
+        own = {
+            "_esm": (page / "viewer.js").read_text(encoding="utf-8"),
+            "_css": (page / "viewer.css").read_text(encoding="utf-8"),
+            "height": traitlets.Int(height).tag(sync=True),
+        }
+        self._widget: Any = type("ElVis", (anywidget.AnyWidget,), own)()
+        self._viewer = Viewer(self._send)
+        self._widget.on_msg(self._receive)
+        self._call(self._session.join(self._viewer))
+
+    def _call(self, work: Coroutine[Any, Any, Any], patience: float | None = 60.0) -> Any:
+        """The result of what runs on the session's loop."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(patience)
+
+    async def _send(self, message: str | bytes) -> None:
+        """A message, or a picture with the facts about it, to all places where the widget is shown."""
+        if isinstance(message, str):
+            self._widget.send(json.loads(message))
+            return
+        start = 4 + struct.unpack("<I", message[:4])[0]
+        self._widget.send({"type": "frame", **json.loads(message[4:start])}, [message[start:]])
+
+    def _receive(self, _: Any, content: Any, __: Any) -> None:
+        asyncio.run_coroutine_threadsafe(self._answer(content), self._loop)
+
+    async def _answer(self, content: Any) -> None:
+        """A message of the page; one that has just been opened is told all."""
+        message = content if isinstance(content, dict) else {}
+        if message.get("type") == "hello":
+            await self._send(json.dumps({"type": "schema", **page_facts()}))
+            self._viewer.confirmed = self._viewer.sent
+            await self._session.join(self._viewer)
+        elif message.get("type") == "save":
+            await self._save(message)
+        else:
+            await self._session.receive(self._viewer, message)
+
+    async def _save(self, message: dict[str, Any]) -> None:
+        """A file for the browser to keep."""
+        from elvis.core.errors import ElvisError
+
+        suffix = str(message.get("suffix"))
+        try:
+            content = await self._session.content_of(suffix)
+        except ElvisError as error:
+            self._widget.send({"type": "error", "id": message.get("id"), "text": str(error)})
+        else:
+            self._widget.send({"type": "answer", "id": message.get("id")}, [content])
+
+    @property
+    def scene(self) -> Scene:
+        """What is shown; another one can be set."""
+        return self._session.current
+
+    @scene.setter
+    def scene(self, scene: Scene) -> None:
+        table = {key: value for key, value in table_of(scene).items() if key not in FIXED}
+        gone = dict.fromkeys(self._session.table.keys() - table.keys())
+        self._call(self._session.change({**gone, **table}))
+
+    @property
+    def frame(self) -> Frame:
+        """The exact record of what is shown, drawn here."""
+        scene = self.scene
+        return render(scene=scene) if self._data is None else render(self._data, scene)
+
+    def save(self, path: str | Path) -> None:
+        """Write the picture, or the record, of what is shown."""
+        frame = self.frame
+        frame.save(path, plain=frame.scene.plain)
+
+    def close(self) -> None:
+        """End the process that draws."""
+        self._call(self._session.close())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+
+    def _repr_mimebundle_(self, **how: Any) -> Any:
+        """The widget, and the picture for notebooks that are only read."""
+        found = self._widget._repr_mimebundle_(**how)
+        bundle = found[0] if isinstance(found, tuple) else found
+        message = self._call(self._session.first_message(PATIENCE), PATIENCE + 10)
+        if message is not None:
+            start = 4 + struct.unpack("<I", message[:4])[0]
+            bundle = {**bundle, "image/png": base64.b64encode(message[start:]).decode()}
+        return (bundle, *found[1:]) if isinstance(found, tuple) else bundle
+
+
+async def _session(scene: Scene, source: Source) -> Session:
+    """A session on the running loop, which draws."""
+    session = Session(scene, source)
+    session.start()
+    return session

@@ -1,0 +1,86 @@
+"""A viewer of a small dataset, served by a loop in a thread of its own."""
+
+import asyncio
+import threading
+from concurrent.futures import Future
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+from elvis.core.testing import approximated, curved, grid, ripple
+from elvis.formats import Dataset, Shape, write
+from elvis.scene import Plane, Scene
+from elvis.viewer.drawing_process import Source
+from elvis.viewer.server import Server, serve
+from elvis.viewer.session import Session
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="session")
+def wave(tmp_path_factory):
+    """Files of bent hexahedra with two fields, the name of one of which is an element of HTML."""
+    mesh = curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), n=3)
+    bare = Dataset(mesh)
+    fields = (
+        approximated(bare, "u", lambda x: np.sin(3 * x[:, 0]) + x[:, 1] * x[:, 2], 3),
+        approximated(bare, HOSTILE, lambda x: x[:, 2] ** 2, 3),
+    )
+    return tuple(map(str, write(Dataset(mesh, fields), tmp_path_factory.mktemp("wave") / "wave.xml")))
+
+
+@pytest.fixture(scope="session")
+def scene(wave):
+    """A plane through them."""
+    return Scene("u", plane=Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0)), data=wave, camera="iso", size=(200, 160))
+
+
+class Running:
+    """A viewer that runs."""
+
+    def __init__(self, scene):
+        self.loop = asyncio.new_event_loop()
+        self.session = self._task = None
+        self._scene, self._address = scene, Future()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self.address = self._address.result(60)
+
+    def _run(self):
+        async def main():
+            self.session = Session(self._scene, Source(self._scene.data))
+            self.server = Server(self.session)
+            self._task = asyncio.current_task()
+            await serve(self.server, "127.0.0.1", 0, self._address.set_result, None)
+
+        try:
+            self.loop.run_until_complete(main())
+        except asyncio.CancelledError:
+            pass
+        except Exception as error:
+            self._address.set_exception(error)
+        self.loop.close()
+
+    @property
+    def root(self):
+        """The address without its token."""
+        parts = urlsplit(self.address)
+        return f"{parts.scheme}://{parts.netloc}/"
+
+    def call(self, coroutine):
+        """The result of a coroutine, run by the viewer's loop."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(60)
+
+    def close(self):
+        """End it."""
+        self.loop.call_soon_threadsafe(self._task.cancel)
+        self._thread.join(20)
+
+
+@pytest.fixture(scope="module")
+def viewer(scene):
+    """A viewer for the tests of a module."""
+    running = Running(scene)
+    yield running
+    running.close()

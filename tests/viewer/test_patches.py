@@ -1,0 +1,63 @@
+"""Changes by dotted keys, and what a page may change."""
+
+from dataclasses import replace
+
+import pytest
+
+from elvis.scene import Scene
+from elvis.scene.errors import SceneError
+from elvis.viewer.patches import FIXED, patched, scene_of_page
+
+TABLE = {"field": "u", "objects": [{"kind": "isosurface", "values": [1.0]}]}
+
+
+def test_a_change_leaves_the_table_as_it_was():
+    found = patched(TABLE, {"objects[0].values[0]": 2.0, "objects[0].style.opacity": 0.5, "camera": "iso"})
+    assert found == {
+        "field": "u",
+        "camera": "iso",
+        "objects": [{"kind": "isosurface", "values": [2.0], "style": {"opacity": 0.5}}],
+    }
+    assert TABLE == {"field": "u", "objects": [{"kind": "isosurface", "values": [1.0]}]}
+
+
+def test_objects_are_added_at_the_end_and_taken_away():
+    added = patched(TABLE, {"objects[1]": {"kind": "faces"}})
+    assert [item["kind"] for item in added["objects"]] == ["isosurface", "faces"]
+    assert [item["kind"] for item in patched(added, {"objects[0]": None})["objects"]] == ["faces"]
+    assert "field" not in patched(TABLE, {"field": None})
+    assert patched({}, {"objects[0]": {"kind": "faces"}}) == {"objects": [{"kind": "faces"}]}
+
+
+@pytest.mark.parametrize("key", ["objects[7]", "objects[0].values.x", "field.x", "objects[x]", "title[0]", "axes", ""])
+def test_places_that_there_are_not(key):
+    with pytest.raises(SceneError, match="no such place"):
+        patched(TABLE, {key: None})
+
+
+@pytest.mark.parametrize("key", sorted(FIXED))
+def test_what_is_read_run_and_written_is_settled(key):
+    with pytest.raises(SceneError, match="settled"):
+        patched(TABLE, {key: "x"})
+    own = Scene(data=("mine.xml",))
+    assert scene_of_page({"field": "u", key: "other"}, own) == replace(own, field="u")
+
+
+def test_a_page_reads_files_next_to_the_data_alone(tmp_path):
+    own = Scene(data=(str(tmp_path / "data" / "mine.xml"),))
+
+    def table(file):
+        return {"objects": [{"kind": "cut", "surface": {"kind": "mesh", "file": str(file)}}]}
+
+    inside = tmp_path / "data" / "body.stl"
+    assert scene_of_page(table(inside), own).objects
+    (tmp_path / "data").mkdir()
+    (tmp_path / "secret.stl").touch()
+    (tmp_path / "data" / "link.stl").symlink_to(tmp_path / "secret.stl")
+    for outside in ("/etc/passwd", tmp_path / "data" / ".." / "secret.stl", tmp_path / "data" / "link.stl"):
+        with pytest.raises(SceneError, match="folder of the data"):
+            scene_of_page(table(outside), own)
+    with pytest.raises(SceneError, match="folder of the data"):
+        scene_of_page({"field": "distance('/etc/body.stl')"}, own)
+    with pytest.raises(SceneError, match="folder of the data"):
+        scene_of_page({"palette": "/etc/map.xml"}, own)
