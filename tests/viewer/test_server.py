@@ -75,3 +75,10 @@ def test_messages_that_say_nothing_are_answered_with_a_sentence(viewer):
     found = [json.loads(answer) for answer in answers]
     assert [each["type"] for each in found] == ["error"] * 5
     assert all(each["text"] for each in found)
+
+
+def test_numbers_that_are_none_go_to_the_page_as_null():
+    """JSON has no word for them, and browsers refuse what Python would write."""
+    from elvis.viewer.drawing_process import _number
+
+    assert json.dumps([_number(value) for value in (float("nan"), float("inf"), -1.5)]) == "[null, null, -1.5]"

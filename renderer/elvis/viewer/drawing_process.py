@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from io import BytesIO
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -181,23 +182,36 @@ class _Drawing:
             "status": status,
             "element": int(frame.element[row, column]),
             "field": frame.scene.field,
-            "value": float(frame.field[row, column]),
+            "value": _number(float(frame.field[row, column])),
             "position": position,
             **self._known_of(position),
         }
 
     def _known_of(self, position: list[float]) -> Table:
         """Order and Jacobian determinant of the element at a point, where the data tell."""
-        from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
-        from elvis.core.sampling import sample
+        import numpy as np
 
-        if not isinstance(self._data, Dataset):
+        from elvis.core.errors import ElvisError
+
+        sampler = self._element_sampler
+        if sampler is None:
             return {}
         with suppress(ElvisError):
-            found = sample(self._data, ["order", "jacobian"], [position])
-            return {"order": float(found["order"][0]), "jacobian": float(found["jacobian"][0])}
+            found = sampler.sample(np.array([position]))
+            return {name: _number(float(found[name][0])) for name in ("order", "jacobian")}
         return {}
+
+    @cached_property
+    def _element_sampler(self) -> Any:
+        """What finds elements and tells of them, made once; None for the data of runtime plugins."""
+        from elvis.core.dataset import Dataset
+        from elvis.core.quantities import Expression, evaluator
+        from elvis.plugins.serving import names_of
+
+        if not isinstance(self._data, Dataset):
+            return None
+        names = names_of(self._data)
+        return evaluator.Sampler(self._data, [Expression.parse(text, names) for text in ("order", "jacobian")])
 
     def _line(self, _: int, content: Table) -> Table:
         """Exact values of quantities at points from one place to another."""

@@ -585,8 +585,8 @@ class Viewer {
       return;
     }
     const place = found.position.map(String).join(", ");
-    const more = found.order === undefined ? "" : `  order ${found.order}  Jacobian ${found.jacobian}`;
-    this.values.textContent = `${found.field} = ${found.value}  at (${place})  element ${found.element}${more}  ${found.status}`;
+    const more = (found.order ?? null) === null ? "" : `  order ${found.order}  Jacobian ${found.jacobian}`;
+    this.values.textContent = `${found.field} = ${found.value ?? "not a number"}  at (${place})  element ${found.element}${more}  ${found.status}`;
   }
 
   setMode(mode) {
