@@ -30,6 +30,7 @@ import scenes
 import sharing
 import shown
 import starting
+import viewing
 from tables import Table
 
 RESULTS = Path(__file__).parent / "results"
@@ -121,6 +122,13 @@ def repeat(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [repeating.table(numbers)]
 
 
+def view(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Pictures while the mouse turns them."""
+    side, duration = (100, 0.5) if options.quick else (1000, 5.0)
+    numbers = viewing.measure(shown.DELTA, options.device, side, duration, options.quick)
+    return numbers, [viewing.table(numbers)]
+
+
 def size(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """Large pictures."""
     side, kinds = (300, ["cut"]) if options.quick else (20000, list(large.KINDS))
@@ -139,6 +147,7 @@ PARTS: dict[str, Part] = {
     "convert": convert,
     "start": start,
     "repeat": repeat,
+    "view": view,
     "large": size,
 }
 

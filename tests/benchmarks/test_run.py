@@ -28,10 +28,10 @@ def quick(tmp_path_factory):
 def test_every_part_prints_its_table(quick):
     text, numbers = quick
     titles = [line for line in text.splitlines() if line.startswith("## ")]
-    assert len(titles) == 16
+    assert len(titles) == 17
     assert set(numbers) == {
         "machine", "cut", "surfaces", "isosurface", "volume", "orders", "compile", "million", "convert", "start",
-        "repeat", "large"
+        "repeat", "view", "large"
     }  # fmt: skip
     assert numbers["machine"]["date"] in text
 

@@ -338,7 +338,7 @@ class Session:
 
     async def _draw(self) -> None:
         """One picture; while something moves a quick one, and a whole one after it."""
-        is_moving = self._is_moving
+        is_moving, revision = self._is_moving, self.revision
         part = self._part() if is_moving else 1.0
         content = {"table": table_of(self.current), "part": part, "is_moving": is_moving, "proof": self.is_proof}
         start = perf_counter()
@@ -354,7 +354,7 @@ class Session:
         self._cost = (perf_counter() - start) / part**2
         if is_moving:
             asyncio.get_running_loop().call_later(REST, self._wake.set)
-        await self._show({**facts, "revision": self.revision}, file)
+        await self._show({**facts, "revision": revision}, file)
 
     def _part(self) -> float:
         """The greatest part of the full size that is drawn in time, as far as is known: cost goes with pixels."""
