@@ -21,7 +21,7 @@ WITH_COMMANDS = [page for page in PAGES[1:] if commands(page)]
 
 @pytest.fixture
 def run_commands(page_folder, monkeypatch):
-    """Small pictures will do; without the solvers' files the commands that read them are left out."""
+    """Small pictures will do, viewers end at once; commands that read files of solvers are left out without these."""
     from elvis.plugins.command import elvis
 
     monkeypatch.syspath_prepend(ROOT / "examples")
@@ -31,6 +31,8 @@ def run_commands(page_folder, monkeypatch):
         for words in commands(page):
             if words[0] == "render":
                 words += ["--size", "160x120", "--samples", "1"]
+            if words[0] == "view":
+                words += ["--no-browser", "--idle", "0.1"]
             if not absent.intersection(words):
                 outcome = CliRunner().invoke(elvis, words, standalone_mode=False)
                 assert outcome.exception is None, f"{words}: {outcome.exception}"

@@ -195,6 +195,7 @@ async def serve(server: Server, host: str, port: int, opened: Callable[[str], ob
     server.on_empty = on_empty
     own = await server.start(host, port)
     try:
+        on_empty()
         opened(f"http://{host if ':' not in host else f'[{host}]'}:{own}/?token={server.token}")
         await done.wait()
     finally:
