@@ -118,10 +118,14 @@ def main() -> int:
 
 def make_data() -> None:
     """The generated data, where they are not there yet."""
-    made = {"generate.py": ROOT / "out" / "data" / "blocks.fld", "cases.py": ROOT / "out" / "cases" / "twist.fld"}
-    for script, last in made.items():
+    made = {
+        "generate.py": [ROOT / "out" / "data" / "blocks.fld"],
+        "cases.py": [ROOT / "out" / "cases" / "twist.fld"],
+        "page_data.py": [ROOT / "out" / "pages" / "sphere.fld", SHARED.parent],
+    }
+    for script, (last, *sources) in made.items():
         if not last.exists():
-            subprocess.run([sys.executable, f"examples/{script}", last.parent], cwd=ROOT, check=True)
+            subprocess.run([sys.executable, f"examples/{script}", last.parent, *sources], cwd=ROOT, check=True)
 
 
 def draw(place: Path, options: list[str]) -> None:

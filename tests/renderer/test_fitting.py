@@ -93,3 +93,9 @@ def test_pictures_have_the_proportions_of_what_is_seen(sides):
     assert 160 <= width <= 1000
     assert 160 <= height <= 800
     assert width == 1000 or height == 800
+
+
+def test_without_zoom_a_region_is_shown_to_the_last_bit():
+    for left, right in [(0.1, 0.7), (-0.3, 0.9), (0.2, 0.9), (-0.7, 0.1), (1 / 3, 3.7)]:
+        scene = Scene("u", plane=Plane((0, 0, 0), (0, 0, 1)), region=(left, right, left, right), size=(64, 64))
+        assert automatic(scene, [UNIT], never).camera.height == right - left

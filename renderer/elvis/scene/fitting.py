@@ -50,8 +50,8 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
         extent = _extent_by_glances(scene, camera, extent, box, glance)
 
     size = scene.size or proportionate(extent)
-    middle = extent.mean(axis=0)
-    shown = middle + (extent - middle) / scene.zoom
+    # by what zooming adds, so that without it not a bit changes
+    shown = extent + (extent - extent.mean(axis=0)) * (1.0 / scene.zoom - 1.0)
     margin = 1.0 if scene.region else MARGIN
     return replace(scene, size=size, camera=fit_camera(camera, size, shown, box, margin))
 
