@@ -167,7 +167,7 @@ def test_nothing_half_written_is_left(study, tmp_path, monkeypatch):
 
 def test_a_missing_package_is_named_with_its_extra(study, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "jinja2", None)
-    with pytest.raises(ElvisError, match=r"package jinja2: install it with pip install 'elvis-viz\[compare\]'"):
+    with pytest.raises(ElvisError, match=r"needs jinja2, which is not installed; pip install 'elvis-viz\[compare\]'"):
         write_report(study, tmp_path / "report")
     assert list(tmp_path.iterdir()) == []
 

@@ -1,5 +1,7 @@
 """No zero along a ray is lost: functions and scenes whose zeros are known, close pairs among them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
@@ -169,4 +171,26 @@ def test_double_zeros_of_what_cancels_are_not_missed(shape):
     middle = np.array([0.375, 0.4656, 0.4067])
     camera = Camera(tuple(middle - [-0.1319, 0.1136, 2.0294]), tuple(middle), height=0.0029)
     frame = render(data, Scene("u", camera=camera, size=(40, 30), objects=(Isosurface((0.0,)),)))
+    assert (frame.status == Status.AMBIGUOUS).all()
+
+
+@pytest.mark.parametrize("accuracy", [DIGITS, 1e-8, 1e-7])
+def test_kinks_at_zero_are_not_missed(accuracy):
+    """|x - a| at thousands of places: now and then the last coefficients vanish although a kink is in between."""
+    at = np.random.default_rng(1).uniform(0.1, 0.9, 8000)
+    found = zeros(lambda which, x: np.abs(x - at[which, None]), 7, np.full(len(at), accuracy))
+    nearest = np.full(len(at), np.inf)
+    np.minimum.at(nearest, found.which, np.abs(found.place - at[found.which]))
+    assert nearest.max() < 1e-4
+
+
+@pytest.mark.parametrize("distance", [1e-3, 0.1])
+def test_isosurfaces_between_elements_far_from_the_origin(distance):
+    """x = 1/2 a million lengths away, where rounding puts a hit outside of either of the elements next to it."""
+    far = 2.0**20
+    mesh = grid(Shape.HEXAHEDRON, 2)
+    data = with_field(replace(mesh, vertices=mesh.vertices + far), lambda x: x[:, 0] - far - 0.5, 2)
+    eye = np.array([0.5 - distance, 0.5, 0.43]) + far
+    camera = Camera(tuple(eye), tuple(eye + [1.1, -0.1, 0.2]), fov=20.0)
+    frame = render(data, Scene("u", camera=camera, size=(20, 20), objects=(Isosurface((0.0,)),)))
     assert (frame.status == Status.AMBIGUOUS).all()

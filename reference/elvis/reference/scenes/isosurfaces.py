@@ -31,6 +31,8 @@ _ROUNDING, _STEPS = 4e-15, 12
 #: half the stretch on which the function is measured about a zero, in parts of the depth and of the segment at most;
 #: places there; how much greater rounding may be elsewhere
 _WINDOW, _NARROW, _PLACES, _SAFETY = 1e-8, 1e-6, 9, 4.0
+#: units in the last place that coordinates may be wrong by
+_UNITS = 8
 #: how far from a zero's place Newton's method may end, in parts of the segment, and of the scene's size
 _NEAR, _NEARER = 1e-2, 1e-9
 #: segments that are looked at together
@@ -94,11 +96,13 @@ class _Search:
         reference = np.where(converged[:, None], roots.reference, start)
         depth = np.where(converged, roots.depth, depth)
         width = np.minimum(_WINDOW * depth, _NARROW * (segments.far - segments.near))
-        uncertainty, along = self._uncertain(segments.row, reference, directions, width)
+        uncertainty, along, inverse = self._uncertain(segments.row, reference, directions, width)
         uncertainty[found.double | ~converged] = np.inf
 
-        # what is uncertain may lie on either side of a border
-        shift = np.where(converged, 2 * np.minimum(uncertainty, width) * np.abs(along).max(axis=1), 0.0)
+        # what is uncertain may lie on either side of a border, along the ray or wherever rounding takes it
+        greatest = np.maximum(np.abs(origins), np.abs(origins + depth[:, None] * directions)).max(axis=1)
+        rounded = _UNITS * np.spacing(greatest) * np.linalg.norm(inverse, axis=2).max(axis=1)
+        shift = np.where(converged, 2 * np.minimum(uncertainty, width) * np.abs(along).max(axis=1) + rounded, 0.0)
         margin = margins_of(self.patch, reference)
         here = np.flatnonzero((margin >= -TOLERANCE - shift) & (depth > 0) & (converged | ~found.rough | found.double))
         doubt: Bools = (margin <= TOLERANCE + shift) | ~np.isfinite(uncertainty)
@@ -107,15 +111,18 @@ class _Search:
         every = Crossings(segments.pixel, depth, number, segments.row, reference, roots.normal, status, uncertainty)
         return every.part(here)
 
-    def _uncertain(self, rows: Ints, reference: Floats, directions: Floats, width: Floats) -> tuple[Floats, Floats]:
-        """How far depths (n,) of zeros may be from the true ones, and steps (n, 3) of r for a unit of depth.
+    def _uncertain(
+        self, rows: Ints, reference: Floats, directions: Floats, width: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """How far depths (n,) of zeros may be from the true ones, steps of r for a unit of depth (n, 3), or of place.
 
         The function is measured at places along the ray, as far from the zero as ``width`` (n,): a line through the
         values has the function's derivative, and they lie off it by what rounding does to them.
         """
         _, jacobians = map_points(self.patch, rows, reference)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            along = np.einsum("nij,nj->ni", inverses(jacobians), directions)
+            inverse = inverses(jacobians)
+            along = np.einsum("nij,nj->ni", inverse, directions)
         shares = np.linspace(-1.0, 1.0, _PLACES)
         steps = width[:, None, None] * shares[:, None] * along[:, None]
         places, every = reference[:, None] + steps, np.repeat(rows, _PLACES)
@@ -128,7 +135,7 @@ class _Search:
         rounding = np.maximum(_SAFETY * deviation, self.quantities.rounding(self.name, self.patch, rows))
         with np.errstate(invalid="ignore", divide="ignore"):
             uncertainty = width * rounding / np.abs(derivative)
-        return np.where(np.isnan(uncertainty), np.inf, uncertainty), along
+        return np.where(np.isnan(uncertainty), np.inf, uncertainty), along, inverse
 
 
 def level_of(quantities: Quantities, name: str, patch: Patch, value: float) -> Constraint:

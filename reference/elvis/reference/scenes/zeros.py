@@ -22,6 +22,9 @@ Along = Callable[[Ints, Floats], Floats]
 
 #: least degree of interpolation; the last coefficients of what is resolved, in parts of their sum
 _LEAST, _RESOLVED = 6, 1e-10
+#: functions farther from their series than this part of the coefficients' sum aren't resolved after all; how much
+#: farther they may be than is measured between the nodes
+_CHECKED, _SURE = 1e-6, 2.0
 #: how often a part may be halved until it is resolved, and after that until its zeros are apart
 _PARTED, _HALVED = 14, 40
 #: steps of bisection
@@ -96,12 +99,19 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0
             errors, usual = accuracy * size + noise, np.median(np.abs(values), axis=1)
         inexact = errors[parts.which]
         ready = rest <= np.maximum(_RESOLVED * size, inexact)
+        # far from zero as its series is, a part has none; what else is resolved is looked at between the nodes, too
+        near = ~(np.abs(coefficients[:, 0]) > 3 * np.abs(coefficients[:, 1:]).sum(axis=1))
+        asked = np.flatnonzero(ready & near)
+        off_by = np.zeros(len(ready))
+        off_by[asked] = _between_nodes(along, parts.some(asked), coefficients[asked])
+        ready &= off_by <= np.maximum(_CHECKED * size, inexact)
+
         # what is left in the last coefficients, rounding not least, is in all others too
-        error = np.maximum((degree + 2) * rest, inexact)
+        error = np.maximum(np.maximum((degree + 2) * rest, _SURE * off_by), inexact)
         found += _separate(parts.some(ready), coefficients[ready], error[ready])
 
         # the last parts that aren't resolved may have a zero where they change their sign
-        open_ = ~ready & ~(np.abs(coefficients[:, 0]) > 3 * np.abs(coefficients[:, 1:]).sum(axis=1))
+        open_ = ~ready & near
         if depth == _PARTED:
             with np.errstate(invalid="ignore"):
                 same = (values > 0).all(axis=1) | (values < 0).all(axis=1)
@@ -114,6 +124,14 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0
             found.append(touched.zeros(np.zeros(len(touched.which)), double=True, rough=True))
         parts = parts.some(open_).halves()
     return Zeros.concatenate(found)
+
+
+def _between_nodes(along: Along, parts: _Parts, coefficients: Floats) -> Floats:
+    """(k,) how far functions are from their series (k, n) where these differ most, half way between the nodes."""
+    places = chebyshev.chebpts2(coefficients.shape[1] + 1)
+    values = along(parts.which, parts.low[:, None] + 0.5 * (1 + places) * (parts.high - parts.low)[:, None])
+    series = coefficients @ chebyshev.chebvander(places, coefficients.shape[1] - 1).T
+    return np.asarray(np.nan_to_num(np.abs(values - series), nan=np.inf).max(axis=1))
 
 
 def _separate(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
