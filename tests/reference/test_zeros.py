@@ -191,6 +191,6 @@ def test_isosurfaces_between_elements_far_from_the_origin(distance):
     mesh = grid(Shape.HEXAHEDRON, 2)
     data = with_field(replace(mesh, vertices=mesh.vertices + far), lambda x: x[:, 0] - far - 0.5, 2)
     eye = np.array([0.5 - distance, 0.5, 0.43]) + far
-    camera = Camera(tuple(eye), tuple(eye + [1.1, -0.1, 0.2]), fov=20.0)
+    camera = Camera(tuple(eye), tuple(eye + np.array([1.1, -0.1, 0.2])), fov=20.0)
     frame = render(data, Scene("u", camera=camera, size=(20, 20), objects=(Isosurface((0.0,)),)))
     assert (frame.status == Status.AMBIGUOUS).all()
