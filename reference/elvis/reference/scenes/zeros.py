@@ -110,20 +110,31 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0
         error = np.maximum(np.maximum((degree + 2) * rest, _SURE * off_by), inexact)
         found += _separate(parts.some(ready), coefficients[ready], error[ready])
 
-        # the last parts that aren't resolved may have a zero where they change their sign
         open_ = ~ready & near
         if depth == _PARTED:
-            with np.errstate(invalid="ignore"):
-                same = (values > 0).all(axis=1) | (values < 0).all(axis=1)
-                small = np.abs(values).max(axis=1) <= usual[parts.which]
-            left = parts.some(open_ & ~same & ~np.isnan(values).all(axis=1))
-            found.append(left.zeros(np.zeros(len(left.which)), rough=True))
-
-            # a kink may touch zero, where a pole is far from it
-            touched = parts.some(open_ & same & small)
-            found.append(touched.zeros(np.zeros(len(touched.which)), double=True, rough=True))
+            found += _unresolved(parts, values, usual, open_)
         parts = parts.some(open_).halves()
     return Zeros.concatenate(found)
+
+
+def _unresolved(parts: _Parts, values: Floats, usual: Floats, is_open: Bools) -> list[Zeros]:
+    """What the last parts that aren't resolved may have: a zero where they change their sign, or are small.
+
+    values   (k, n) of the parts' functions at places of them
+    usual    (n,) size of each function
+    is_open  (k,) which of the parts aren't resolved
+    """
+    with np.errstate(invalid="ignore"):
+        same = (values > 0).all(axis=1) | (values < 0).all(axis=1)
+        small = np.abs(values).max(axis=1) <= usual[parts.which]
+    left = parts.some(is_open & ~same & ~np.isnan(values).all(axis=1))
+
+    # a kink may touch zero, where a pole is far from it
+    touched = parts.some(is_open & same & small)
+    return [
+        left.zeros(np.zeros(len(left.which)), rough=True),
+        touched.zeros(np.zeros(len(touched.which)), double=True, rough=True),
+    ]
 
 
 def _between_nodes(along: Along, parts: _Parts, coefficients: Floats) -> Floats:
