@@ -1,17 +1,21 @@
 """A viewer of a small dataset, served by a loop in a thread of its own."""
 
 import asyncio
+import shutil
 import threading
 from concurrent.futures import Future
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from driving import settled
 
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats import Dataset, Shape, write
 from elvis.scene import Plane, Scene
+from elvis.scene.tables import table_of
 from elvis.viewer.drawing_process import Source
+from elvis.viewer.patches import FIXED
 from elvis.viewer.server import Server, serve
 from elvis.viewer.session import Session
 
@@ -72,6 +76,13 @@ class Running:
         """The result of a coroutine, run by the viewer's loop."""
         return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(60)
 
+    def restore(self):
+        """Show what was shown first."""
+        start = {key: value for key, value in table_of(self._scene).items() if key not in FIXED}
+        gone = dict.fromkeys(self.session.table.keys() - start.keys())
+        if self.session.table != start:
+            self.call(self.session.change({**gone, **start}))
+
     def close(self):
         """End it."""
         self.loop.call_soon_threadsafe(self._task.cancel)
@@ -84,3 +95,47 @@ def viewer(scene):
     running = Running(scene)
     yield running
     running.close()
+
+
+@pytest.fixture
+def start():
+    """Starts viewers of scenes, which end with the test."""
+    running = []
+
+    def start(scene):
+        running.append(Running(scene))
+        return running[-1]
+
+    yield start
+    for one in running:
+        one.close()
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A browser; tests that need one are left out where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if path is None:
+        pytest.skip("needs a browser: chromium or google-chrome")
+    with playwright.sync_playwright() as tools:
+        own = tools.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield own
+        own.close()
+
+
+@pytest.fixture
+def page(browser, viewer):
+    """The page with its first picture; nothing may fail in it."""
+    context = browser.new_context(viewport={"width": 900, "height": 420}, bypass_csp=True)
+    own = context.new_page()
+    own.set_default_timeout(90_000)
+    faults = []
+    own.on("pageerror", lambda error: faults.append(str(error)))
+    own.on("dialog", lambda dialog: faults.append("a dialog"))
+    viewer.restore()
+    own.goto(viewer.address)
+    settled(own, viewer)
+    yield own
+    assert not faults
+    context.close()

@@ -1,67 +1,20 @@
 """The page in a real browser: every way to change the picture, and what is seen at rest."""
 
-import os
-import shutil
-import signal
-import struct
-import time
+import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from driving import add, canvas_place, change, choose, picture, setting, settled, turn
 
-from elvis.formats import read, sample
+from elvis.core.extrema import extrema
+from elvis.core.testing import curved, grid, with_field
+from elvis.formats import Shape, read, sample, write
 from elvis.renderer import render
+from elvis.renderer.commands.render import render as render_command
+from elvis.scene import Scene
 from elvis.scene.files import read_scene
-from elvis.viewer.session import Session
-
-playwright = pytest.importorskip("playwright.sync_api")
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs a browser: chromium or google-chrome")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as tools:
-        own = tools.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield own
-        own.close()
-
-
-@pytest.fixture
-def page(browser, viewer):
-    """The page with its first picture; nothing may fail in it."""
-    context = browser.new_context(viewport={"width": 900, "height": 420}, bypass_csp=True)
-    own = context.new_page()
-    own.set_default_timeout(90_000)
-    faults = []
-    own.on("pageerror", lambda error: faults.append(str(error)))
-    own.on("dialog", lambda dialog: faults.append("a dialog"))
-    own.goto(viewer.address)
-    settled(own, viewer)
-    yield own
-    assert not faults
-    context.close()
-
-
-def settled(page, viewer):
-    """Wait until the page shows the scene as it is, at rest and whole."""
-    end = time.monotonic() + 90
-    while time.monotonic() < end:
-        shown = page.get_attribute(".elvis", "data-final")
-        own = viewer.session
-        if shown == str(own.revision) and not own._wake.is_set() and not own._is_drawing_whole:
-            page.wait_for_timeout(200)
-            if page.get_attribute(".elvis", "data-final") == str(own.revision) and not own._is_drawing_whole:
-                return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"no picture at rest; the page says: {page.inner_text('.elvis-error')}")
-
-
-def picture(viewer):
-    """The file of the picture at rest."""
-    message = viewer.session.message
-    return message[4 + struct.unpack("<I", message[:4])[0] :]
 
 
 def as_rendered(viewer, tmp_path):
@@ -72,48 +25,101 @@ def as_rendered(viewer, tmp_path):
     return (tmp_path / "picture.png").read_bytes()
 
 
-def setting(page, name):
-    """The control of a setting of the whole scene."""
-    return page.locator(".elvis-panel > .elvis-row").filter(has_text=name).locator("input").first
+def as_copied(page, language, folder):
+    """The picture that the command or the lines of Python make which the page copies."""
+    page.get_by_label("save", exact=True).select_option(f"copy {language}")
+    text = page.get_by_label(language, exact=True).input_value()
+    page.get_by_role("button", name="close").click()
+    folder.mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        if language == "command":
+            render_command.main(shlex.split(text)[2:], standalone_mode=False)
+        else:
+            exec(compile(text, "copied", "exec"), {})
+    return (folder / "picture.png").read_bytes()
 
 
-def canvas_place(page, column, row):
-    """Where a pixel of the picture's image lies on the page."""
-    box = page.locator("canvas").bounding_box()
-    corner = page.evaluate("window.elvis.picture.image")
-    return box["x"] + corner[0] + column + 0.5, box["y"] + corner[1] + row + 0.5
+STYLED = {"objects[0].style": {"opacity": 0.6, "lit": False}, "objects[0].style.contours": {"count": 6}}
+LINES = {"objects[0].style": {"mesh_lines": {"width": 1.5, "color": [0.8, 0.1, 0.1]}}}
+LOG = {"field": "2 + u", "palette": "magma", "bar": {"scale": "log", "title": "all"}}
+#: what one does, by what the picture shows then
+DRIVEN = {
+    "a plane, turned": (turn,),
+    "a sphere": (lambda page: add(page, "sphere"),),
+    "faces by the name of a boundary": (
+        lambda page: add(page, "faces"),
+        lambda page: page.get_by_label("boundary", exact=True).check(),
+        lambda page: page.get_by_label("all", exact=True).uncheck(),
+        lambda page: page.get_by_title("View -z").click(),
+    ),
+    "isosurface and colour map": (lambda page: choose(page, "palette", "plasma"), lambda page: add(page, "isosurface")),
+    "a volume": (lambda page: add(page, "volume"),),
+    "a clip, opacity and contours": (
+        lambda page: add(page, "faces"),
+        lambda page: add(page, "clip"),
+        lambda page: change(page, STYLED),
+    ),
+    "mesh lines": (lambda page: add(page, "cylinder"), lambda page: change(page, LINES)),
+    "parallel": (lambda page: page.get_by_title("View +x").click(), turn),
+    "perspective": (lambda page: page.get_by_title("Perspective or parallel view").click(),),
+    "colours by the logarithm": (lambda page: change(page, LOG),),
+}
 
 
-def test_the_picture_at_rest_is_that_of_the_saved_scene(page, viewer, tmp_path):
-    """Turned, moved, zoomed, and with other colours and objects."""
-    assert picture(viewer) == as_rendered(viewer, tmp_path)
-    x, y = canvas_place(page, 150, 100)
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 40, y + 15, steps=5)
-    page.mouse.up()
-    page.mouse.wheel(0, -120)
-    page.wait_for_timeout(400)
-    settled(page, viewer)
-    camera = viewer.session.table["camera"]
-    assert camera["height"] > 0
-    assert picture(viewer) == as_rendered(viewer, tmp_path)
-
-    setting(page, "palette").fill("plasma")
-    setting(page, "palette").press("Enter")
-    page.get_by_label("add an object").select_option("isosurface")
-    settled(page, viewer)
-    assert viewer.session.table["palette"] == "plasma"
-    assert viewer.session.table["objects"][0]["kind"] == "isosurface"
-    assert picture(viewer) == as_rendered(viewer, tmp_path)
-
-    for _ in range(20):
-        if page.get_by_title("Undo (ctrl z)").is_disabled():
-            break
-        page.get_by_title("Undo (ctrl z)").click()
+def test_pictures_at_rest_are_those_of_saved_scenes(page, viewer, tmp_path):
+    """Byte for byte: the picture on the page, that of elvis render of the scene, and of what the page copies."""
+    page.set_viewport_size({"width": 780, "height": 290})
+    begun = {key: viewer.session.table[key] for key in ("field", "plane", "camera")}
+    known = set()
+    for name, steps in DRIVEN.items():
+        changes = {**dict.fromkeys(viewer.session.table), **begun}
+        change(page, changes)
         settled(page, viewer)
-    assert "objects" not in viewer.session.table
-    assert viewer.session.table["camera"] == "iso"
+        for step in steps:
+            step(page)
+            settled(page, viewer)
+        assert page.locator(".elvis-error").is_hidden(), name
+        assert picture(viewer) == as_rendered(viewer, tmp_path), name
+        known.add(picture(viewer))
+        if name.startswith("faces"):
+            assert viewer.session.table["objects"] == [{"kind": "faces", "select": ["boundary"]}]
+    assert len(known) == len(DRIVEN)
+    for language in ("command", "Python"):
+        assert picture(viewer) == as_copied(page, language, tmp_path / language)
+
+    change(page, {**dict.fromkeys(viewer.session.table), **begun})
+    settled(page, viewer)
+
+
+def test_pictures_of_plane_data_are_moved_and_zoomed(browser, start, tmp_path):
+    """Byte for byte as well."""
+    mesh = curved(grid(Shape.TRIANGLE, 2), lambda x: x + 0.1 * np.sin(x[:, [1, 0, 2]]) * [1, 1, 0], n=3)
+    files = write(with_field(mesh, lambda x: np.exp(x[:, 0]) * x[:, 1]), tmp_path / "flat.xml")
+    viewer = start(Scene("u", data=tuple(map(str, files))))
+    page = browser.new_page(viewport={"width": 780, "height": 290}, bypass_csp=True)
+    page.goto(viewer.address)
+    settled(page, viewer)
+    turn(page)
+    change(page, {"objects": [{"kind": "faces", "style": {"contours": {"count": 5}, "mesh_lines": {}}}]})
+    settled(page, viewer)
+    assert page.locator(".elvis-error").is_hidden()
+    assert viewer.session.table["camera"]["at"][2] == 0.0
+    assert picture(viewer) == as_rendered(viewer, tmp_path)
+    page.close()
+
+
+def test_steps_are_undone_and_done_again(page, viewer):
+    before = viewer.session.table
+    choose(page, "palette", "plasma")
+    page.get_by_title("View -x").click()
+    settled(page, viewer)
+    after = viewer.session.table
+    for title, wanted in (("Undo (ctrl z)", before), ("Redo (ctrl y)", after), ("Undo (ctrl z)", before)):
+        for _ in range(2):
+            page.get_by_title(title).click()
+        settled(page, viewer)
+        assert viewer.session.table == wanted
 
 
 def test_values_under_the_pointer_are_those_of_the_solution(page, viewer, scene):
@@ -155,22 +161,29 @@ def test_an_expression_that_is_none_is_told_while_it_is_typed(page, viewer):
     settled(page, viewer)
 
 
-def test_another_page_follows(browser, page, viewer):
-    other = browser.new_page()
-    other.goto(viewer.address)
-    settled(other, viewer)
-    page.get_by_title("View +x").click()
-    settled(page, viewer)
-    settled(other, viewer)
-    for one in (page, other):
-        assert one.evaluate("window.elvis.table.camera") == "+x"
-    other.close()
+def test_pictures_are_saved_in_any_size(page, viewer, tmp_path):
+    """The file that the dialog gives is the picture that elvis render makes in that size, with those samples."""
+    page.get_by_label("save", exact=True).select_option("picture .png")
+    page.get_by_label("width").fill("9000")
+    page.locator("dialog button", has_text="save").click()
+    assert page.evaluate("document.querySelector('dialog input:invalid').ariaLabel") == "width"
+    for name, value in (("width", "97"), ("height", "61"), ("samples", "2")):
+        page.locator("dialog").get_by_label(name).fill(value)
+    with page.expect_download() as started:
+        page.locator("dialog button", has_text="save").click()
+    wanted = render(scene=replace(viewer.session.current, size=(97, 61), samples=2))
+    wanted.save(tmp_path / "own.png")
+    assert Path(started.value.path()).read_bytes() == (tmp_path / "own.png").read_bytes()
+    page.locator("dialog").wait_for(state="hidden")
 
 
-def test_a_killed_drawing_process_is_started_again(page, viewer):
-    os.kill(viewer.session._drawer.pid, signal.SIGKILL)
-    page.get_by_title("View +y").click()
+def test_the_least_value_is_found_and_cut(page, viewer, scene):
+    least, _ = extrema(read(*scene.data), "u")
+    page.locator("button", has_text="least").click()
+    page.locator("text.elvis-over").wait_for()
+    told = page.get_by_label("values under the pointer").inner_text()
+    assert told.startswith(f"u = {least.value!r}")
+    assert f"element {least.element}" in told
+    add(page, "plane")
     settled(page, viewer)
-    assert isinstance(viewer.session, Session)
-    assert viewer.session.table["camera"] == "+y"
-    assert np.frombuffer(picture(viewer)[:4], np.uint8)[1:].tobytes() == b"PNG"
+    assert viewer.session.current.objects[0].surface.point == least.place

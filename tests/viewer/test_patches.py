@@ -6,7 +6,7 @@ import pytest
 
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
-from elvis.viewer.patches import FIXED, patched, scene_of_page
+from elvis.viewer.patches import FIXED, patched, put_back, scene_of_page, without
 
 TABLE = {"field": "u", "objects": [{"kind": "isosurface", "values": [1.0]}]}
 
@@ -27,6 +27,31 @@ def test_objects_are_added_at_the_end_and_taken_away():
     assert [item["kind"] for item in patched(added, {"objects[0]": None})["objects"]] == ["faces"]
     assert "field" not in patched(TABLE, {"field": None})
     assert patched({}, {"objects[0]": {"kind": "faces"}}) == {"objects": [{"kind": "faces"}]}
+
+
+@pytest.mark.parametrize("key", ["plane", "objects[0]", "objects[1]", "clip[0]"])
+def test_hidden_objects_are_put_back_where_they_were(key):
+    table = {
+        "plane": {"point": [0, 0, 0], "normal": [0, 0, 1]},
+        "objects": [{"kind": "faces"}, {"kind": "isosurface", "values": [1.0]}],
+        "clip": [{"surface": {"kind": "sphere", "center": [0, 0, 0], "radius": 1}}],
+    }
+    rest, hidden = without(table, key)
+    assert rest != table
+    assert put_back(rest, hidden) == table
+
+
+def test_hidden_objects_have_room_beside_what_came_since():
+    plane = {"point": [0, 0, 0], "normal": [0, 0, 1]}
+    found = put_back({"plane": plane}, {"key": "plane", "item": plane})
+    assert found == {"plane": plane, "objects": [{"kind": "cut", "surface": {"kind": "plane", **plane}}]}
+    assert put_back({}, {"key": "objects[3]", "item": {"kind": "faces"}}) == {"objects": [{"kind": "faces"}]}
+
+
+@pytest.mark.parametrize("key", ["objects[7]", "clip[0]", "plane", "data", "objects", "objects[0].style"])
+def test_only_objects_are_hidden(key):
+    with pytest.raises(SceneError, match=r"no such object|expected plane"):
+        without(TABLE, key)
 
 
 @pytest.mark.parametrize("key", ["objects[7]", "objects[0].values.x", "field.x", "objects[x]", "title[0]", "axes", ""])

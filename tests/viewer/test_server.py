@@ -3,6 +3,7 @@
 import json
 import urllib.error
 import urllib.request
+from pathlib import Path
 
 import pytest
 
@@ -48,6 +49,23 @@ def test_the_scene_is_saved(viewer, scene, tmp_path):
     assert (found.field, found.plane, found.camera) == (scene.field, scene.plane, scene.camera)
 
 
+@pytest.mark.parametrize(
+    ("how", "expected"),
+    [
+        ("size=90x", "expected size=WIDTHxHEIGHT"),
+        ("size=90", "size"),
+        ("size=9000x90", "at most 8192 pixels"),
+        ("size=0x90", "size"),
+        ("samples=17", "samples"),
+        ("samples=two", "samples=NUMBER"),
+    ],
+)
+def test_pictures_of_other_sizes_are_refused_with_a_sentence(viewer, how, expected):
+    status, _, content = fetch(f"{viewer.root}save/a.png?token={viewer.server.token}&{how}")
+    assert status == 400
+    assert expected in content.decode()
+
+
 @pytest.mark.parametrize("name", ["scene.exe", "scene", "..%2Fscene.toml.py"])
 def test_other_files_are_not(viewer, name):
     status, _, content = fetch(f"{viewer.root}save/{name}?token={viewer.server.token}")
@@ -56,7 +74,7 @@ def test_other_files_are_not(viewer, name):
 
 
 def test_messages_that_say_nothing_are_answered_with_a_sentence(viewer):
-    from elvis.viewer.session import Viewer
+    from elvis.viewer.viewers import Viewer
 
     answers = []
 
@@ -75,6 +93,57 @@ def test_messages_that_say_nothing_are_answered_with_a_sentence(viewer):
     found = [json.loads(answer) for answer in answers]
     assert [each["type"] for each in found] == ["error"] * 5
     assert all(each["text"] for each in found)
+
+
+def asked(viewer, **message):
+    """The answer to a message of a page."""
+    from elvis.viewer.viewers import Viewer
+
+    answers = []
+
+    async def send(text):
+        answers.append(json.loads(text))
+
+    viewer.call(viewer.session.receive(Viewer(send), {"id": 1, **message}))
+    return answers[0]
+
+
+def test_pages_write_files_where_they_may(viewer, tmp_path):
+    """In the folder of the data or below, not over inputs, and over others once that was confirmed."""
+    viewer.session.may_write = False
+    assert "--allow-writes" in asked(viewer, type="write", content={"name": "a.png"})["text"]
+
+    viewer.session.may_write = True
+    home = Path(viewer.session.scene.data[0]).parent
+    (home / "below").mkdir()
+    (home / "out").symlink_to(tmp_path)
+    (home / "name.xml.png").symlink_to(home / "wave.xml")
+    refused = {
+        "../a.png": "next to the scene or in a folder below",
+        str(home / "a.png"): "next to the scene or in a folder below",
+        "out/a.png": "no link leads out",
+        "wave.xml": "a name that ends in .png",
+        "name.xml.png": "it is the input",
+        "none/a.png": "there is no folder",
+        "a\0.png": "without zeros",
+        "": "a name that ends in",
+        7: "does not understand",
+    }
+    for name, part in refused.items():
+        answer = asked(viewer, type="write", content={"name": name, "confirmed": True})
+        assert answer["type"] == "error", name
+        assert part in answer["text"], name
+    assert not list(tmp_path.iterdir())
+    assert (home / "wave.xml").read_bytes().startswith(b"<")
+
+    for name in ("a.png", "below/scene.toml"):
+        assert asked(viewer, type="write", content={"name": name})["content"] == {"wrote": str(home / name)}
+        before = (home / name).stat().st_ino
+        assert "there is such a file" in asked(viewer, type="write", content={"name": name})["content"]["question"]
+        assert (home / name).stat().st_ino == before
+        assert "wrote" in asked(viewer, type="write", content={"name": name, "confirmed": True})["content"]
+        assert (home / name).stat().st_ino != before
+    assert read_scene(home / "below" / "scene.toml").data == viewer.session.scene.data
 
 
 def test_numbers_that_are_none_go_to_the_page_as_null():

@@ -73,3 +73,78 @@ def test_files_are_handed_to_the_page(viewer):
         time.sleep(0.05)
     assert b'field = "u"' in found[7][1][0]
     assert "expected a name that ends in" in found[8][0]["text"]
+
+
+#: a cell of a notebook: what anywidget gives to the module
+CELL = """async () => {
+  const { default: module } = await import("/viewer.js");
+  const handlers = [];
+  const on = (_, handler) => handlers.push(handler);
+  const model = { get: () => 300, on, off: () => {}, send: (message) => toPython(message) };
+  window.deliver = (content, text) => {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    for (const handler of handlers) handler(content, text ? [new DataView(bytes.buffer)] : []);
+  };
+  module.render({ model, el: document.querySelector("#cell") });
+}"""
+
+
+def test_the_module_shows_and_changes_the_scene_in_a_cell(browser, viewer):
+    """In a browser, with a page that plays the notebook; what it draws is the picture that Python sent."""
+    page, asked, begun, told = browser.new_page(), [], len(viewer.sent), []
+    page.on("pageerror", lambda error: told.append(str(error)))
+    module, cell = viewer._widget._esm, "<!doctype html><div id=cell></div>"
+    page.route("http://cell.test/", lambda route: route.fulfill(content_type="text/html", body=cell))
+    page.route(
+        "http://cell.test/viewer.js", lambda route: route.fulfill(content_type="text/javascript", body=str(module))
+    )
+    page.expose_function("toPython", lambda message: asked.append(message))
+    page.goto("http://cell.test/")
+    page.evaluate(CELL)
+
+    def until(holds):
+        nonlocal begun
+        end = time.monotonic() + 60
+        while not holds():
+            assert time.monotonic() < end, told
+            while asked:
+                viewer._receive(None, asked.pop(0), None)
+            for content, buffers in viewer.sent[begun:]:
+                page.evaluate(
+                    "([content, text]) => deliver(content, text)",
+                    [content, base64.b64encode(b"".join(buffers or ())).decode()],
+                )
+                begun += 1
+            page.wait_for_timeout(50)
+
+    def shown():
+        return page.locator(".elvis").get_attribute("data-final")
+
+    until(lambda: shown() == str(viewer._session.revision))
+    before = viewer._session.revision
+    page.get_by_title("View +x").click()
+    until(lambda: viewer._session.revision > before and shown() == str(viewer._session.revision))
+    assert viewer.scene.camera == "+x"
+    assert not page.get_by_label("save", exact=True).locator("option", has_text="copy link").count()
+    assert not told
+    page.close()
+
+
+def test_a_notebook_runs_and_keeps_the_picture(scene, tmp_path):
+    """By a kernel of its own, as `jupyter execute` does it: the widget, and the picture of what was shown last."""
+    nbclient = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    nbformat = pytest.importorskip("nbformat")
+    options = {"plane": (scene.plane.point, scene.plane.normal), "camera": "iso", "size": scene.size}
+    cells = [
+        f"from elvis.renderer import view\nviewer = view(*{scene.data}, 'u', **{options})\nviewer",
+        "from dataclasses import replace\nviewer.scene = replace(viewer.scene, palette='magma')\nviewer",
+        "viewer.save('own.png')\nviewer.close()",
+    ]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(source) for source in cells])
+    nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    nbformat.validate(notebook)
+    shown = [cell.outputs[0]["data"] for cell in notebook.cells[:2]]
+    assert all("application/vnd.jupyter.widget-view+json" in data for data in shown)
+    pictures = [base64.b64decode(data["image/png"]) for data in shown]
+    assert pictures[0] != pictures[1] == (tmp_path / "own.png").read_bytes()

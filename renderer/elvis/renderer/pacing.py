@@ -13,7 +13,7 @@ from elvis.core.arrays import Floats
 from elvis.scene.time_limit import check_time
 
 #: seconds that a dispatch is meant to take at most
-AIM = 0.2
+AIM = 0.05
 #: units of work of a kernel's first dispatches, when nothing is known of its speed
 FIRST = 256.0
 #: how much more work than its predecessor a dispatch does at most

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, TypeAlias
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
+
+if TYPE_CHECKING:
+    from elvis.scene.frame import Legend
 
 Pixels: TypeAlias = NDArray[np.uint8]
 Place: TypeAlias = tuple[float, float]
@@ -61,6 +65,33 @@ class Part:
         return np.asarray(self.image.crop((0, first, self.image.width, last)))
 
 
+@dataclass(frozen=True)
+class BarPlace:
+    """Where a colour bar lies.
+
+    legend   what it tells
+    box      left, top, width and height in pixels of the page
+    upright  low values are below; else to the left
+    """
+
+    legend: Legend
+    box: tuple[float, float, float, float]
+    upright: bool = True
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where things lie on a picture with all that explains it, in pixels from its upper left corner.
+
+    size    width and height
+    corner  column and row where the image begins
+    """
+
+    size: tuple[int, int]
+    corner: tuple[int, int]
+    bars: tuple[BarPlace, ...] = ()
+
+
 class Page:
     """An image, and parts that lie on top of it and of one another.
 
@@ -73,6 +104,12 @@ class Page:
     def __init__(self, image: Pixels, corner: tuple[int, int], size: tuple[int, int], paper: Rgb = WHITE) -> None:
         self.image, self.corner, self.paper, self.parts = image, corner, paper, list[Part]()
         self.width, self.height = size
+        self.bars: tuple[BarPlace, ...] = ()
+
+    @property
+    def layout(self) -> Layout:
+        """Where the image and its colour bars lie."""
+        return Layout((self.width, self.height), self.corner, self.bars)
 
     def rows(self, first: int, last: int) -> Pixels:
         """(last - first, width, 3) some of the page's rows."""

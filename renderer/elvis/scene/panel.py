@@ -31,6 +31,7 @@ class Panel:
         self.page, self.frame, self.unit = page, frame, page.unit
         self.height, self.width = frame.element.shape
         self.corner = np.zeros(2)
+        self.bars: list[Bar] = []
         self.axes: Any = page.figure.add_axes((0, 0, 1, 1), label=str(number))
         self.move(0.0, 0.0)
         self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5), xticks=[], yticks=[])
@@ -101,7 +102,7 @@ class Panel:
             self._draw_scale_bar()
         for legend in legends if has_bars else []:
             box = self.edges()
-            Bar(self, legend, box, np.array([[0, 0], [self.width, self.height]])).draw()
+            self._add_bar(Bar(self, legend, box, np.array([[0, 0], [self.width, self.height]])))
         self._draw_notes()
         title = scene.title if scene.title is not None else ""
         if title:
@@ -111,7 +112,13 @@ class Panel:
         """A bar along all panels, with the corners (2, 2), beside what stands around them."""
         every = np.concatenate([panel.edges() + panel.corner for panel in self.page.panels])
         box = np.array([every.min(axis=0), every.max(axis=0)])
-        Bar(self, legend, box - self.corner, span - self.corner).draw()
+        self._add_bar(Bar(self, legend, box - self.corner, span - self.corner))
+
+    def _add_bar(self, bar: Bar) -> None:
+        """Draw a bar, unless its scene wants none."""
+        if bar.own.position != "none":
+            bar.draw()
+            self.bars.append(bar)
 
     def _draw_rulers(self) -> None:
         """Ticks below and to the left of the picture, or along edges of the box."""
@@ -186,14 +193,11 @@ class Bar:
 
     def draw(self) -> None:
         """The bar with ticks, title and the contours across it."""
-        if self.own.position == "none":
-            return
-        panel, page = self.panel, self.panel.page
-        upright = self.own.position in ("right", "left")
+        panel, page, upright = self.panel, self.panel.page, self.is_upright
         norm, cmap = value_norm(self.palette, self.own)
         from matplotlib.cm import ScalarMappable
 
-        axes = panel.axes.inset_axes(self._place() / np.tile([panel.width, panel.height], 2))
+        axes = panel.axes.inset_axes(self.place() / np.tile([panel.width, panel.height], 2))
         marked = self._ticks(max(3, int(self._length() // ((4 if upright else 6) * panel.unit))))
         bar: Any = page.figure.colorbar(
             ScalarMappable(norm, cmap),
@@ -217,10 +221,15 @@ class Bar:
         self._title(axes, upright)
 
     def _length(self) -> float:
-        return float((self.span[1] - self.span[0])[1 if self.own.position in ("right", "left") else 0])
+        return float((self.span[1] - self.span[0])[1 if self.is_upright else 0])
 
-    def _place(self) -> Floats:
-        """Left, lower edge, width, height."""
+    @property
+    def is_upright(self) -> bool:
+        """Whether values go upwards, else to the right."""
+        return self.own.position in ("right", "left")
+
+    def place(self) -> Floats:
+        """(4,) left, lower edge, width, height in pixels from the panel's corner."""
         unit, (low, high), (left, right) = self.panel.unit, self.box, self.span
         thick, gap = 1.2 * unit, 1.2 * unit
         match self.own.position:

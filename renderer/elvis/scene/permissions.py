@@ -29,7 +29,7 @@ def check_permitted(table: Table, folder: Path) -> None:
         )
     for key in SUFFIXES:
         for place, name in _file_names(key, table.get(key)):
-            fault = _fault(key, name, folder)
+            fault = fault_of(name, SUFFIXES[key], folder)
             if fault:
                 option = settings(Scene)[key].option.split()[0]
                 raise SceneError(f"{place}: expected {fault}, found {name!r}; other places are named with {option}")
@@ -40,7 +40,7 @@ def forbidden(scene: Scene, folder: Path) -> tuple[str, ...]:
     keys = ["plugin"] if _is_plugin_file(scene.plugin) else []
     for key in SUFFIXES:
         names = [os.path.relpath(name, folder) for _, name in _file_names(key, getattr(scene, key))]
-        if any(_fault(key, name, folder) for name in names):
+        if any(fault_of(name, SUFFIXES[key], folder) for name in names):
             keys.append(key)
     return tuple(keys)
 
@@ -69,13 +69,13 @@ def _file_names(key: str, value: Any) -> list[tuple[str, str]]:
     return [(f"{key}[{number}]", str(name)) for number, name in enumerate(value)]
 
 
-def _fault(key: str, name: str, folder: Path) -> str:
-    """What the name of a file to be written should have been; nothing where it is good."""
+def fault_of(name: str, suffixes: tuple[str, ...], folder: Path) -> str:
+    """What the name of a file to be written by a scene in ``folder`` should have been; nothing where it is good."""
     path = Path(name)
     if path.is_absolute() or ".." in path.parts:
         return "a name next to the scene or in a folder below"
-    if path.suffix.lower() not in SUFFIXES[key]:
-        return f"a name that ends in {', '.join(SUFFIXES[key])}"
+    if path.suffix.lower() not in suffixes:
+        return f"a name that ends in {', '.join(suffixes)}"
     home = Path(os.path.realpath(folder))
     if home not in Path(os.path.realpath(folder / path)).parents:
         return "a name that no link leads out of the scene's folder"

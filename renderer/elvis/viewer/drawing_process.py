@@ -8,30 +8,26 @@ from __future__ import annotations
 
 import os
 import signal
-import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from base64 import b64encode
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from io import BytesIO
 from multiprocessing.connection import Connection
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from elvis.viewer.encoding import file_of, lossless, lossy, png, with_proof
+
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from elvis.core.dataset import Dataset
+    from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
-    from elvis.scene import Scene
     from elvis.scene.frame import Frame
+    from elvis.scene.page import BarPlace, Layout
 
-#: quality of pictures while something moves, of 100
-JPEG_QUALITY = 85
-#: colours of pixels by status, over the picture: ambiguous, failed
-PROOF_COLORS = {2: (255, 0, 200), 3: (255, 60, 0)}
+#: cuts of each linear element, at most
+MOST_CUTS = 5
 #: points of a line plot
 LINE_POINTS = 401
 Table = dict[str, Any]
@@ -39,31 +35,52 @@ Table = dict[str, Any]
 
 @dataclass(frozen=True)
 class Source:
-    """What is looked at: files and how they become data, or data at hand, which the process gets a copy of.
+    """What is looked at: files, or data at hand, which the process gets a copy of.
 
-    device  as of ``elvis render``
+    reading  how files become data, None as by default
+    device   as of ``elvis render``
+    is_live  whether files are those of a run that goes on, whose newest step is shown
     """
 
     files: tuple[str, ...] = ()
     data: Dataset | PluginData | None = None
-    plugin: str | None = None
-    reader: tuple[str, ...] = ()
-    is_kept: bool = True
+    reading: Reading | None = None
     device: str = "auto"
+    is_live: bool = False
 
 
-def run(pipe: Connection, newest: Any, source: Source) -> None:
-    """Serve requests until the pipe closes.
+@dataclass(frozen=True)
+class Process:
+    """The process, as the server has it.
+
+    newest  the shared number of the newest request
+    """
+
+    own: Any
+    pipe: Connection
+    newest: Any
+
+
+def run(pipe: Connection, newest: Any) -> None:
+    """Get ready, take the source from the pipe, and serve requests until the pipe closes.
 
     newest  a shared number: a request for a picture of a smaller one is obsolete, and left
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
-        _serve(pipe, newest, source)
+        _import_ahead()
+        _serve(pipe, newest, pipe.recv())
+
+
+def _import_ahead() -> None:
+    """Import what every picture takes, while the server still finds out what is wanted."""
+    import elvis.plugins.data
+    import elvis.renderer.rendering
+    import elvis.scene.saving  # noqa: F401
 
 
 def _serve(pipe: Connection, newest: Any, source: Source) -> None:
-    from elvis.core.errors import ElvisError
+    from elvis.core.errors import ElvisError, fault_sentence
 
     drawing: _Drawing | None = None
     while True:
@@ -75,6 +92,8 @@ def _serve(pipe: Connection, newest: Any, source: Source) -> None:
             pipe.send((_failure(error), number, str(error)))
         except MemoryError:
             pipe.send(("error", number, "there is not enough memory for this picture"))
+        except Exception as error:  # a fault of one picture must not end all
+            pipe.send(("error", number, fault_sentence(error)))
         else:
             pipe.send((name, number, answer))
 
@@ -89,21 +108,28 @@ class _Drawing:
     """Data, pictures of them, and the last one."""
 
     def __init__(self, source: Source, newest: Any) -> None:
-        from elvis.plugins.data import Reading, open_data, pairs
         from elvis.renderer.rendering import Pictures
+        from elvis.viewer.moments import Moments
 
-        reading = Reading(source.plugin, pairs(source.reader), source.is_kept)
-        self._data = source.data if source.data is not None else open_data(tuple(map(Path, source.files)), reading)
+        self._moments = Moments(source)
+        self._data = self._moments.data
         self._pictures = Pictures(self._data, source.device)
         self._newest = newest
         self._frame: Frame | None = None
+        self._histograms: dict[str, Table] = {}
         self._answers: dict[str, Callable[[int, Any], Any]] = {
             "facts": self._facts,
             "draw": self._draw,
             "pick": self._pick,
             "line": self._line,
             "check": self._check,
+            "histogram": self._histogram,
+            "extremes": self._extremes,
+            "linear": self._linear,
             "save": self._save,
+            "follow": self._follow,
+            "history": self._history,
+            "series range": self._series_range,
         }
 
     def answer(self, name: str, number: int, content: Any) -> Any:
@@ -127,11 +153,12 @@ class _Drawing:
             "boundaries": [],
             "kind": "solid",
             "box": None,
+            "times": self._moments.times,
         }
         if isinstance(self._data, Dataset):
             mesh = self._data.mesh
             facts["kind"] = Kind.of(self._data).name.lower()
-            facts["boundaries"] = list(boundaries(mesh))
+            facts["boundaries"] = _told_apart(boundaries(mesh))
             points = np.concatenate([mesh.vertices, mesh.edge_curves.points, mesh.face_curves.points])
             facts["box"] = [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
             facts["remarks"] = list(self._data.remarks)
@@ -140,27 +167,53 @@ class _Drawing:
     def _draw(self, number: int, content: Table) -> tuple[Table, bytes]:
         """A picture: facts about it, and its file.
 
-        content  the scene's ``table``; ``part`` of the full size each way; ``proof`` shows what is not certain
+        content  the scene's ``table``; ``part`` of the full size each way; whether it ``is_draft``; ``proof`` shows
+                 what is not certain
         """
+        from elvis.renderer.drafts import drafted
         from elvis.scene.tables import scene_of
         from elvis.scene.time_limit import stopped_when
+        from elvis.viewer.sizing import draft_of
 
         start = perf_counter()
         scene = scene_of(content["table"])
-        is_final = content["part"] == 1.0 and not content["is_moving"]
-        if content["is_moving"]:
-            scene = _while_moving(scene, content["part"])
-        with stopped_when(lambda: self._newest.value > number):
+        is_final = not content["is_draft"]
+        self._take(self._moments.at(scene.moment))
+        if content["is_draft"]:
+            scene = draft_of(scene, content["part"])
+        with stopped_when(lambda: self._newest.value > number), nullcontext() if is_final else drafted():
             frame = self._pictures.draw(scene)
         drawn = perf_counter()
         if is_final:
             self._frame = frame
-        file, corner, size = _lossless(frame) if is_final else _lossy(frame)
+        file, layout = lossless(frame) if is_final else lossy(frame)
         if content["proof"]:
-            file = _with_proof(file, frame, corner)
-        facts = _facts_of(frame, corner, size)
+            file = with_proof(file, frame, layout.corner)
+        facts = _facts_of(frame, layout)
         facts["seconds"] = {"draw": drawn - start, "encode": perf_counter() - drawn}
         return {**facts, "final": is_final}, file
+
+    def _take(self, data: Dataset | PluginData) -> None:
+        """Show these data from now on."""
+        if data is self._data:
+            return
+        self._data = data
+        self._pictures.show(data)
+        self._histograms.clear()
+        for name in ("_element_sampler", "_linear_pictures"):
+            self.__dict__.pop(name, None)
+
+    def _follow(self, _: int, __: Any) -> bool:
+        """Whether there is a newer step of a run than the last that was told."""
+        return self._moments.look()
+
+    def _history(self, _: int, content: Table) -> Table:
+        """Exact values of a quantity at a place over all steps, or over as many as there is time for."""
+        return self._moments.history(content["quantity"], content["place"])
+
+    def _series_range(self, _: int, text: str) -> list[float]:
+        """Certified bounds of a quantity over all steps."""
+        return self._moments.range_of(text)
 
     def _pick(self, _: int, content: Table) -> Table:
         """What the last picture shows at a column and row of its pixels."""
@@ -229,6 +282,66 @@ class _Drawing:
             "elements": samples.location.element_id.tolist(),
         }
 
+    def _linear(self, number: int, content: Table) -> Table:
+        """What linear elements would show in place of the last picture, as the file of its image in base64.
+
+        content  ``level``: cuts of each element
+        """
+        from elvis.core.errors import ElvisError
+        from elvis.scene.time_limit import stopped_when
+
+        if self._frame is None:
+            raise ElvisError("there is no picture yet")
+        with stopped_when(lambda: self._newest.value > number):
+            record, simplices = self._linear_pictures.draw(self._frame, min(max(int(content["level"]), 0), MOST_CUTS))
+        return {"file": b64encode(png(record.color)).decode(), "simplices": simplices}
+
+    @cached_property
+    def _linear_pictures(self) -> Any:
+        """What draws linear elements, which few need; ElvisError where the data are no dataset."""
+        from elvis.core.dataset import Dataset
+        from elvis.core.errors import ElvisError
+        from elvis.plugins.registry import load
+
+        if not isinstance(self._data, Dataset):
+            raise ElvisError("linear elements need a dataset; a runtime plugin's data have pictures alone")
+        pictures: Any = load("elvis.comparisons", "linear")
+        return pictures(self._data)
+
+    def _histogram(self, _: int, text: str) -> Table:
+        """How much of the volume has which values of a quantity; counted once."""
+        from elvis.core.dataset import Dataset
+        from elvis.core.errors import ElvisError
+        from elvis.core.histogram import histogram
+        from elvis.core.quantities import Expression
+        from elvis.plugins.serving import names_of
+
+        if not isinstance(self._data, Dataset):
+            raise ElvisError("histograms need a dataset; a runtime plugin's data have pictures alone")
+        if text not in self._histograms:
+            found = histogram(self._data, Expression.parse(text, names_of(self._data)))
+            self._histograms[text] = {
+                "low": float(found.ends[0]),
+                "high": float(found.ends[-1]),
+                "shares": found.shares.tolist(),
+                "sample": f"{found.points} points of {found.elements} of {found.total} elements",
+            }
+        return self._histograms[text]
+
+    def _extremes(self, _: int, text: str) -> list[Table]:
+        """The least and the greatest value of a field over all elements, and where they are."""
+        from elvis.core.dataset import Dataset
+        from elvis.core.errors import ElvisError
+        from elvis.core.extrema import extrema
+
+        if not isinstance(self._data, Dataset):
+            raise ElvisError("extremes need a dataset; a runtime plugin's data have pictures alone")
+        found = zip(("least", "greatest"), extrema(self._data, text), strict=True)
+        return [
+            {"field": text, "value": own.value, "position": list(own.place), "element": own.element, "status": name}
+            for name, own in found
+        ]
+
     def _check(self, _: int, text: str) -> str:
         """Nothing; ElvisError where a text names no quantity."""
         from elvis.core.quantities import Expression
@@ -243,78 +356,22 @@ class _Drawing:
 
         suffix = content["suffix"]
         scene = replace(scene_of(content["table"]), outputs=(f"picture{suffix}",))
+        self._take(self._moments.at(scene.moment))
         frame = self._pictures.draw(scene)
-        return _file(frame, suffix)
+        return file_of(frame, suffix)
 
 
-def _while_moving(scene: Scene, part: float) -> Scene:
-    """The scene with fewer pixels and one sample for each."""
-    assert scene.size is not None
-    width, height = (max(16, round(part * side)) for side in scene.size)
-    return replace(scene, size=(width, height), samples=1)
+def _told_apart(boundaries: dict[str, Any]) -> list[str]:
+    """The names of boundaries; of those that are the same, such as a name and an id, the one that says most."""
+    found: dict[bytes, str] = {}
+    for name, rows in boundaries.items():
+        known = found.get(rows.tobytes())
+        if known is None or (known.isdecimal() and not name.isdecimal()):
+            found[rows.tobytes()] = name
+    return list(found.values())
 
 
-def _file(frame: Frame, suffix: str) -> bytes:
-    """What `save` writes."""
-    with tempfile.TemporaryDirectory(prefix="elvis-") as folder:
-        path = Path(folder, f"picture{suffix}")
-        frame.save(path, plain=frame.scene.plain)
-        return path.read_bytes()
-
-
-def _lossless(frame: Frame) -> tuple[bytes, tuple[int, int], tuple[int, int]]:
-    """The PNG file that ``elvis render`` writes, where the image begins on it, and its size.
-
-    A figure's layout is matplotlib's: its image is taken to fill the page.
-    """
-    from elvis.scene.figure import needs_figure
-    from elvis.scene.picture import page
-
-    file = _file(frame, ".png")
-    if needs_figure(frame, ".png"):
-        width, height = _size_of(file)
-        return file, (0, 0), (width, height)
-    own = page(frame, plain=frame.scene.plain or frame.scene.is_clear)
-    return file, own.corner, (own.width, own.height)
-
-
-def _lossy(frame: Frame) -> tuple[bytes, tuple[int, int], tuple[int, int]]:
-    """The image alone as JPEG."""
-    from PIL import Image
-
-    stream = BytesIO()
-    Image.fromarray(frame.rgb, "RGB").save(stream, "JPEG", quality=JPEG_QUALITY)
-    height, width = frame.element.shape
-    return stream.getvalue(), (0, 0), (width, height)
-
-
-def _size_of(file: bytes) -> tuple[int, int]:
-    """Width and height of a picture in a file."""
-    from PIL import Image
-
-    with Image.open(BytesIO(file)) as image:
-        return image.size
-
-
-def _with_proof(file: bytes, frame: Frame, corner: tuple[int, int]) -> bytes:
-    """The picture in grey, with what is not certain in colours."""
-    import numpy as np
-    from PIL import Image
-
-    with Image.open(BytesIO(file)) as image:
-        grey = np.asarray(image.convert("L").convert("RGB")).copy()
-    status = frame.line_status
-    rows = slice(corner[1], corner[1] + status.shape[0])
-    columns = slice(corner[0], corner[0] + status.shape[1])
-    part: NDArray[np.uint8] = grey[rows, columns]
-    for value, color in PROOF_COLORS.items():
-        part[status[: part.shape[0], : part.shape[1]] == value] = color
-    stream = BytesIO()
-    Image.fromarray(grey, "RGB").save(stream, "PNG")
-    return stream.getvalue()
-
-
-def _facts_of(frame: Frame, corner: tuple[int, int], size: tuple[int, int]) -> Table:
+def _facts_of(frame: Frame, layout: Layout) -> Table:
     """What the page knows of a picture: its camera, where the image lies in it, counts, ranges, remarks."""
     from elvis.scene.tables import table_of
 
@@ -322,8 +379,9 @@ def _facts_of(frame: Frame, corner: tuple[int, int], size: tuple[int, int]) -> T
     legends = [legend for legend in frame.legends if legend.palette is not None]
     return {
         "camera": table_of(frame.view.camera),
-        "image": [*corner, width, height],
-        "size": list(size),
+        "image": [*layout.corner, width, height],
+        "size": list(layout.size),
+        "bars": [_facts_of_bar(bar) for bar in layout.bars],
         "counts": frame.counts(),
         "remarks": list(frame.remarks),
         "ranges": {own.title: [own.palette.low, own.palette.high] for own in legends if own.palette},
@@ -331,20 +389,44 @@ def _facts_of(frame: Frame, corner: tuple[int, int], size: tuple[int, int]) -> T
     }
 
 
+def _facts_of_bar(bar: BarPlace) -> Table:
+    """Where a colour bar lies, and which values are at its ends."""
+    palette = bar.legend.palette
+    assert palette is not None
+    own = bar.legend.bar
+    scale = "linear" if own is None else own.scale
+    ends = {"low": palette.low, "high": palette.high}
+    return {"title": bar.legend.title, "box": list(bar.box), "upright": bar.upright, "scale": scale, **ends}
+
+
 def _number(value: float) -> float | None:
     """The number, None for what JSON has no word for."""
     return value if abs(value) < float("inf") else None
 
 
-def spawn(source: Source) -> tuple[Any, Connection, Any]:
-    """The process, its pipe and the number of the newest request."""
+def spawn() -> Process:
+    """Start the process; the first thing that it is to be sent is its source."""
     from multiprocessing import get_context
 
     context = get_context("spawn")
     here, there = context.Pipe()
     newest = context.Value("Q", 0, lock=False)
-    process = context.Process(target=run, args=(there, newest, source), daemon=True, name="elvis-drawing")
+    process = context.Process(target=run, args=(there, newest), daemon=True, name="elvis-drawing")
     os.environ.setdefault("PYTHONUNBUFFERED", "1")
-    process.start()
+    with _without_interrupts():
+        process.start()
     there.close()
-    return process, here, newest
+    return Process(process, here, newest)
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Processes that start here never get what Ctrl-C sends to all of a terminal: it is meant for the server."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -12,13 +12,13 @@ from typing import Any
 
 from elvis.scene.errors import SceneError
 from elvis.scene.permissions import check_texts
-from elvis.scene.tables import Table, input_files, scene_of
+from elvis.scene.tables import Table, input_files, scene_of, steps_of
 from elvis.scene.whole import Scene
 
 #: keys of a scene that say what is read, run or written, or what is no matter of a page
 FIXED = {"data", "plugin", "reader", "device", "outputs", "stats", "scenes", "panels", "timeout"}
-#: what separates the steps of a key
-_STEPS = re.compile(r"[.\[\]]+")
+#: keys of objects
+_OBJECT = re.compile(r"plane|(objects|clip)\[(\d{1,9})\]")
 
 
 def patched(table: Table, changes: Mapping[str, Any]) -> Table:
@@ -28,7 +28,7 @@ def patched(table: Table, changes: Mapping[str, Any]) -> Table:
     """
     result = deepcopy(table)
     for key, value in changes.items():
-        steps = [int(step) if step.isdecimal() else step for step in _STEPS.split(key.rstrip("]"))]
+        steps = steps_of(key)
         if steps[0] in FIXED:
             raise SceneError(f"{key}: this is settled when the viewer starts")
         try:
@@ -53,6 +53,43 @@ def _set(table: Any, steps: list[int | str], value: Any) -> None:
         place.append(value)
     else:
         place[last] = value
+
+
+def without(table: Table, key: str) -> tuple[Table, Table]:
+    """The table without an object, and what `put_back` takes: its key and itself.
+
+    key  ``plane``, ``objects[n]`` or ``clip[n]``; SceneError for another one
+    """
+    name, number = _place(key)
+    result = deepcopy(table)
+    try:
+        item = result.pop(name) if number is None else result[name].pop(number)
+    except (IndexError, KeyError) as error:
+        raise SceneError(f"{key}: the scene has no such object") from error
+    if number is not None and not result[name]:
+        del result[name]
+    return result, {"key": key, "item": item}
+
+
+def put_back(table: Table, hidden: Table) -> Table:
+    """The table with an object where it was, or at the end; a plane beside another one becomes a cut."""
+    name, number = _place(hidden["key"])
+    result, item = deepcopy(table), deepcopy(hidden["item"])
+    if number is None and name not in result:
+        result[name] = item
+    elif number is None:
+        result.setdefault("objects", []).append({"kind": "cut", "surface": {"kind": "plane", **item}})
+    else:
+        result.setdefault(name, []).insert(number, item)
+    return result
+
+
+def _place(key: str) -> tuple[str, int | None]:
+    """The key of a scene that holds an object, and its number where that is a list."""
+    found = _OBJECT.fullmatch(key)
+    if found is None:
+        raise SceneError(f"{key[:80]}: expected plane, objects[n] or clip[n]")
+    return ("plane", None) if key == "plane" else (found[1], int(found[2]))
 
 
 def scene_of_page(table: Table, own: Scene) -> Scene:

@@ -10,19 +10,24 @@ import hmac
 import json
 import secrets
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from elvis.core.errors import ElvisError
 from elvis.core.needing import require_module
-from elvis.viewer.session import Session, Viewer
+from elvis.scene.errors import SceneError
+from elvis.viewer.session import Session
+from elvis.viewer.viewers import Viewer
 
 if TYPE_CHECKING:
     from aiohttp import web
 
 #: bytes of a message of a page, at most
 MOST_BYTES = 1 << 20
+#: messages to a page that takes none, after which its connection is closed; it comes back when it can
+MOST_WAITING = 500
 #: files of the page, and what they are
 PAGE = {
     "": ("index.html", "text/html"),
@@ -113,27 +118,34 @@ class Server:
         socket = web.WebSocketResponse(max_msg_size=MOST_BYTES, heartbeat=30.0)
         await socket.prepare(request)
 
-        async def send(message: str | bytes) -> None:
-            if socket.closed:
-                return
-            try:
-                await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
-            except (ConnectionError, RuntimeError):
-                self.session.leave(viewer)
+        outbox = asyncio.Queue[str | bytes]()
 
+        async def send(message: str | bytes) -> None:
+            outbox.put_nowait(message)
+            if outbox.qsize() > MOST_WAITING:
+                await socket.close()
+
+        answers = set[asyncio.Task[None]]()
         viewer = Viewer(send)
         await send(json.dumps({"type": "schema", **page_facts()}))
+        # a page that takes nothing holds up nobody else
+        posting = asyncio.get_running_loop().create_task(_post(socket, outbox))
         await self.session.join(viewer)
         try:
             async for message in socket:
                 if message.type != WSMsgType.TEXT:
                     continue
-                try:
-                    content = json.loads(message.data)
-                except ValueError:
-                    content = {}
-                await self.session.receive(viewer, content if isinstance(content, dict) else {})
+                content = _content_of(message.data)
+                work = self.session.receive(viewer, content)
+                if "id" not in content:
+                    await work
+                    continue
+                # changes don't wait for answers, which the drawing may delay
+                answer = asyncio.get_running_loop().create_task(work)
+                answers.add(answer)
+                answer.add_done_callback(answers.discard)
         finally:
+            posting.cancel()
             self.session.leave(viewer)
             if not self.session.viewers:
                 self.on_empty()
@@ -146,20 +158,40 @@ class Server:
         name = request.match_info["name"]
         suffix = f".{name.rpartition('.')[2].lower()}"
         try:
-            content = await self.session.content_of(suffix, *_how(request))
-        except (ElvisError, ValueError) as error:
+            content = await self.session.content_of(suffix, _how(request))
+        except ElvisError as error:
             return web.Response(status=400, text=f"{error}\n")
         headers = {"Content-Disposition": f'attachment; filename="elvis{suffix}"'}
         return web.Response(body=content, content_type="application/octet-stream", headers=headers)
 
 
-def _how(request: web.Request) -> tuple[tuple[int, int] | None, int | None]:
-    """Size and samples of a picture that is saved, None for those of the page."""
-    given, samples = request.query.get("size"), request.query.get("samples")
-    if given is None:
-        return None, int(samples) if samples else None
-    width, _, height = given.partition("x")
-    return (int(width), int(height)), int(samples) if samples else None
+async def _post(socket: web.WebSocketResponse, outbox: asyncio.Queue[str | bytes]) -> None:
+    """Send what is in an outbox, one message after another, until the page is gone."""
+    with suppress(ConnectionError, RuntimeError):
+        while True:
+            message = await outbox.get()
+            await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
+
+
+def _content_of(text: str) -> dict[str, Any]:
+    """The message in a text; an empty one where it is none."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _how(request: web.Request) -> dict[str, Any]:
+    """Size and samples of a picture that is saved, as keys of a scene; SceneError where they are no numbers."""
+    found = dict[str, Any]()
+    try:
+        for key in ("size", "samples") & request.query.keys():
+            numbers = [int(text) for text in request.query[key].split("x")]
+            found[key] = numbers if key == "size" else numbers[0]
+    except ValueError as error:
+        raise SceneError("expected size=WIDTHxHEIGHT and samples=NUMBER, in whole numbers") from error
+    return found
 
 
 def page_facts() -> dict[str, Any]:

@@ -5,186 +5,106 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
-from elvis.core.errors import ElvisError
+from elvis.core.errors import ElvisError, fault_sentence
+from elvis.core.files.output import write_bytes
 from elvis.scene.errors import SceneError
-from elvis.scene.files import scene_text
+from elvis.scene.files import SUFFIXES, scene_text
 from elvis.scene.permissions import PICTURES
-from elvis.scene.tables import Table, table_of
+from elvis.scene.tables import Table, input_files, table_of
 from elvis.scene.whole import Scene
-from elvis.viewer.drawing_process import Source, spawn
-from elvis.viewer.patches import FIXED, folder_of, patched, scene_of_page
+from elvis.viewer.drawer import DiedError, Drawer
+from elvis.viewer.drawing_process import Process, Source
+from elvis.viewer.patches import FIXED, folder_of, patched, put_back, scene_of_page, without
+from elvis.viewer.placing import TakenError, place_of
+from elvis.viewer.sizing import LATE, Sizing
+from elvis.viewer.viewers import Viewer
+from elvis.viewer.watching import WatchedFiles
 
 #: seconds after the last change while something moves, until the picture is drawn whole
 REST = 0.25
-#: seconds that a picture may take while something moves, and parts of the full size each way that it may have
-GOAL, PARTS = 1 / 30, (1.0, 0.5, 0.25)
-#: pictures on their way to a page that it has not confirmed, at most
-UNCONFIRMED = 2
 #: scenes that can be undone
 HISTORY = 200
+#: seconds between looks at the files that were read
+WATCH = 2.0
 #: deaths of the drawing process in a row after which it is not started again
 DEATHS = 3
-#: suffixes of scenes that can be saved
-SCENES = (".toml", ".yaml", ".json")
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
-Send: TypeAlias = Callable[[str | bytes], Awaitable[None]]
-
-
-class DiedError(ElvisError):
-    """The process that draws has ended."""
-
-
-class Drawer:
-    """The process that draws, seen from the server: one request at a time; started when it is needed."""
-
-    def __init__(self, source: Source) -> None:
-        self.source = source
-        self._process: Any = None
-        self._pipe: Any = None
-        self._newest: Any = None
-        self._number = 0
-        self._turn = asyncio.Lock()
-
-    async def ask(self, name: str, content: Any = None) -> Any:
-        """The answer to a request; ElvisError with the reason where there is none, None for an obsolete picture."""
-        async with self._turn:
-            if self._process is None:
-                self._process, self._pipe, self._newest = spawn(self.source)
-            self._number += 1
-            self._newest.value = self._number
-            return await self._exchange(name, self._number, content)
-
-    async def _exchange(self, name: str, number: int, content: Any) -> Any:
-        loop, pipe = asyncio.get_running_loop(), self._pipe
-        answer: asyncio.Future[Any] = loop.create_future()
-
-        def settle(found: Any) -> None:
-            if not answer.done():
-                answer.set_result(found)
-
-        def wait() -> None:
-            try:
-                pipe.send((name, number, content))
-                found = pipe.recv()
-            except (EOFError, OSError):
-                found = ("died", number, "")
-            loop.call_soon_threadsafe(settle, found)
-
-        threading.Thread(target=wait, daemon=True).start()
-        kind, _, found = await answer
-        if kind == "died":
-            self.close()
-            raise DiedError("the process that draws has ended, and is started again")
-        if kind == "error":
-            raise ElvisError(found)
-        return None if kind == "obsolete" else found
-
-    def make_obsolete(self) -> None:
-        """Let the picture that is being drawn be left: something newer is wanted."""
-        if self._newest is not None:
-            self._newest.value = self._number + 1
-
-    @property
-    def pid(self) -> int | None:
-        """Of the process, None while there is none."""
-        return None if self._process is None else self._process.pid
-
-    def close(self) -> None:
-        """End the process."""
-        process, self._process = self._process, None
-        if process is None:
-            return
-        self._pipe.close()
-        process.terminate()
-        process.join(2)
-        if process.is_alive():
-            process.kill()
-
-
-@dataclass(eq=False)
-class Viewer:
-    """One who looks, a page or a notebook.
-
-    sent, confirmed  numbers of the last picture that went there, and that it has shown
-    waiting          the picture that goes there next
-    """
-
-    send: Send
-    sent: int = 0
-    confirmed: int = 0
-    waiting: bytes | None = None
-
-    async def take(self, number: int, message: bytes, is_final: bool) -> None:
-        """Send a picture, or keep a final one until there is room; others are left out."""
-        if self.sent - self.confirmed >= UNCONFIRMED:
-            self.waiting = message if is_final else self.waiting
-            return
-        self.waiting, self.sent = None, self.sent + 1
-        await self.send(message)
-
-    async def confirm(self) -> None:
-        """The page has shown one more picture."""
-        self.confirmed = min(self.confirmed + 1, self.sent)
-        if self.waiting is not None:
-            message, self.waiting, self.sent = self.waiting, None, self.sent + 1
-            await self.send(message)
+#: objects that can be hidden
+MOST_HIDDEN = 1000
+#: a scene's table, and the objects that are hidden: each its key and itself
+Shown: TypeAlias = tuple[Table, tuple[Table, ...]]
 
 
 @dataclass(eq=False)
 class Session:
     """A scene and those who look at it.
 
-    scene   what is shown first; its files are the data
-    source  the same for the process that draws
+    scene      what is shown first; its files are the data
+    source     the same for the process that draws
+    may_write  whether pages may have files written, in the folder of the data or below
+    process    one that draws and has been started already
     """
 
     scene: Scene
     source: Source
+    may_write: bool = False
+    process: Process | None = None
     viewers: set[Viewer] = field(default_factory=set)
     #: what programs that hold the session hear of: the scene after each change
     listeners: list[Callable[[Scene], None]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.table: Table = {key: value for key, value in table_of(self.scene).items() if key not in FIXED}
+        self._start = self.table
         self.size = self.scene.size or (900, 700)
         self.facts: Table | None = None
         self.message: bytes | None = None
         self.revision = 0
         self.is_proof = False
-        self._undo: list[Table] = []
-        self._redo: list[Table] = []
-        self._before: Table | None = None
+        #: objects that are kept, but not shown
+        self.hidden: tuple[Table, ...] = ()
+        self._undo: list[Shown] = []
+        self._redo: list[Shown] = []
+        self._before: Shown | None = None
         self._moved = 0.0
-        self._cost: float | None = None
+        self._sizing = Sizing()
         self._number = 0
         self._deaths = 0
-        self._is_drawing_whole = False
-        self._drawer = Drawer(self.source)
+        #: the last scene of which there is a whole picture, or a sentence why there is none
+        self._settled = -1
+        self._leavable = 0
+        self._has_shown = False
+        self._drawer = Drawer(self.source, self.process)
+        self._files = WatchedFiles(self.scene.data)
+        #: what has changed on disk since the data were read
+        self._stale = ""
         self._wake = asyncio.Event()
         self._wake.set()
-        self._task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     def start(self) -> None:
         """Begin to draw, on the running loop."""
-        self._task = asyncio.get_running_loop().create_task(self._draw_for_ever())
+        loop = asyncio.get_running_loop()
+        self._tasks = [loop.create_task(self._draw_for_ever()), loop.create_task(self._watch_for_ever())]
 
     async def close(self) -> None:
         """End the drawing."""
-        if self._task is not None:
-            self._task.cancel()
+        for task in self._tasks:
+            task.cancel()
         self._drawer.close()
 
     async def join(self, viewer: Viewer) -> None:
         """Somebody begins to look: the state, and the picture that there is."""
         self.viewers.add(viewer)
-        await viewer.send(self._state())
+        await viewer.send(self._state(start=self._start))
         if self.message is not None:
             await viewer.take(self._number, self.message, True)
         self._wake.set()
@@ -218,40 +138,72 @@ class Session:
                 if (width, height) != self.size:
                     self.size = width, height
                     self._wake_up()
+            case "hide":
+                await self.hide(str(message["key"]))
+            case "unhide" | "forget":
+                await self.unhide(int(message["number"]), is_kept=kind == "unhide")
             case "undo" | "redo":
                 await self._step(kind)
             case "proof":
                 self.is_proof = bool(message["on"])
                 self._wake_up()
-            case "pick" | "line" | "check":
+            case "linear":
+                found = await self._ask_leavably(kind, message["content"])
+                return {"type": "answer", "id": message["id"], "content": found}
+            case "pick" | "line" | "check" | "histogram" | "extremes" | "history" | "series range":
                 found = await self._drawer.ask(kind, message["content"])
                 return {"type": "answer", "id": message["id"], "content": found}
+            case "copy":
+                return {"type": "answer", "id": message["id"], "content": self.lines(message["content"])}
+            case "read again":
+                await self._read_again()
+            case "write":
+                return {"type": "answer", "id": message["id"], "content": await self._write(**message["content"])}
             case _:
                 raise ValueError(kind)
         return None
 
     async def change(self, changes: Table, *, is_moving: bool = False, by: Viewer | None = None) -> None:
         """Change the scene in some places; SceneError where it would not be valid, and nothing is changed."""
-        table = patched(self.table, changes)
+        await self._take(patched(self.table, changes), self.hidden, is_moving, by)
+
+    async def hide(self, key: str) -> None:
+        """Keep an object, ``plane``, ``objects[n]`` or ``clip[n]``, and show it no more; SceneError for another key."""
+        if len(self.hidden) >= MOST_HIDDEN:
+            raise SceneError(f"{MOST_HIDDEN} objects are hidden already: delete some")
+        table, item = without(self.table, key)
+        await self._take(table, (*self.hidden, item))
+
+    async def unhide(self, number: int, is_kept: bool = True) -> None:
+        """Show a hidden object again, where it was, or forget it; SceneError where there is none."""
+        if not 0 <= number < len(self.hidden):
+            raise SceneError("there is no such hidden object")
+        item, rest = self.hidden[number], (*self.hidden[:number], *self.hidden[number + 1 :])
+        await self._take(put_back(self.table, item) if is_kept else self.table, rest)
+
+    async def _take(
+        self, table: Table, hidden: tuple[Table, ...], is_moving: bool = False, by: Viewer | None = None
+    ) -> None:
+        """Show another scene; SceneError where it would not be valid."""
         scene_of_page(table, self.scene)
         if self._before is None:
-            self._before = self.table
-        if not is_moving and self._before != table:
+            self._before = self.table, self.hidden
+        if not is_moving and self._before != (table, hidden):
             self._undo = [*self._undo, self._before][-HISTORY:]
             self._redo = []
         if not is_moving:
             self._before = None
-        await self._set(table, is_moving, by)
+        await self._set((table, hidden), is_moving, by)
 
     async def _step(self, kind: str) -> None:
         """Undo or redo."""
         back, forth = (self._undo, self._redo) if kind == "undo" else (self._redo, self._undo)
         if back:
-            forth.append(self.table)
+            forth.append((self.table, self.hidden))
             await self._set(back.pop(), False, None)
 
-    async def _set(self, table: Table, is_moving: bool, by: Viewer | None) -> None:
-        self.table = table
+    async def _set(self, shown: Shown, is_moving: bool, by: Viewer | None) -> None:
+        self.table, self.hidden = shown
         self.revision += 1
         self._moved = perf_counter() if is_moving else 0.0
         for listener in self.listeners:
@@ -263,7 +215,7 @@ class Session:
 
     def _wake_up(self) -> None:
         """A new picture is wanted; the one that is being drawn isn't any more, unless it shows how something moves."""
-        if self._is_drawing_whole or not self._is_moving:
+        if self._leavable or not self._is_moving:
             self._drawer.make_obsolete()
         self._wake.set()
 
@@ -280,34 +232,64 @@ class Session:
         """The scene as a file; SceneError for another suffix than .toml, .yaml, .json."""
         return scene_text(self.current, folder_of(self.scene) / f"scene{suffix}")
 
-    async def content_of(self, suffix: str, size: tuple[int, int] | None = None, samples: int | None = None) -> bytes:
-        """What is saved: the scene, or the picture or record of it; ElvisError for another suffix."""
-        if suffix in SCENES:
+    def lines(self, language: str) -> str:
+        """What makes this picture elsewhere: the ``command`` or the lines of ``Python``; SceneError where none do."""
+        from elvis.scene.commandline.writing import command_of, python_of
+
+        writers = {"command": command_of, "Python": python_of}
+        return writers[language](self.current)
+
+    async def content_of(self, suffix: str, how: Mapping[str, Any] = MappingProxyType({})) -> bytes:
+        """What is saved: the scene, or the picture or record of it; ElvisError for another suffix.
+
+        how  ``size`` and ``samples`` of a picture where they differ from the scene's; SceneError where they can't be
+        """
+        if suffix in SUFFIXES:
             return self.text(suffix).encode()
         if suffix not in PICTURES:
-            raise SceneError(f"expected a name that ends in {', '.join((*SCENES, *PICTURES))}, found {suffix!r:.80}")
-        return await self._file(suffix, size, samples)
+            raise SceneError(f"expected a name that ends in {', '.join((*SUFFIXES, *PICTURES))}, found {suffix!r:.80}")
+        return await self._file(suffix, how)
 
-    async def first_message(self, patience: float) -> bytes | None:
-        """The last whole picture with its facts, for which this waits for some seconds; None where there is none."""
+    async def _write(self, name: str, confirmed: bool = False) -> Table:
+        """Write what `content_of` gives into the folder of the data: where it is, or a question; else ElvisError."""
+        if not self.may_write:
+            raise SceneError("nothing is written here unless elvis view was started with --allow-writes")
+        scene = self.current
+        try:
+            place = place_of(name, folder_of(self.scene), input_files(scene), is_confirmed=confirmed is True)
+        except TakenError as error:
+            return {"question": f"{error}: shall this take its place?"}
+        suffix = place.suffix.lower()
+        # names of files in a scene are relative to the place where it stands
+        content = scene_text(scene, place).encode() if suffix in SUFFIXES else await self.content_of(suffix)
+        write_bytes(place, content)
+        return {"wrote": str(place)}
+
+    async def whole_message(self, patience: float) -> bytes | None:
+        """The whole picture of the scene as it is, with its facts; the last one that there was where it has none.
+
+        patience  seconds that this waits at most
+        """
         end = perf_counter() + patience
-        while self.message is None and perf_counter() < end:
+        while self._settled < self.revision and perf_counter() < end:
             await asyncio.sleep(0.02)
         return self.message
 
-    async def _file(self, suffix: str, size: tuple[int, int] | None, samples: int | None) -> bytes:
-        """The picture or the record as a file, at any size."""
-        scene = replace(self.current, size=size or self.size)
-        scene = replace(scene, samples=samples) if samples else scene
+    async def _file(self, suffix: str, how: Mapping[str, Any]) -> bytes:
+        """The picture or the record as a file."""
+        known = {key: how[key] for key in ("size", "samples") if key in how}
+        scene = scene_of_page({**self.table, "size": self.size, **known}, self.scene)
+        if scene.size is not None and max(scene.size) > MOST:
+            raise SceneError(f"size: expected at most {MOST} pixels each way, found {scene.size[0]} x {scene.size[1]}")
         found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix})
         if found is None:
             raise SceneError("the picture was given up, as the scene has changed: save it again")
         return bytes(found)
 
-    def _state(self) -> str:
+    def _state(self, **more: Any) -> str:
         known = {"table": self.table, "revision": self.revision, "size": self.size, "facts": self.facts}
-        steps = {"undo": len(self._undo), "redo": len(self._redo), "proof": self.is_proof}
-        return json.dumps({"type": "state", **known, **steps})
+        steps = {"undo": len(self._undo), "redo": len(self._redo), "proof": self.is_proof, "hidden": self.hidden}
+        return json.dumps({"type": "state", "writes": self.may_write, "stale": self._stale, **known, **steps, **more})
 
     # drawing
 
@@ -322,45 +304,113 @@ class Session:
                 self._deaths = 0
             except DiedError as error:
                 self._deaths += 1
-                await self._tell(str(error) if self._deaths < DEATHS else "the process that draws ends again and again")
                 if self._deaths < DEATHS:
                     self._wake.set()
+                    await self._tell(str(error))
+                else:
+                    await self._give_up("the process that draws ends again and again")
             except ElvisError as error:
-                await self._tell(str(error))
+                await self._give_up(str(error))
             except Exception as error:  # a fault must not end the viewer
-                await self._tell(f"unexpected {type(error).__name__}: {error}; this is a fault of the program")
+                await self._give_up(fault_sentence(error))
+
+    async def _watch_for_ever(self) -> None:
+        """Tell when files change that were read."""
+        while True:
+            await asyncio.sleep(WATCH)
+            if self.source.is_live:
+                await self._follow()
+                continue
+            stale = self._files.sentence() if self.viewers else self._stale
+            if stale and self.facts is None:
+                # they could not be read before; perhaps now
+                self._wake.set()
+            elif stale != self._stale:
+                self._stale = stale
+                await self._send_state()
+
+    async def _follow(self) -> None:
+        """Show the newest step of a run, where there is a newer one than before."""
+        if not self.viewers:
+            return
+        if self.facts is None:
+            self._wake.set()
+            return
+        with suppress(ElvisError):
+            if await self._drawer.ask("follow"):
+                self.facts = await self._drawer.ask("facts")
+                self.revision += 1
+                self._wake_up()
+                await self._send_state()
+
+    async def _read_again(self) -> None:
+        """Read the data as they are now; the scene stays."""
+        await self._drawer.restart()
+        self.facts, self._stale = None, ""
+        self.revision += 1
+        self._wake_up()
+
+    async def _send_state(self) -> None:
+        for viewer in list(self.viewers):
+            await viewer.send(self._state())
 
     async def _facts_once(self) -> None:
         if self.facts is None:
+            self._files.note()
             self.facts = await self._drawer.ask("facts")
-            for viewer in list(self.viewers):
-                await viewer.send(self._state())
+            await self._send_state()
 
     async def _draw(self) -> None:
-        """One picture; while something moves a quick one, and a whole one after it."""
+        """One picture; while something moves, and before there is any, a quick one, and a whole one after it."""
         is_moving, revision = self._is_moving, self.revision
-        part = self._part() if is_moving else 1.0
-        content = {"table": table_of(self.current), "part": part, "is_moving": is_moving, "proof": self.is_proof}
+        is_draft = is_moving or not self._has_shown
+        part = self._sizing.part(perf_counter()) if is_draft else 1.0
+        content = {"table": table_of(self.current), "part": part, "is_draft": is_draft, "proof": self.is_proof}
         start = perf_counter()
-        self._is_drawing_whole = not is_moving
         try:
-            found = await self._drawer.ask("draw", content)
-        finally:
-            self._is_drawing_whole = False
+            with self._giving_up(is_draft and self._sizing.is_late(part)):
+                found = await (self._drawer.ask if is_moving else self._ask_leavably)("draw", content)
+        except DiedError:
+            raise
+        except ElvisError:
+            if not is_draft:
+                raise
+            # the whole picture tells what is wrong, if it is: a small one may miss all that there is
+            found, self._has_shown = None, True
+        now = perf_counter()
+        if is_draft:
+            self._sizing.note(part, now - start, now)
+        elif found is not None:
+            self._sizing.note_whole(now - start)
+        if is_moving:
+            asyncio.get_running_loop().call_later(REST if found else 0, self._wake.set)
+        elif is_draft:
+            self._wake.set()
         if found is None:
             return
         facts, file = found
-        # seconds of a picture of full size, by the last one
-        self._cost = (perf_counter() - start) / part**2
-        if is_moving:
-            asyncio.get_running_loop().call_later(REST, self._wake.set)
+        self._has_shown = True
         await self._show({**facts, "revision": revision}, file)
 
-    def _part(self) -> float:
-        """The greatest part of the full size that is drawn in time, as far as is known: cost goes with pixels."""
-        pixel = self._cost
-        fitting = [part for part in PARTS if pixel is not None and pixel * part**2 <= GOAL]
-        return max(fitting, default=PARTS[-1])
+    @contextmanager
+    def _giving_up(self, may_be_late: bool) -> Iterator[None]:
+        """Give up the picture that is asked for once it is late."""
+        if not may_be_late:
+            yield
+            return
+        end = asyncio.get_running_loop().call_later(LATE, self._drawer.make_obsolete)
+        try:
+            yield
+        finally:
+            end.cancel()
+
+    async def _ask_leavably(self, name: str, content: Table) -> Any:
+        """An answer that is given up, and is None, once something moves."""
+        self._leavable += 1
+        try:
+            return await self._drawer.ask(name, content)
+        finally:
+            self._leavable -= 1
 
     async def _show(self, facts: Table, file: bytes) -> None:
         """A picture to all who look: the length of the facts, the facts, the file."""
@@ -368,10 +418,15 @@ class Session:
         message = struct.pack("<I", len(head)) + head + file
         self._number += 1
         if facts["final"]:
-            self.message = message
+            self.message, self._settled = message, facts["revision"]
         for viewer in list(self.viewers):
             await viewer.take(self._number, message, bool(facts["final"]))
 
+    async def _give_up(self, text: str) -> None:
+        """There is no picture of this scene, and why."""
+        self._settled = self.revision
+        await self._tell(text)
+
     async def _tell(self, text: str) -> None:
         for viewer in list(self.viewers):
-            await viewer.send(json.dumps({"type": "error", "text": text}))
+            await viewer.send(json.dumps({"type": "error", "text": text, "until": "picture"}))

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from elvis.core.arguments import cache_option
-from elvis.scene.commandline.command import SceneCommand, text_type
+from elvis.scene.commandline.command import SceneCommand, setting_option
 
 #: keys of a scene that have no meaning for a window
 LEAVING = ("outputs", "stats", "panels", "scenes", "plain", "timeout")
@@ -17,23 +17,20 @@ Examples:
   elvis view wing.xml wing.fld
   elvis view flow.vtu --field p --plane 0,0,0.2:0,0,1
   elvis view wing.toml --port 8080 --no-browser
+  elvis view wing.xml wing_*.chk --range series
+  elvis view run/ --live --field p
 """
 
 
 @click.command(cls=SceneCommand, leaving=LEAVING, epilog=EPILOG, short_help="Turn, cut, pick and edit in a browser.")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    type=text_type("setting"),
-    help="Any other key of the scene.",
-)
+@setting_option
 @click.option("--host", default="localhost", show_default=True, help="The address to listen at; others can reach it.")
 @click.option("--port", default=0, type=click.IntRange(0, 65535), help="The port to listen at.  [default: a free one]")
 @click.option("--browser/--no-browser", default=True, help="Open a browser.")
 @click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="End once no page has looked for so long.")
+@click.option("--live", is_flag=True, help="Follow the newest whole step of a folder in which a solver writes.")
+@click.option("--allow-writes", is_flag=True, help="Pages may write files in the folder of the data, or below.")
 @cache_option
 def view(
     data: tuple[Path, ...],
@@ -42,6 +39,8 @@ def view(
     port: int,
     browser: bool,
     idle: float | None,
+    live: bool,
+    allow_writes: bool,
     no_cache: bool,
     **options: Any,
 ) -> None:
@@ -49,29 +48,42 @@ def view(
 
     What stands still is exact, as elvis render draws it.  Ctrl-C ends it.
     """
+    from elvis.viewer.drawing_process import Source, spawn
+
+    # the process that draws gets ready while this one finds out what is wanted
+    process = spawn()
     import asyncio
     import webbrowser
     from contextlib import suppress
+    from threading import Thread
 
+    from elvis.core.files.plain import check_plain_or_folder
     from elvis.core.terminal import say
+    from elvis.plugins.series.step_names import expanded
+    from elvis.renderer.request import reading_of
+    from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed
     from elvis.scene.errors import SceneError
-    from elvis.viewer.drawing_process import Source
     from elvis.viewer.server import Server, serve
     from elvis.viewer.session import Session
 
     scene = composed(data, options, settings, LEAVING)
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
+    if live and scene.range == "series":
+        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
+    scene = with_range(scene, not no_cache)
+    for path in expanded(tuple(map(Path, scene.data))) if not live else ():
+        check_plain_or_folder(path)
 
     def opened(address: str) -> None:
         say(f"{address}\nCtrl-C ends it")
         if browser:
-            webbrowser.open(address)
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     async def run() -> None:
-        source = Source(scene.data, None, scene.plugin, scene.reader, not no_cache, scene.device)
-        await serve(Server(Session(scene, source)), host, port, opened, idle)
+        source = Source(scene.data, None, reading_of(scene, not no_cache), scene.device, live)
+        await serve(Server(Session(scene, source, allow_writes, process)), host, port, opened, idle)
 
     with suppress(KeyboardInterrupt):
         asyncio.run(run())

@@ -19,14 +19,15 @@ from elvis.core.dataset import Dataset
 from elvis.core.needing import require_module
 from elvis.plugins.opening import PluginData
 from elvis.renderer.rendering import render
-from elvis.renderer.request import Request
+from elvis.renderer.request import Request, reading_of
 from elvis.scene.frame import Frame
 from elvis.scene.tables import table_of
 from elvis.scene.whole import Scene
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.patches import FIXED
 from elvis.viewer.server import page_facts
-from elvis.viewer.session import Session, Viewer
+from elvis.viewer.session import Session
+from elvis.viewer.viewers import Viewer
 
 #: seconds that a cell waits for the first picture, which a saved notebook shows
 PATIENCE = 20.0
@@ -54,7 +55,7 @@ class NotebookViewer:
 
         self._data: Dataset | PluginData | None = request.data
         scene = request.scene
-        source = Source(scene.data, request.data, scene.plugin, scene.reader, True, scene.device)
+        source = Source(scene.data, request.data, reading_of(scene), scene.device)
         self._loop = asyncio.new_event_loop()
         threading.Thread(target=self._loop.run_forever, daemon=True, name="elvis-viewer").start()
         self._session: Session = self._call(_session(scene, source))
@@ -102,7 +103,8 @@ class NotebookViewer:
 
         suffix = str(message.get("suffix"))
         try:
-            content = await self._session.content_of(suffix)
+            how = message.get("content")
+            content = await self._session.content_of(suffix, how if isinstance(how, dict) else {})
         except ElvisError as error:
             self._widget.send({"type": "error", "id": message.get("id"), "text": str(error)})
         else:
@@ -139,7 +141,7 @@ class NotebookViewer:
         """The widget, and the picture for notebooks that are only read."""
         found = self._widget._repr_mimebundle_(**how)
         bundle = found[0] if isinstance(found, tuple) else found
-        message = self._call(self._session.first_message(PATIENCE), PATIENCE + 10)
+        message = self._call(self._session.whole_message(PATIENCE), PATIENCE + 10)
         if message is not None:
             start = 4 + struct.unpack("<I", message[:4])[0]
             bundle = {**bundle, "image/png": base64.b64encode(message[start:]).decode()}

@@ -38,6 +38,7 @@ from elvis.scene import (
     TriangleMesh,
     VolumeRendering,
 )
+from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
 #: surfaces of one object that a ray is followed through
@@ -127,6 +128,7 @@ class Baseline:
         """The picture of a scene whose camera and size are those of ``view``; ``ends`` of the colour range."""
         start, surfaces = perf_counter(), []
         for shown in scene.every_object:
+            check_time()
             if not isinstance(shown, VolumeRendering):
                 tracer = self._tracer(shown, scene.field)
                 self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
@@ -153,6 +155,7 @@ class Baseline:
                 media.append((name, colored(shown.transfer, scene, ends if name == scene.field else None)))
         fragments: list[Fragments] = []
         for part in self._solid() if media else ():
+            check_time()
             fragments += volume_fragments(part, media, scene.clip, view, cuts)
         return fragments
 

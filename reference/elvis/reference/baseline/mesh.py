@@ -19,6 +19,7 @@ from elvis.core.patch import Patch
 from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.quantities import Corners
 from elvis.reference.solids import cells_of, map_lattice
+from elvis.scene.time_limit import check_time
 
 #: the order of corners: along this direction, in which no two points of a mesh are likely to tie
 _GENERIC = np.array([0.5772156649, 0.6180339887, 0.5345224838])
@@ -97,6 +98,7 @@ def _cut(patch: Patch, level: int, quantities: Mapping[str, Corners]) -> LinearM
     """The elements of one patch."""
     if patch.shape.dimension < 2:
         raise ElvisError("linear meshes are made of elements of two and three dimensions, found elements of one")
+    check_time()
     cut, rows = cells_of(patch, level), np.arange(len(patch))
     world = map_lattice(patch, rows, cut.points)
     simplices, owner = _simplices(cut, world)

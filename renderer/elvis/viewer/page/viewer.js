@@ -67,6 +67,22 @@ function projected(camera, isPerspective) {
   return { ...rest, fov: angle, eye: minus(camera.at, times(away, forward)) };
 }
 
+// column and row on the image at which a point of the world is seen, and world units of a pixel there
+function seenAt(camera, point, [width, height]) {
+  const { right, up, forward, pixel, distance } = frameOf(camera, height);
+  const offset = minus(point, camera.eye);
+  const own = camera.fov ? (pixel * dot(offset, forward)) / distance : pixel;
+  return { x: width / 2 + dot(offset, right) / own, y: height / 2 - dot(offset, up) / own, pixel: own };
+}
+
+// start and unit direction of the ray through a place of the image
+function rayThrough(camera, x, y, [width, height]) {
+  const { right, up, forward, pixel, distance } = frameOf(camera, height);
+  const aside = plus(times((x - width / 2) * pixel, right), times((height / 2 - y) * pixel, up));
+  const start = camera.fov ? camera.eye : plus(camera.eye, aside);
+  return { start, way: unit(camera.fov ? plus(times(distance, forward), aside) : forward) };
+}
+
 const plain = ({ eye, at, up, fov, height }) => (fov ? { eye, at, up, fov } : { eye, at, up, height });
 
 // ---------------------------------------------------------------- small helpers of the page
@@ -81,6 +97,17 @@ function make(tag, properties = {}, ...children) {
   element.append(...children);
   return element;
 }
+
+// an element of SVG
+function shape(tag, attributes = {}, text = "") {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  element.textContent = text;
+  return element;
+}
+
+// what stands in a scene's table at a dotted key
+const valueAt = (table, key) => key.split(/[.[\]]+/).filter(Boolean).reduce((value, step) => value?.[step], table);
 
 const short = (value) => (typeof value === "number" ? String(Number(value.toPrecision(6))) : String(value));
 const words = (name) => name.replaceAll("_", " ");
@@ -125,7 +152,7 @@ class Controls {
 
   middle() {
     const box = this.facts?.box;
-    return box ? times(0.5, plus(box[0], box[1])) : [0, 0, 0];
+    return this.facts?.place ?? (box ? times(0.5, plus(box[0], box[1])) : [0, 0, 0]);
   }
 
   extent() {
@@ -239,7 +266,7 @@ class Controls {
     if (inner.type === "string" && !inner.enum) return this.text(key, value ?? "", set, id);
     const box = make("input", { id, type: "checkbox", checked: isSet, "aria-label": words(key),
       onchange: (e) => set(e.target.checked ? this.start(own, key) : undefined) });
-    if (!isSet) return box;
+    if (!isSet) return make("label", { className: "elvis-several elvis-own" }, box, "own value");
     const control = this.control(key, inner, value, set, `${id}-own`);
     return control.tagName === "DETAILS" ? this.fold(key, "", [make("label", {}, box, ` ${words(key)}`), ...control.lastChild.childNodes], true)
       : make("div", { className: "elvis-several" }, box, control);
@@ -284,6 +311,693 @@ class Controls {
 }
 Controls.open = new Map();
 
+// ---------------------------------------------------------------- handles: planes, spheres, cylinders and cones are dragged in the picture
+
+const ARROW = 64, APART = 30, ROUND = 72;
+
+// corners of what a plane cuts of a box, in order around it
+function sectionOf(box, point, normal) {
+  const corner = (k) => [0, 1, 2].map((axis) => box[(k >> axis) & 1][axis]);
+  const heights = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => dot(normal, minus(corner(k), point)));
+  const found = [];
+  for (let k = 0; k < 8; k++) {
+    for (const step of [1, 2, 4]) {
+      const other = k | step;
+      if (k & step || heights[k] < 0 === heights[other] < 0) continue;
+      const part = heights[k] / (heights[k] - heights[other]);
+      found.push(plus(times(1 - part, corner(k)), times(part, corner(other))));
+    }
+  }
+  if (found.length < 3) return [];
+  const middle = times(1 / found.length, found.reduce(plus));
+  const across = unit(minus(found[0], middle)), upwards = cross(normal, across);
+  const angle = (one) => Math.atan2(dot(minus(one, middle), upwards), dot(minus(one, middle), across));
+  return found.sort((one, other) => angle(one) - angle(other));
+}
+
+// the rim of a sphere as it is seen from a camera
+function rimOf(camera, { center, radius }) {
+  const { right, up, forward } = frameOf(camera, 1);
+  const towards = camera.fov ? minus(camera.eye, center) : times(-1, forward);
+  const part = camera.fov ? Math.min(0.999, radius / length(towards)) : 0;
+  const axis = unit(towards), own = radius * Math.sqrt(1 - part * part);
+  const across = camera.fov ? unit(cross(up, axis)) : right, upwards = cross(axis, across);
+  const middle = plus(center, times(radius * part, axis));
+  return circle(middle, times(own, across), times(own, upwards));
+}
+
+// points around a middle, from two radii at right angles
+function circle(middle, across, upwards) {
+  return Array.from({ length: ROUND }, (_, k) => (2 * Math.PI * k) / ROUND).map((angle) =>
+    plus(middle, plus(times(Math.cos(angle), across), times(Math.sin(angle), upwards))));
+}
+
+class Handles {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.svg = shape("svg", { class: "elvis-handles" });
+    this.dragged = null;
+    this.svg.addEventListener("pointermove", (e) => this.drag(e));
+    for (const kind of ["pointerup", "pointercancel"]) this.svg.addEventListener(kind, () => this.release());
+  }
+
+  // the surface that is dragged, or the selected one
+  surface() {
+    return this.dragged?.surface ?? (this.viewer.selected ? valueAt(this.viewer.table, this.viewer.selected) : null);
+  }
+
+  draw() {
+    const { picture, facts, canvas, peak } = this.viewer;
+    const surface = picture && facts?.kind === "solid" ? this.surface() : null;
+    if (!picture || !(surface || peak)) {
+      this.svg.replaceChildren();
+      return;
+    }
+    this.camera = { up: [0, 0, 1], ...picture.camera };
+    const [left, top, width, height] = picture.image;
+    this.size = [width, height];
+    this.svg.setAttribute("viewBox", `${-left} ${-top} ${canvas.width} ${canvas.height}`);
+    Object.assign(this.svg.style, { width: canvas.style.width, height: canvas.style.height });
+    const drawings = { center: () => this.sphere(surface), normal: () => this.plane(surface), apex: () => this.cone(surface), axis: () => this.cylinder(surface) };
+    const kind = Object.keys(drawings).find((name) => surface?.[name]);
+    this.svg.replaceChildren(...(kind ? drawings[kind]() : []), ...(peak ? this.mark(peak) : []));
+  }
+
+  // a cross with its value, where a field is least or greatest
+  mark({ field, value, position }) {
+    const { x, y } = this.seen(position), reach = 9 * (window.devicePixelRatio || 1);
+    const texts = ["elvis-under", "elvis-over"].map((name) => shape("text", { x: x + 1.5 * reach, y: y - reach, class: name, "font-size": 1.5 * reach }, `${field} = ${short(value)}`));
+    return [...this.segment({ x: x - reach, y }, { x: x + reach, y }), ...this.segment({ x, y: y - reach }, { x, y: y + reach }), ...texts];
+  }
+
+  seen(point) {
+    return seenAt(this.camera, point, this.size);
+  }
+
+  outline(points) {
+    const text = points.map((one) => this.seen(one)).map(({ x, y }) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ");
+    return ["elvis-under", "elvis-over"].map((name) => shape("polygon", { points: text, class: name }));
+  }
+
+  grip(name, title, { x, y }, pull) {
+    const ratio = window.devicePixelRatio || 1;
+    const grip = shape("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 8 * ratio, class: "elvis-grip" });
+    grip.dataset.name = name;
+    grip.append(shape("title", {}, title));
+    grip.addEventListener("pointerdown", (e) => this.press(e, pull));
+    return grip;
+  }
+
+  segment(start, end) {
+    const line = { x1: start.x, y1: start.y, x2: end.x, y2: end.y };
+    return ["elvis-under", "elvis-over"].map((name) => shape("line", { ...line, class: name }));
+  }
+
+  // a point of what has no end: its own where that lies in the box, else another one that does, if there is any
+  holdOf(point, other) {
+    const box = this.viewer.facts.box;
+    const isWithin = !box || point.every((x, i) => x >= box[0][i] && x <= box[1][i]);
+    return isWithin ? point : other(times(0.5, plus(...box)));
+  }
+
+  // an arrow from a point along a direction, as long on the page everywhere: its tip, and where that is shown
+  arrow(hold, way) {
+    const start = this.seen(hold), ratio = window.devicePixelRatio || 1;
+    const tip = plus(hold, times(ARROW * ratio * start.pixel, way));
+    return { start, tip, end: this.apart(start, this.seen(tip), APART * ratio) };
+  }
+
+  plane({ point, normal }) {
+    const away = unit(normal), corners = sectionOf(this.viewer.facts.box ?? [point, point], point, away);
+    const hold = this.holdOf(point, () => (corners.length ? times(1 / corners.length, corners.reduce(plus)) : point));
+    const { start, tip, end } = this.arrow(hold, away);
+    const tilt = (dx, dy) => ({ point: hold, normal: this.tilted(hold, tip, dx, dy) });
+    const move = (dx, dy) => ({ point: plus(hold, times(this.along(hold, away, dx, dy), away)) });
+    return [...this.outline(corners), ...this.segment(start, end), this.grip("tilt", "Drag: tilt the plane", end, tilt),
+      this.grip("move", "Drag: move the plane along its normal; with shift: tilt it", start, (dx, dy, { isShift }) => (isShift ? tilt : move)(dx, dy))];
+  }
+
+  // a direction at right angles to an axis and to the view, so that it is never foreshortened
+  aside(axis) {
+    const { forward, right } = frameOf(this.camera, 1), across = cross(axis, forward);
+    return length(across) > 1e-3 ? unit(across) : right;
+  }
+
+  cylinder({ point, axis, radius }) {
+    const way = unit(axis), box = this.viewer.facts.box ?? [point, point];
+    const hold = this.holdOf(point, (middle) => plus(point, times(dot(minus(middle, point), way), way)));
+    const { start, tip, end } = this.arrow(hold, way);
+    const across = times(radius, this.aside(way)), rim = plus(hold, across), least = 4 * start.pixel;
+    // its sides, as far as the box goes
+    const half = 0.5 * [0, 1, 2].reduce((sum, i) => sum + Math.abs(way[i]) * (box[1][i] - box[0][i]), 0);
+    const sides = [1, -1].flatMap((sign) => this.segment(...[1, -1].map((other) => this.seen(plus(hold, plus(times(sign, across), times(other * half, way)))))));
+    return [...sides, ...this.outline(circle(hold, across, cross(way, across))), ...this.segment(start, end),
+      this.grip("tilt", "Drag: tilt the cylinder", end, (dx, dy) => ({ point: hold, axis: this.tilted(hold, tip, dx, dy) })),
+      this.grip("radius", "Drag: the cylinder's radius", this.seen(rim), (dx, dy) => ({ radius: Math.max(least, radius + this.along(rim, unit(across), dx, dy)) })),
+      this.grip("move", "Drag: move the cylinder", start, (dx, dy) => ({ point: this.beside(hold, dx, dy) }))];
+  }
+
+  cone({ apex, axis, angle }) {
+    const way = unit(axis), degree = Math.PI / 180, { start, tip, end } = this.arrow(apex, way);
+    // where its rim is held stays as it is while that is dragged
+    const slant = length(minus(tip, apex)) * 2, reach = slant * Math.cos((this.dragged?.start.angle ?? angle) * degree);
+    const middle = plus(apex, times(reach, way)), aside = this.aside(way), across = times(reach * Math.tan(angle * degree), aside);
+    const rim = plus(middle, across), sides = [1, -1].flatMap((sign) => this.segment(start, this.seen(plus(middle, times(sign, across)))));
+    const open = (dx, dy) => Math.atan2(length(across) + this.along(rim, aside, dx, dy), reach) / degree;
+    return [...sides, ...this.outline(circle(middle, across, cross(way, across))), ...this.segment(start, end),
+      this.grip("tilt", "Drag: tilt the cone", end, (dx, dy) => ({ axis: this.tilted(apex, tip, dx, dy) })),
+      this.grip("angle", "Drag: the cone's angle", this.seen(rim), (dx, dy) => ({ angle: Math.min(89.5, Math.max(0.5, open(dx, dy))) })),
+      this.grip("move", "Drag: move the cone", start, (dx, dy) => ({ apex: this.beside(apex, dx, dy) }))];
+  }
+
+  // an end that is not hidden by the start, where an arrow points at the viewer
+  apart(start, end, least) {
+    const [dx, dy] = [end.x - start.x, end.y - start.y], own = Math.hypot(dx, dy);
+    if (own >= least) return end;
+    const [x, y] = own > 0.01 * least ? [dx / own, dy / own] : [0, -1];
+    return { x: start.x + least * x, y: start.y + least * y };
+  }
+
+  // how far the pointer has dragged a point along a unit direction: what of the line is nearest to the pointer's ray;
+  // where the direction points at the viewer, up and down
+  along(hold, direction, dx, dy) {
+    const begin = this.seen(hold), { start, way } = rayThrough(this.camera, begin.x + dx, begin.y + dy, this.size);
+    const share = dot(direction, way), square = 1 - share * share, offset = minus(start, hold);
+    return square > 0.03 ? (dot(offset, direction) - share * dot(offset, way)) / square : -dy * begin.pixel;
+  }
+
+  // the direction from a point to the tip of its arrow, which is dragged
+  tilted(hold, tip, dx, dy) {
+    return unit(minus(this.beside(tip, dx, dy), hold));
+  }
+
+  // a point moved with the pointer, at its depth
+  beside(point, dx, dy) {
+    const { right, up } = frameOf(this.camera, 1), { pixel } = this.seen(point);
+    return plus(point, plus(times(dx * pixel, right), times(-dy * pixel, up)));
+  }
+
+  sphere(surface) {
+    const rim = rimOf(this.camera, surface);
+    const side = rim.map((one) => this.seen(one)).reduce((most, one) => (one.x > most.x ? one : most));
+    const least = 4 * this.seen(surface.center).pixel;
+    return [...this.outline(rim),
+      this.grip("radius", "Drag: the sphere's radius", side,
+        (dx, dy) => ({ radius: Math.max(least, this.missBy(surface.center, side.x + dx, side.y + dy)) })),
+      this.grip("center", "Drag: move the sphere", this.seen(surface.center), (dx, dy) => ({ center: this.beside(surface.center, dx, dy) }))];
+  }
+
+  // how far the ray through a place of the image passes a point
+  missBy(point, x, y) {
+    const { start, way } = rayThrough(this.camera, x, y, this.size);
+    return length(cross(minus(point, start), way));
+  }
+
+  // grips are made again as they move, so the pointer is given to all of the handle
+  press(event, pull) {
+    event.stopPropagation();
+    event.preventDefault();
+    this.svg.setPointerCapture(event.pointerId);
+    const surface = this.surface();
+    this.dragged = { pull, x: event.clientX, y: event.clientY, key: this.viewer.selected, start: surface, surface, isMoved: false };
+  }
+
+  drag(event) {
+    const own = this.dragged;
+    if (!own) return;
+    const ratio = window.devicePixelRatio || 1;
+    const pulled = own.pull((event.clientX - own.x) * ratio, (event.clientY - own.y) * ratio, { isShift: event.shiftKey });
+    own.surface = { ...own.start, ...pulled };
+    own.isMoved = true;
+    this.draw();
+    this.pending ??= requestAnimationFrame(() => {
+      this.pending = null;
+      if (this.dragged) this.send(this.dragged, true);
+    });
+  }
+
+  release() {
+    const own = this.dragged;
+    this.dragged = null;
+    if (own?.isMoved) this.send(own, false);
+    else this.draw();
+  }
+
+  // a camera that fits itself to what is seen would run away under the hand: it stays
+  send({ key, surface }, isMoving) {
+    const isFixed = typeof this.viewer.table.camera === "object" && this.viewer.table.camera;
+    this.viewer.change({ [key]: surface, ...(isFixed ? {} : { camera: plain(this.camera) }) }, isMoving);
+  }
+}
+
+// ---------------------------------------------------------------- transfer functions, over the histogram of their quantity
+
+const PLOT = { width: 280, height: 116, foot: 16 };
+//: shares of the volume, as powers of ten below the greatest, that are shown
+const DECADES = 4;
+
+class TransferEditor {
+  // set(transfer, isMoving)
+  constructor(transfer, histogram, extent, set) {
+    Object.assign(this, { transfer, histogram, set });
+    const { values, densities } = transfer;
+    const lows = [values[0], histogram?.low ?? values[0]], highs = [values.at(-1), histogram?.high ?? values.at(-1)];
+    this.low = Math.min(...lows);
+    this.high = Math.max(...highs, this.low + 1e-12 * Math.abs(this.low) + Number.MIN_VALUE);
+    this.top = 1.25 * Math.max(...densities) || 8 / extent;
+    this.svg = shape("svg", { viewBox: `0 0 ${PLOT.width} ${PLOT.height}`, class: "elvis-transfer", role: "group", "aria-label": "transfer function" });
+    this.svg.addEventListener("dblclick", (e) => this.twice(e));
+    this.svg.addEventListener("pointermove", (e) => this.drag(e));
+    for (const kind of ["pointerup", "pointercancel"]) this.svg.addEventListener(kind, () => this.release());
+    this.draw();
+  }
+
+  get element() {
+    const { histogram } = this;
+    const note = histogram ? `Grey: volume by value, logarithmic over ${DECADES} decades; at the quadrature's ${histogram.sample}.` : "";
+    const help = "Drag points; double click adds or removes one; arrow keys move, Enter adds after, Delete removes.";
+    return make("div", { title: help }, this.svg, make("div", { className: "elvis-aside" }, note));
+  }
+
+  x(value) { return (PLOT.width * (value - this.low)) / (this.high - this.low); }
+  y(density) { return (PLOT.height - PLOT.foot) * (1 - density / this.top); }
+
+  // value and density at the pointer
+  under(event) {
+    const box = this.svg.getBoundingClientRect();
+    const [x, y] = [(event.clientX - box.left) / box.width, ((event.clientY - box.top) / box.height) * PLOT.height];
+    const density = this.top * (1 - y / (PLOT.height - PLOT.foot));
+    return [this.low + x * (this.high - this.low), Math.min(this.top, Math.max(0, density))];
+  }
+
+  draw() {
+    const { values, densities } = this.transfer;
+    const places = values.map((value, i) => [this.x(value), this.y(densities[i])]);
+    const line = [[0, places[0][1]], ...places, [PLOT.width, places.at(-1)[1]]].map((place) => place.map((one) => one.toFixed(2)).join(",")).join(" ");
+    const words_ = [[this.low, 0, "start"], [this.high, PLOT.width, "end"]].map(([value, x, anchor]) =>
+      shape("text", { x, y: PLOT.height - 3, "text-anchor": anchor }, short(value)));
+    this.points = places.map((place, i) => this.point(place, i));
+    this.svg.replaceChildren(this.bars(), shape("polyline", { points: line }), ...words_, ...this.points);
+  }
+
+  bars() {
+    const { shares = [], low = 0, high = 1 } = this.histogram ?? {};
+    const foot = PLOT.height - PLOT.foot, most = Math.max(...shares, 0), step = (high - low) / (shares.length || 1);
+    const path = shares.map((share, i) => {
+      const part = share > 0 ? Math.max(0, 1 + Math.log10(share / most) / DECADES) : 0;
+      const [left, right] = [low + i * step, low + (i + 1) * step].map((value) => this.x(value).toFixed(2));
+      return `M${left} ${foot}V${(foot * (1 - part)).toFixed(2)}H${right}V${foot}`;
+    });
+    return shape("path", { d: path.join(""), class: "elvis-bars" });
+  }
+
+  point([x, y], i) {
+    const { values, densities } = this.transfer;
+    const point = shape("circle", { cx: x.toFixed(2), cy: y.toFixed(2), r: 5.5, tabindex: 0, role: "slider", class: "elvis-grip",
+      "aria-label": `point ${i + 1}`, "aria-valuenow": values[i], "aria-valuetext": `value ${short(values[i])}, density ${short(densities[i])}` });
+    point.append(shape("title", {}, `value ${short(values[i])}, density ${short(densities[i])}`));
+    point.addEventListener("pointerdown", (e) => {
+      this.svg.setPointerCapture(e.pointerId);
+      this.dragged = i;
+    });
+    point.addEventListener("keydown", (e) => this.key(e, i));
+    return point;
+  }
+
+  // the function with a point elsewhere, between its neighbours
+  moved(i, value, density) {
+    const { values, densities } = this.transfer, least = 1e-6 * (this.high - this.low);
+    const low = i > 0 ? values[i - 1] + least : -Infinity, high = i + 1 < values.length ? values[i + 1] - least : Infinity;
+    const put = (list, own) => list.map((old, k) => (k === i ? own : old));
+    const next = low <= high ? Math.min(high, Math.max(low, value)) : values[i];
+    return { ...this.transfer, values: put(values, next), densities: put(densities, Math.max(0, density)) };
+  }
+
+  drag(event) {
+    if (this.dragged === undefined) return;
+    const [value, density] = this.under(event);
+    this.transfer = this.moved(this.dragged, Math.min(this.high, Math.max(this.low, value)), density);
+    this.isMoved = true;
+    this.draw();
+    this.pending ??= requestAnimationFrame(() => {
+      this.pending = null;
+      if (this.dragged !== undefined) this.set(this.transfer, true);
+    });
+  }
+
+  release() {
+    this.dragged = undefined;
+    if (this.isMoved) this.set(this.transfer, false);
+    this.isMoved = false;
+  }
+
+  key(event, i) {
+    const { values, densities } = this.transfer, part = event.shiftKey ? 0.1 : 0.01;
+    const [across, upwards] = [part * (this.high - this.low), 2 * part * this.top];
+    const step = { ArrowLeft: [-across, 0], ArrowRight: [across, 0], ArrowDown: [0, -upwards], ArrowUp: [0, upwards] }[event.key];
+    if (step) this.set(this.moved(i, values[i] + step[0], densities[i] + step[1]), false);
+    else if (event.key === "Enter") this.insert(i + 1 < values.length ? (values[i] + values[i + 1]) / 2 : (values[i] + this.high) / 2);
+    else if (event.key === "Delete" || event.key === "Backspace") this.remove(i);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  // a double click removes the point under it, else adds one; as pointers are captured, its target tells nothing
+  twice(event) {
+    const under = this.points.indexOf(this.svg.getRootNode().elementFromPoint(event.clientX, event.clientY));
+    if (under >= 0) {
+      this.remove(under);
+      return;
+    }
+    const [value, density] = this.under(event);
+    this.insert(value, density);
+  }
+
+  // one more point; without a density where the line has it
+  insert(value, density) {
+    const { values, densities, colors } = this.transfer;
+    if (values.includes(value)) return;
+    const after = values.findIndex((one) => one > value), at = after < 0 ? values.length : after;
+    const [left, right] = [Math.max(0, at - 1), Math.min(values.length - 1, at)];
+    const part = left === right ? 0 : (value - values[left]) / (values[right] - values[left]);
+    const between = (one, other) => one + part * (other - one);
+    const add = (list, own) => [...list.slice(0, at), own, ...list.slice(at)];
+    const next = { ...this.transfer, values: add(values, value), densities: add(densities, density ?? between(densities[left], densities[right])) };
+    if (colors?.length) next.colors = add(colors, colors[left].map((one, k) => between(one, colors[right][k])));
+    this.set(next, false);
+  }
+
+  remove(i) {
+    const { values, densities, colors } = this.transfer;
+    if (values.length < 2) return;
+    const take = (list) => list.filter((_, k) => k !== i);
+    this.set({ ...this.transfer, values: take(values), densities: take(densities), ...(colors?.length ? { colors: take(colors) } : {}) }, false);
+  }
+}
+
+// ---------------------------------------------------------------- ranges, dragged on colour bars
+
+class BarGrips {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.svg = shape("svg", { class: "elvis-handles" });
+    this.svg.addEventListener("pointermove", (e) => this.drag(e));
+    for (const kind of ["pointerup", "pointercancel"]) this.svg.addEventListener(kind, () => this.release());
+    this.svg.addEventListener("dblclick", () => this.last && this.send(this.last, null, false));
+  }
+
+  draw() {
+    const { picture, canvas } = this.viewer;
+    // colours of bars on any other scale have no ends that could be told from a place
+    const bars = (picture?.bars ?? []).filter((bar) => ["linear", "log"].includes(bar.scale) && bar.high > bar.low && this.keys(bar).length);
+    this.svg.setAttribute("viewBox", `0 0 ${canvas.width} ${canvas.height}`);
+    Object.assign(this.svg.style, { width: canvas.style.width, height: canvas.style.height });
+    const focused = this.svg.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
+    // a bar that is held keeps its values, though pictures at rest have come since
+    const held = this.dragged?.bar;
+    this.svg.replaceChildren(...bars.flatMap((bar) => this.grips(bar.title === held?.title ? Object.assign(held, { box: bar.box, upright: bar.upright }) : bar)));
+    if (focused) [...this.svg.children].find((one) => one.getAttribute("aria-label") === focused)?.focus();
+  }
+
+  // where a range stands in the scene: the scene's own, or those of the objects that show another quantity, or have one
+  keys({ title, low, high }) {
+    const { table, picture } = this.viewer, field = picture.field;
+    const shown = this.viewer.listed().filter(({ item }) => item.kind !== "volume" && item.kind !== "clip" && (item.style?.quantity ?? field) === title);
+    const own = shown.filter(({ item }) => item.style?.range?.[0] === low && item.style?.range?.[1] === high);
+    const rest = title === field ? ["range"] : shown.map(({ key }) => `${key}.style.range`);
+    return own.length && !(table.range?.[0] === low && table.range?.[1] === high) ? own.map(({ key }) => `${key}.style.range`) : rest;
+  }
+
+  grips(bar) {
+    const [left, top, width, height] = bar.box, ratio = window.devicePixelRatio || 1;
+    return ["low", "high"].map((end) => {
+      const value = this.dragged?.bar === bar ? this.dragged[end] : bar[end];
+      const part = this.partOf(bar, value);
+      const [x, y] = bar.upright ? [left + width / 2, top + (1 - part) * height] : [left + part * width, top + height / 2];
+      const grip = shape("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 7 * ratio, tabindex: 0, role: "slider", class: "elvis-grip elvis-bar-grip",
+        "aria-label": `${end} end of the range of ${bar.title}`, "aria-valuenow": value, "aria-valuetext": short(value) });
+      grip.dataset.name = end;
+      grip.append(shape("title", {}, `${short(value)}. Drag, or arrow keys: the ${end} end of the colours; double click: automatic again`));
+      grip.addEventListener("pointerdown", (e) => this.press(e, bar, end));
+      grip.addEventListener("keydown", (e) => this.key(e, bar, end));
+      return grip;
+    });
+  }
+
+  partOf({ low, high, scale }, value) {
+    return scale === "log" ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
+  }
+
+  valueAt({ low, high, scale }, part) {
+    return scale === "log" ? low * (high / low) ** part : low + part * (high - low);
+  }
+
+  press(event, bar, end) {
+    event.stopPropagation();
+    this.svg.setPointerCapture(event.pointerId);
+    this.last = bar;
+    this.dragged = { bar, end, low: bar.low, high: bar.high, x: event.clientX, y: event.clientY, isMoved: false };
+  }
+
+  drag(event) {
+    const own = this.dragged;
+    if (!own) return;
+    const ratio = window.devicePixelRatio || 1, { bar, end } = own;
+    const step = bar.upright ? ((own.y - event.clientY) * ratio) / bar.box[3] : ((event.clientX - own.x) * ratio) / bar.box[2];
+    Object.assign(own, this.put(bar, end, step), { isMoved: true });
+    this.draw();
+    this.pending ??= requestAnimationFrame(() => {
+      this.pending = null;
+      if (this.dragged) this.send(bar, [own.low, own.high], true);
+    });
+  }
+
+  // both ends, one of them moved by a part of the bar, apart by a thousandth of it at least
+  put(bar, end, step) {
+    const part = end === "high" ? Math.max(0.001, 1 + step) : Math.min(0.999, step);
+    return { low: bar.low, high: bar.high, [end]: this.valueAt(bar, part) };
+  }
+
+  release() {
+    const own = this.dragged;
+    this.dragged = null;
+    if (own?.isMoved) this.send(own.bar, [own.low, own.high], false);
+  }
+
+  key(event, bar, end) {
+    const step = { ArrowDown: -0.01, ArrowLeft: -0.01, ArrowUp: 0.01, ArrowRight: 0.01 }[event.key];
+    if (!step) return;
+    const { low, high } = this.put(bar, end, step * (event.shiftKey ? 10 : 1));
+    this.send(bar, [low, high], false);
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  // keys that are not there need not be taken away
+  send(bar, range, isMoving) {
+    const keys = this.keys(bar).filter((key) => range || valueAt(this.viewer.table, key) !== undefined);
+    if (keys.length) this.viewer.change(Object.fromEntries(keys.map((key) => [key, range])), isMoving);
+  }
+}
+
+// ---------------------------------------------------------------- linear elements beside the exact picture
+
+//: refinements that are offered
+const REFINEMENTS = [0, 1, 2, 3, 4];
+
+// To the right of a divider, what linear elements would show; asked for when a whole picture has come.
+class LinearSide {
+  constructor(viewer) {
+    Object.assign(this, { viewer, level: null, split: 0.5, asked: 0 });
+    this.canvas = make("canvas", { className: "elvis-linear" });
+    this.note = make("span", { className: "elvis-caption" });
+    this.divider = make("div", { className: "elvis-divider", tabIndex: 0, title: "Drag, or arrow keys: exact to the left, linear elements to the right" });
+    for (const [name, value] of Object.entries({ role: "separator", "aria-orientation": "vertical", "aria-label": "divider", "aria-valuemin": 0, "aria-valuemax": 100 })) {
+      this.divider.setAttribute(name, value);
+    }
+    this.parts = [this.canvas, this.note, this.divider];
+    this.divider.addEventListener("pointerdown", (e) => this.divider.setPointerCapture(e.pointerId));
+    this.divider.addEventListener("pointermove", (e) => this.divider.hasPointerCapture(e.pointerId) && this.move(this.under(e)));
+    this.divider.addEventListener("keydown", (e) => this.key(e));
+    this.choice = make("select", { "aria-label": "linear elements", title: "Beside the exact picture: what linear elements would show", onchange: (e) => this.choose(e.target.selectedIndex) },
+      make("option", {}, "linear: off"), ...REFINEMENTS.map((n) => make("option", {}, `linear: ${n} refinement${n === 1 ? "" : "s"}`)));
+    this.clear();
+  }
+
+  choose(index) {
+    this.level = index ? REFINEMENTS[index - 1] : null;
+    this.clear();
+    if (this.viewer.picture?.final) this.ask();
+  }
+
+  clear() {
+    this.asked += 1;
+    for (const part of this.parts) part.hidden = true;
+  }
+
+  async ask() {
+    this.clear();
+    if (this.level === null) return;
+    const { asked, viewer } = this;
+    try {
+      const found = await viewer.ask("linear", { level: this.level });
+      const bytes = found && Uint8Array.from(atob(found.file), (one) => one.charCodeAt(0));
+      const picture = found && await createImageBitmap(new Blob([bytes]));
+      if (found && asked === this.asked) this.show(picture, found.simplices);
+    } catch (error) {
+      if (asked !== this.asked) return;
+      this.choice.selectedIndex = 0;
+      this.choose(0);
+      viewer.fail({ text: error.message });
+    }
+  }
+
+  show(picture, simplices) {
+    Object.assign(this.canvas, { width: picture.width, height: picture.height });
+    this.canvas.getContext("2d").drawImage(picture, 0, 0);
+    this.note.textContent = `${simplices.toLocaleString("en")} linear simplices`;
+    for (const part of this.parts) part.hidden = false;
+    this.place();
+  }
+
+  // over the image, from the divider on
+  place() {
+    const ratio = window.devicePixelRatio || 1;
+    const [left, top, width, height] = this.viewer.picture.image.map((one) => one / ratio);
+    const at = this.split * width;
+    Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px`, clipPath: `inset(0 0 0 ${at}px)` });
+    Object.assign(this.divider.style, { left: `${left + at}px`, top: `${top}px`, height: `${height}px` });
+    Object.assign(this.note.style, { left: `${left + at + 8}px`, top: `${top + height - 30}px` });
+    this.divider.setAttribute("aria-valuenow", Math.round(100 * this.split));
+  }
+
+  under(event) {
+    const [column] = this.viewer.place(event);
+    return column / this.viewer.picture.image[2];
+  }
+
+  move(split) {
+    this.split = Math.min(1, Math.max(0, split));
+    this.place();
+  }
+
+  key(event) {
+    const step = { ArrowLeft: -0.02, ArrowRight: 0.02 }[event.key];
+    if (!step) return;
+    this.move(this.split + step);
+    event.preventDefault();
+    event.stopPropagation();
+  }
+}
+
+// ---------------------------------------------------------------- the steps of a series
+
+//: steps a second that are offered
+const SPEEDS = [1, 2, 5, 10, 25];
+
+// A slider over the steps; playing shows one step after another, each once the one before has come.
+class TimeBar {
+  constructor(viewer) {
+    Object.assign(this, { viewer, timer: 0, isPlaying: false });
+    const button = (text, title, act) => make("button", { type: "button", title, ariaPressed: "false", onclick: act }, text);
+    this.play = button("▶", "Play, or stop", () => (this.isPlaying ? this.stop() : this.begin()));
+    this.loop = button("loop", "Begin again at the end", () => this.toggle(this.loop));
+    this.fixed = button("one range", "One range of colours for all steps, certified; else that of each", () => this.fix());
+    this.values = button("over time", "A click in the picture: exact values over time", () => viewer.setMode(viewer.mode === "time" ? "turn" : "time"));
+    this.slider = make("input", { type: "range", min: 0, step: 1, "aria-label": "step",
+      oninput: () => this.go(Number(this.slider.value), true), onchange: () => this.go(Number(this.slider.value), false) });
+    this.time = make("input", { type: "number", step: "any", "aria-label": "time", title: "Any time; between steps coefficients are interpolated",
+      onchange: () => this.time.value !== "" && this.show({ time: Number(this.time.value), step: null }, false) });
+    this.speed = make("select", { "aria-label": "steps a second" }, ...SPEEDS.map((one) => make("option", { value: one }, `${one} / s`)));
+    this.speed.selectedIndex = 2;
+    this.note = make("span", { className: "elvis-aside" });
+    this.root = make("div", { className: "elvis-time", hidden: true }, this.play, this.loop, this.speed, this.slider, this.time, this.note, this.fixed, this.values);
+  }
+
+  get times() {
+    return this.viewer.facts?.times ?? [];
+  }
+
+  // the step that is shown, or the nearest to the time that is
+  get step() {
+    const { step, time } = this.viewer.table, { length: count } = this.times;
+    if (step !== undefined) return step < 0 ? step + count : step;
+    if (time === undefined) return count - 1;
+    const away = this.times.map((one) => Math.abs(one - time));
+    return away.indexOf(Math.min(...away));
+  }
+
+  update() {
+    this.root.hidden = this.times.length < 2;
+    if (this.root.hidden) return this.stop();
+    this.slider.max = this.times.length - 1;
+    const isHeld = this.slider.matches(":active");
+    if (!isHeld) this.slider.value = this.step;
+    if (document.activeElement !== this.time) this.time.value = Number((this.viewer.table.time ?? this.times[this.step]).toPrecision(10));
+    this.note.textContent = `step ${this.step} of 0 to ${this.times.length - 1}`;
+    this.fixed.ariaPressed = String(Array.isArray(this.viewer.table.range));
+  }
+
+  toggle(button) {
+    button.ariaPressed = String(button.ariaPressed !== "true");
+  }
+
+  show(changes, moving) {
+    // keys that are not there can't be taken away
+    const own = Object.entries(changes).filter(([key, value]) => value !== null || this.viewer.table[key] !== undefined);
+    this.viewer.change(Object.fromEntries(own), moving);
+    // what moves is not told back to the page that moves it
+    const kept = Object.entries({ ...this.viewer.table, ...changes }).filter(([, value]) => value !== null);
+    this.viewer.table = Object.fromEntries(kept);
+    this.update();
+  }
+
+  go(step, moving) {
+    this.show({ step, time: null }, moving);
+  }
+
+  begin() {
+    this.isPlaying = true;
+    this.play.textContent = "■";
+    this.advance(this.step >= this.times.length - 1 ? 0 : this.step);
+  }
+
+  // the next step, once this one is on the page
+  advance(step) {
+    if (!this.isPlaying) return;
+    const [last, start] = [this.times.length - 1, performance.now()];
+    const shown = this.viewer.frames ?? 0;
+    this.go(step, true);
+    const wait = () => {
+      const isDue = performance.now() - start >= 1000 / Number(this.speed.value);
+      if (!this.isPlaying) return;
+      if (!isDue || (this.viewer.frames ?? 0) === shown) this.timer = setTimeout(wait, 15);
+      else if (step < last) this.advance(step + 1);
+      else if (this.loop.ariaPressed === "true") this.advance(0);
+      else this.stop();
+    };
+    this.timer = setTimeout(wait, 15);
+  }
+
+  stop() {
+    if (!this.isPlaying) return;
+    this.isPlaying = false;
+    clearTimeout(this.timer);
+    this.play.textContent = "▶";
+    this.go(this.step, false);
+  }
+
+  async fix() {
+    if (this.fixed.ariaPressed === "true") return this.viewer.change({ range: "seen" });
+    try {
+      this.viewer.change({ range: await this.viewer.ask("series range", this.viewer.picture.field) });
+    } catch (error) {
+      this.viewer.fail({ text: error.message });
+    }
+  }
+}
+
 // ---------------------------------------------------------------- the viewer
 
 const VIEWS = { "+x": "+x", "−x": "-x", "+y": "+y", "−y": "-y", "+z": "+z", "−z": "-z", iso: "iso" };
@@ -294,7 +1008,7 @@ const STEP = Math.PI / 24;
 
 class Viewer {
   constructor(model, el) {
-    Object.assign(this, { model, table: {}, facts: null, picture: null, hidden: [], waiting: new Map(), mode: "turn", line: [] });
+    Object.assign(this, { model, table: {}, facts: null, picture: null, hidden: [], histograms: new Map(), waiting: new Map(), mode: "turn", line: [] });
     this.build(el);
     model.on((message, buffer) => this.receive(message, buffer));
     model.open();
@@ -302,10 +1016,18 @@ class Viewer {
 
   build(el) {
     this.canvas = make("canvas", { width: 16, height: 16, "aria-label": "the picture" });
-    this.error = make("div", { className: "elvis-error", hidden: true, role: "alert" });
+    this.error = make("div", { className: "elvis-error", hidden: true, role: "alert", title: "A click takes this away", onclick: () => { this.error.hidden = true; } });
     this.stage = make("div", { className: "elvis-stage", tabIndex: 0, "aria-label": "picture: arrow keys turn, + and - zoom, shift and arrows pan, f fits" },
       this.canvas, this.error);
+    this.handles = new Handles(this);
+    this.linear = new LinearSide(this);
+    this.barGrips = new BarGrips(this);
+    this.timeBar = new TimeBar(this);
+    this.canvas.after(...this.linear.parts, this.barGrips.svg, this.handles.svg);
     this.panel = make("div", { className: "elvis-panel" });
+    // a slider that is held must stay in the page
+    this.panel.addEventListener("pointerdown", (e) => { this.isSliding = e.target.type === "range" || Boolean(e.target.closest(".elvis-transfer")); });
+    for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => { this.isSliding = false; });
     this.values = make("output", { "aria-label": "values under the pointer" });
     this.counts = make("span", {});
     this.root = make("div", { className: "elvis" }, this.tools(), this.stage, this.panel, make("div", { className: "elvis-status" }, this.counts, this.values));
@@ -325,20 +1047,20 @@ class Viewer {
     this.freeButton = button("free", "Turn freely, not about the axis that stands upright", () => { this.freeButton.ariaPressed = String(this.freeButton.ariaPressed !== "true"); });
     this.perspectiveButton = button("perspective", "Perspective or parallel view", () => this.look((camera) => projected(camera, !camera.fov)));
     for (const one of [this.proofButton, this.lineButton, this.freeButton, this.perspectiveButton]) one.ariaPressed = "false";
-    const saving = make("select", { "aria-label": "save", onchange: (e) => this.save(e.target) },
-      ...["save…", "picture .png", "figure .svg", "figure .pdf", "record .npz", "record .exr", "scene .toml", "scene .yaml", "copy command", "copy Python"].map((text) => make("option", {}, text)));
+    this.saving = make("select", { "aria-label": "save", onchange: (e) => this.save(e.target) },
+      ...["save…", "picture .png", "figure .svg", "figure .pdf", "record .npz", "record .exr", "scene .toml", "scene .yaml", "copy command", "copy Python", ...(this.model.restore ? ["copy link"] : [])].map((text) => make("option", {}, text)));
     const views = Object.entries(VIEWS).map(([text, view]) => button(text, `View ${view}`, () => this.change({ camera: view })));
     const menu = button("≡", "Objects and colours", () => this.root.classList.toggle("elvis-open"));
     menu.className = "elvis-menu";
     return make("div", { className: "elvis-tools" }, menu, button("fit", "Show all (f)", () => this.fit()), ...views,
-      this.perspectiveButton, this.freeButton, this.lineButton, this.proofButton, this.undoButton, this.redoButton, saving);
+      this.perspectiveButton, this.freeButton, this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
   }
 
   // ---- messages
 
   receive(message, buffer) {
     const act = { schema: () => this.learn(message), state: () => this.update(message), frame: () => this.show(message, buffer),
-      answer: () => this.settle(message.id, buffer ?? message.content), error: () => this.fail(message), closed: () => this.fail(message) }[message.type];
+      answer: () => this.settle(message.id, buffer ?? message.content), error: () => this.fail(message), closed: () => this.lose(message) }[message.type];
     act?.();
   }
 
@@ -347,18 +1069,28 @@ class Viewer {
     this.sized();
   }
 
-  update({ table, facts, undo, redo, proof }) {
-    Object.assign(this, { table, facts: facts ? { ...facts, shown: this.facts?.shown } : this.facts });
+  update({ table, facts, undo, redo, proof, revision, start, writes, stale, hidden }) {
+    Object.assign(this, { revision, hidden });
+    Object.assign(this, { table, facts: facts ? { ...facts, shown: this.facts?.shown, place: this.facts?.place } : this.facts });
     this.undoButton.disabled = !undo;
     this.redoButton.disabled = !redo;
     this.proofButton.ariaPressed = String(proof);
     if (!this.dragged) this.camera = null;
     this.controls();
+    this.timeBar.update();
+    this.handles.draw();
+    this.offerWriting(writes);
+    this.outdate(stale);
+    if (start) {
+      this.start = start;
+      this.recover("connection");
+      this.model.restore?.(this);
+    }
   }
 
   ask(type, content, more = {}) {
     const id = ++counter;
-    this.model.send({ type, id, content, ...more });
+    if (this.model.send({ type, id, content, ...more }) === false) return Promise.reject(new Error("There is no connection."));
     return new Promise((resolve, reject) => this.waiting.set(id, { resolve, reject }));
   }
 
@@ -367,7 +1099,8 @@ class Viewer {
     this.waiting.delete(id);
   }
 
-  fail({ id, text }) {
+  // a sentence; it goes with the next picture, or with that of the next change, or when the connection is back
+  fail({ id, text, until = "change" }) {
     if (this.waiting.has(id)) {
       this.waiting.get(id).reject(new Error(text));
       this.waiting.delete(id);
@@ -375,6 +1108,30 @@ class Viewer {
     }
     this.error.textContent = text;
     this.error.hidden = false;
+    this.failed = { until, revision: Math.max(this.revision ?? 0, this.drawn ?? 0) };
+  }
+
+  // pictures and connections take back what was told of them
+  recover(event, revision = 0) {
+    const { until, revision: last } = this.failed ?? {};
+    if (until === event || (event === "picture" && until === "change" && revision > last)) this.error.hidden = true;
+  }
+
+  // files that were read have changed on disk since; told once
+  outdate(text = "") {
+    if (text === this.stale) return;
+    this.stale = text;
+    this.recover("read");
+    if (!text) return;
+    this.fail({ text, until: "read" });
+    this.error.append(" ", make("button", { type: "button", onclick: () => this.model.send({ type: "read again" }) }, "read again"));
+  }
+
+  // what was asked is never answered
+  lose(message) {
+    for (const { reject } of this.waiting.values()) reject(new Error(message.text));
+    this.waiting.clear();
+    this.fail(message);
   }
 
   change(changes, moving = false) {
@@ -386,7 +1143,8 @@ class Viewer {
   async show(facts, buffer) {
     const picture = await createImageBitmap(new Blob([buffer]));
     this.model.send({ type: "shown" });
-    this.error.hidden = true;
+    this.drawn = facts.revision;
+    this.recover("picture", facts.revision);
     const context = this.canvas.getContext("2d");
     if (facts.final) {
       this.canvas.width = facts.size[0];
@@ -422,11 +1180,15 @@ class Viewer {
     this.picture.ranges = facts.ranges;
     this.root.dataset.final = facts.final ? facts.revision : "";
     picture.close();
+    this.handles.draw();
+    this.barGrips.draw();
+    if (facts.final) this.linear.ask();
+    else this.linear.clear();
   }
 
   told({ counts, remarks }) {
     const shown = ["certain", "ambiguous", "failed"].filter((name) => counts[name] || name === "certain");
-    this.counts.textContent = shown.map((name) => `${counts[name]} ${name}`).join(", ");
+    this.counts.textContent = `pixels: ${shown.map((name) => `${counts[name].toLocaleString("en")} ${name}`).join(", ")}`;
     this.counts.title = remarks.join("\n");
   }
 
@@ -438,7 +1200,10 @@ class Viewer {
     const part = Math.min(...room) / (own + Math.max(...(this.margins ?? [120, 70])));
     const size = (this.margins ?? [120, 70]).map((margin, i) => Math.max(64, Math.floor(room[i] - margin * part)));
     clearTimeout(this.sizing);
-    this.sizing = setTimeout(() => this.schema && this.model.send({ type: "size", size }), 120);
+    this.sizing = setTimeout(() => {
+      this.sizing = 0;
+      if (this.schema) this.model.send({ type: "size", size });
+    }, 120);
   }
 
   // ---- the camera
@@ -593,11 +1358,13 @@ class Viewer {
     this.mode = mode;
     this.line = [];
     this.lineButton.ariaPressed = String(mode === "line");
+    this.timeBar.values.ariaPressed = String(mode === "time");
   }
 
   async click(event) {
     const found = await this.pick(event);
     this.tell(found);
+    if (this.mode === "time" && found?.position) return this.plotOverTime(found.position);
     if (this.mode !== "line" || !found?.position) return;
     this.line.push(found.position);
     if (this.line.length < 2) return;
@@ -610,34 +1377,43 @@ class Viewer {
     }
   }
 
+  async plotOverTime(place) {
+    this.setMode("turn");
+    try {
+      const { name, times: along, values } = await this.ask("history", { quantity: this.picture.field, place });
+      const rows = along.map((time, i) => [time, ...place, values[i] ?? "NaN"].join(","));
+      this.chart(along, values, `time; ${name} at ${place.map(short).join(", ")}`, ["time,x,y,z", name, rows], "time.csv");
+    } catch (error) {
+      this.fail({ text: error.message });
+    }
+  }
+
   plot({ names, points, values, elements }) {
-    const [width, height, left, top, right, bottom] = [640, 320, 70, 14, 14, 34];
     const along = points.map((point) => length(minus(point, points[0])));
-    const own = values[0].filter((value) => value !== null);
-    const [low, high] = [Math.min(...own), Math.max(...own)];
-    const x = (s) => left + ((width - left - right) * s) / (along.at(-1) || 1);
+    const rows = points.map((point, i) => [along[i], ...point, elements[i], ...values.map((one) => one[i] ?? "NaN")].join(","));
+    this.chart(along, values[0], `distance; ${names[0]}`, ["distance,x,y,z,element", names[0], rows], "line.csv");
+  }
+
+  // a curve in a dialog, and its table: names of columns before the quantity, the quantity, rows
+  chart(along, values, caption, [columns, name, rows], file) {
+    const [width, height, left, top, right, bottom] = [640, 320, 70, 14, 14, 34];
+    const own = values.filter((value) => value !== null);
+    const [low, high] = [Math.min(...own), Math.max(...own)], [first, last] = [along[0], along.at(-1)];
+    const x = (s) => left + ((width - left - right) * (s - first)) / (last - first || 1);
     const y = (v) => top + ((height - top - bottom) * (high - v)) / (high - low || 1);
     let path = "", pen = "M";
-    values[0].forEach((value, i) => {
+    values.forEach((value, i) => {
       if (value === null) pen = "M";
       else { path += `${pen}${x(along[i]).toFixed(2)} ${y(value).toFixed(2)}`; pen = "L"; }
     });
-    const ns = "http://www.w3.org/2000/svg";
-    const shape = (tag, attributes, text = "") => {
-      const element = document.createElementNS(ns, tag);
-      for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-      element.textContent = text;
-      return element;
-    };
     const svg = shape("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img" });
     svg.append(shape("path", { d: `M${left} ${top}V${height - bottom}H${width - right}`, fill: "none", stroke: "currentColor" }),
       shape("path", { d: path, fill: "none", stroke: "#1f77b4", "stroke-width": 2 }),
       ...[low, high].map((value) => shape("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end", "font-size": 12, fill: "currentColor" }, short(value))),
-      ...[0, along.at(-1)].map((value) => shape("text", { x: x(value), y: height - 14, "text-anchor": "middle", "font-size": 12, fill: "currentColor" }, short(value))),
-      shape("text", { x: (left + width) / 2, y: height - 2, "text-anchor": "middle", "font-size": 12, fill: "currentColor" }, `distance; ${names[0]}`));
-    const rows = points.map((point, i) => [along[i], ...point, elements[i], ...values.map((one) => one[i] ?? "NaN")].join(","));
-    const csv = ["distance,x,y,z,element," + names.map((name) => `"${name.replaceAll('"', '""')}"`).join(","), ...rows, ""].join("\n");
-    const link = make("a", { href: URL.createObjectURL(new Blob([csv], { type: "text/csv" })), download: "line.csv" }, "CSV");
+      ...[first, last].map((value) => shape("text", { x: x(value), y: height - 14, "text-anchor": "middle", "font-size": 12, fill: "currentColor" }, short(value))),
+      shape("text", { x: (left + width) / 2, y: height - 2, "text-anchor": "middle", "font-size": 12, fill: "currentColor" }, caption));
+    const csv = [`${columns},"${name.replaceAll('"', '""')}"`, ...rows, ""].join("\n");
+    const link = make("a", { href: URL.createObjectURL(new Blob([csv], { type: "text/csv" })), download: file }, "CSV");
     const close = make("button", { type: "button", onclick: () => this.dialog.close() }, "close");
     this.dialog.replaceChildren(svg, make("div", { className: "elvis-buttons" }, link, close));
     this.dialog.showModal();
@@ -646,46 +1422,114 @@ class Viewer {
   // ---- what is shown, and how
 
   controls() {
-    if (!this.schema || !this.facts || this.panel.contains(document.activeElement) && document.activeElement.type === "range") return;
+    if (!this.schema || !this.facts || this.isSliding) return;
     const check = (text) => this.ask("check", text).then(() => null, (error) => error.message);
     const make_ = new Controls(this.schema, this.facts, this.palettes, check);
     const section = (title, names) => [make("h2", {}, title), ...names.map((name) =>
       make_.row(name, this.schema.properties[name], this.table[name], (value, moving) => this.change({ [name]: value ?? null }, moving)))];
     const scroll = this.panel.scrollTop, focused = this.panel.contains(document.activeElement) ? this.index(document.activeElement) : -1;
-    this.panel.replaceChildren(...this.objects(make_), ...section("Colour", COLOUR), ...section("Light", LIGHT), ...section("Figure", FIGURE));
+    this.panel.replaceChildren(...this.objects(make_), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
     this.panel.scrollTop = scroll;
-    if (focused >= 0) this.panel.querySelectorAll("input,select,button,summary")[focused]?.focus();
+    if (focused >= 0) this.panel.querySelectorAll("input,select,button,summary,[tabindex]")[focused]?.focus();
+  }
+
+  // where the field is least and greatest, which is proved: shown, told, and where new objects begin
+  peaks() {
+    const button = (text, number) => make("button", { type: "button", title: `Where the field is ${text}; new planes go through it`, onclick: () => this.findPeak(number) }, text);
+    return make("div", { className: "elvis-row" }, make("label", {}, "find"), make("div", { className: "elvis-several" }, button("least", 0), button("greatest", 1)));
+  }
+
+  async findPeak(number) {
+    try {
+      this.peak = (await this.ask("extremes", this.table.field || this.picture?.field))[number];
+      this.facts.place = this.peak.position;
+      this.tell(this.peak);
+      this.handles.draw();
+    } catch (error) {
+      this.fail({ text: error.message });
+    }
   }
 
   index(element) {
-    return [...this.panel.querySelectorAll("input,select,button,summary")].indexOf(element);
+    return [...this.panel.querySelectorAll("input,select,button,summary,[tabindex]")].indexOf(element);
   }
 
   // the shortcut `plane` is the first object
   listed() {
     const own = this.table.objects ?? [];
-    const first = this.table.plane ? [{ key: "plane", item: { kind: "cut", surface: this.table.plane } }] : [];
-    return [...first, ...own.map((item, i) => ({ key: `objects[${i}]`, item, number: i }))];
+    const first = this.table.plane ? [{ key: "plane", item: { kind: "cut", surface: { kind: "plane", ...this.table.plane } } }] : [];
+    const clips = (this.table.clip ?? []).map((item, i) => ({ key: `clip[${i}]`, item: { kind: "clip", ...item } }));
+    return [...first, ...own.map((item, i) => ({ key: `objects[${i}]`, item, number: i })), ...clips];
   }
 
   objects(controls) {
     const items = this.schema.properties.objects.items;
-    const schemaOf = (kind) => controls.resolve({ $ref: items.discriminator.mapping[kind] });
-    const rows = this.listed().map(({ key, item, number }) => {
-      const set = (value, moving) => this.change({ [key]: key === "plane" ? value.surface : value }, moving);
+    const schemaOf = (kind) => controls.resolve({ $ref: items.discriminator.mapping[kind] ?? this.schema.properties.clip.items.$ref });
+    const rows = this.listed().map(({ key, item, number }, place) => {
+      const set = (value, moving) => this.change({ [key]: this.kept(key, value) }, moving);
       const button = (text, title, act) => make("button", { type: "button", title, onclick: act }, text);
-      const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Take it out of the picture, and keep it", () => { this.hidden.push(item); this.change({ [key]: null }); }));
+      const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Take it out of the picture, and keep it", () => { this.selected = null; this.model.send({ type: "hide", key }); }));
       if (number !== undefined) buttons.append(button("duplicate", "The same once more", () => this.add(item)));
+      if (this.canBeHeld(item)) buttons.append(this.handleButton(key === "plane" ? key : `${key}.surface`));
       buttons.append(button("delete", "Take it away", () => this.change({ [key]: null })));
-      return controls.fold(`${key} ${item.kind}`, this.summary(item), [buttons, ...this.sliders(item, set), ...controls.rows(schemaOf(item.kind), item, set)], true);
+      return controls.fold(`${place + 1} ${item.kind}`, this.summary(item), [buttons, ...this.sliders(item, set), ...this.transfer(key, item, controls), ...controls.rows(schemaOf(item.kind), item, set)], true);
     });
-    const hidden = this.hidden.map((item, i) => make("div", { className: "elvis-buttons" }, `${item.kind} ${this.summary(item)}`,
-      make("button", { type: "button", onclick: () => { this.hidden.splice(i, 1); this.add(item); } }, "show")));
-    const kinds = this.facts.kind === "solid" ? ["cut", "sphere", "cylinder", "faces", "isosurface", "volume", "clip"] : ["faces"];
+    const hidden = this.hidden.map(({ key, item }, number) => {
+      const shown = key === "plane" ? { kind: "cut", surface: { kind: "plane", ...item } } : { kind: "clip", ...item };
+      const button = (text, title, type) => make("button", { type: "button", title, onclick: () => this.model.send({ type, number }) }, text);
+      return make("div", { className: "elvis-buttons elvis-hidden" }, `${shown.kind} ${this.summary(shown)}`,
+        button("show", "Show it again, where it was", "unhide"), button("delete", "Take it away", "forget"));
+    });
+    const kinds = this.facts.kind === "solid" ? ["plane", "sphere", "cylinder", "cone", "faces", "isosurface", "volume", "clip"] : ["faces"];
     const adding = make("select", { "aria-label": "add an object", onchange: (e) => { if (e.target.selectedIndex) this.create(e.target.value, controls); e.target.selectedIndex = 0; } },
       make("option", {}, "add…"), ...kinds.map((kind) => make("option", {}, kind)));
-    const clips = (this.table.clip ?? []).length ? [controls.row("clip", this.schema.properties.clip, this.table.clip, (value) => this.change({ clip: value.length ? value : null }))] : [];
-    return [make("h2", {}, "Objects"), ...rows, ...hidden, ...clips, adding];
+    const note = rows.length ? [] : [make("div", { className: "elvis-aside" }, this.facts.kind === "solid" ? "None: all outer faces are shown." : "None: all is shown.")];
+    return [make("h2", {}, "Objects"), ...note, ...rows, ...hidden, adding];
+  }
+
+  // the editor of a volume's transfer function; the histogram comes when it is counted
+  transfer(key, item, controls) {
+    if (item.kind !== "volume") return [];
+    const quantity = item.quantity ?? (this.table.field || this.picture?.field);
+    const known = this.histograms.get(quantity);
+    if (quantity && known === undefined) this.count(quantity);
+    return [new TransferEditor(item.transfer, known, controls.extent(), (transfer, moving) => this.change({ [`${key}.transfer`]: transfer }, moving)).element];
+  }
+
+  async count(quantity) {
+    this.histograms.set(quantity, null);
+    try {
+      this.histograms.set(quantity, await this.ask("histogram", quantity));
+    } catch (error) {
+      this.histograms.delete(quantity);
+      return;
+    }
+    this.controls();
+  }
+
+  // an object as it stands in the scene
+  kept(key, item) {
+    if (key === "plane") return item.surface;
+    const { kind, ...rest } = item;
+    return kind === "clip" ? rest : item;
+  }
+
+  canBeHeld(item) {
+    return this.facts.kind === "solid" && ["plane", "sphere", "cylinder", "cone"].includes(item.surface?.kind);
+  }
+
+  handleButton(key) {
+    const press = () => this.select(this.selected === key ? null : key);
+    const own = make("button", { type: "button", title: "A handle in the picture, by which it is dragged", onclick: press }, "handle");
+    own.ariaPressed = String(this.selected === key);
+    return own;
+  }
+
+  // the surface, by its key, that has a handle in the picture
+  select(key) {
+    this.selected = key;
+    this.controls();
+    this.handles.draw();
   }
 
   summary(item) {
@@ -702,8 +1546,9 @@ class Viewer {
       const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => dot(normal, [0, 1, 2].map((axis) => box[(k >> axis) & 1][axis])));
       const [low, high] = [Math.min(...corners), Math.max(...corners)], at = dot(normal, point);
       const move = (e, moving) => set({ ...item, surface: { ...item.surface, point: plus(point, times(Number(e.target.value) - at, normal)) } }, moving);
-      return [this.slider("offset", low, high, at, move)];
+      return [this.slider("offset", low, high, at, move), ...this.angles(item, normal, set)];
     }
+    if (item.surface?.kind === "sphere" && box) return this.sphereSliders(item, box, set);
     const range = item.kind === "isosurface" && this.ranges?.[item.quantity ?? this.picture?.field];
     if (item.kind === "isosurface" && item.values?.length === 1) {
       const known = range || this.picture?.ranges?.[item.quantity ?? this.picture?.field] || [item.values[0] - 1, item.values[0] + 1];
@@ -713,11 +1558,33 @@ class Viewer {
     return [];
   }
 
+  // the direction of a plane as on a globe: longitude and latitude of its normal, about its point in the box
+  angles(item, normal, set) {
+    const degree = Math.PI / 180;
+    const around = Math.atan2(normal[1], normal[0]), above = Math.asin(Math.max(-1, Math.min(1, normal[2])));
+    const at = (a, b) => [Math.cos(b) * Math.cos(a), Math.cos(b) * Math.sin(a), Math.sin(b)];
+    const turn = (next, moving) => set({ ...item, surface: { ...item.surface, normal: next } }, moving);
+    // at the poles all longitudes are one: sliders keep off them by a little, as the other one could not be told
+    const most = 89.999;
+    return [this.slider("turn", -180, 180, around / degree, (e, moving) => turn(at(Number(e.target.value) * degree, Math.max(-most * degree, Math.min(most * degree, above))), moving)),
+      this.slider("tilt", -most, most, above / degree, (e, moving) => turn(at(around, Number(e.target.value) * degree), moving))];
+  }
+
+  sphereSliders(item, box, set) {
+    const { center, radius } = item.surface;
+    const extent = length(minus(box[1], box[0]));
+    const put = (change, moving) => set({ ...item, surface: { ...item.surface, ...change } }, moving);
+    const places = ["x", "y", "z"].map((name, axis) => this.slider(`center ${name}`, Math.min(box[0][axis], center[axis]), Math.max(box[1][axis], center[axis]), center[axis],
+      (e, moving) => put({ center: center.map((old, i) => (i === axis ? Number(e.target.value) : old)) }, moving)));
+    const size = this.slider("radius", extent / 500, Math.max(extent, radius), radius, (e, moving) => put({ radius: Number(e.target.value) }, moving));
+    return [...places, size];
+  }
+
   slider(name, low, high, value, move) {
     const id = `elvis-${++counter}`;
     return make("div", { className: "elvis-row" }, make("label", { htmlFor: id }, name),
       make("input", { id, type: "range", min: low, max: high, step: (high - low) / 500 || 1, value,
-        oninput: (e) => move(e, true), onchange: (e) => { e.target.blur(); move(e, false); } }));
+        oninput: (e) => move(e, true), onchange: (e) => move(e, false) }));
   }
 
   add(item) {
@@ -728,8 +1595,9 @@ class Viewer {
     const field = this.picture?.field || this.facts.fields[0] || "x";
     const range = this.picture?.ranges?.[field] ?? [0, 1];
     const middle = (range[0] + range[1]) / 2;
-    const surfaces = { cut: "Plane", sphere: "Sphere", cylinder: "Cylinder", clip: "Plane" };
+    const surfaces = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
     const surface = kind in surfaces ? { kind: surfaces[kind].toLowerCase(), ...controls.start(this.schema.$defs[surfaces[kind]]) } : null;
+    if (surface) this.selected = kind === "clip" ? `clip[${(this.table.clip ?? []).length}].surface` : `objects[${(this.table.objects ?? []).length}].surface`;
     if (kind === "clip") this.change({ [`clip[${(this.table.clip ?? []).length}]`]: { surface: { ...surface, normal: [1, 0, 0] } } });
     else if (surface) this.add({ kind: "cut", surface });
     else if (kind === "faces") this.add({ kind: "faces", select: ["all"] });
@@ -739,28 +1607,99 @@ class Viewer {
 
   // ---- files
 
-  async save(select) {
+  save(select) {
     const chosen = select.value;
     select.selectedIndex = 0;
-    if (chosen.startsWith("copy")) {
-      await navigator.clipboard.writeText(chosen === "copy command" ? this.command() : this.python());
-      return;
-    }
-    const suffix = `.${chosen.split(".").pop()}`;
+    if (chosen === "here…") this.writeHere();
+    else if (chosen.startsWith("copy")) this.copy(chosen.slice(5));
+    else if (chosen.startsWith("scene")) this.keep(`.${chosen.split(".").pop()}`).catch((error) => this.fail({ text: error.message }));
+    else this.saveAs(chosen);
+  }
+
+  async keep(suffix, how = {}) {
+    const file = await this.model.file(suffix, how, this);
+    make("a", { href: URL.createObjectURL(file), download: `elvis${suffix}` }).click();
+  }
+
+  // a picture or a record: of the size that is shown, or of any other one
+  saveAs(chosen) {
+    const number = (name, value, most) => make("input", { type: "number", value, min: 1, max: most, step: 1, "aria-label": name, required: true });
+    const [width, height] = this.picture?.image.slice(2) ?? [900, 700];
+    const fields = [number("width", width, 8192), number("height", height, 8192), number("samples", this.table.samples ?? 1, 16)];
+    const note = make("p", { className: "elvis-copied", role: "status" });
+    const form = make("form", { method: "dialog" }, make("p", {}, `Save the ${chosen}, drawn anew in this size`),
+      make("div", { className: "elvis-row" }, make("label", {}, "pixels"), make("div", { className: "elvis-several" }, fields[0], "×", fields[1])),
+      make("div", { className: "elvis-row", title: "Each pixel is the mean of so many samples across and down" }, make("label", {}, "samples"), fields[2]),
+      note, make("div", { className: "elvis-buttons" }, make("button", { type: "submit" }, "save"), make("button", { type: "button", onclick: () => this.dialog.close() }, "close")));
+    form.addEventListener("submit", async (e) => {
+      e.preventDefault();
+      note.textContent = "drawing…";
+      const [own, other, samples] = fields.map((field) => Number(field.value));
+      try {
+        await this.keep(`.${chosen.split(".").pop()}`, { size: [own, other], samples });
+        this.dialog.close();
+      } catch (error) {
+        note.textContent = error.message;
+      }
+    });
+    this.dialog.replaceChildren(form);
+    this.dialog.showModal();
+    fields[0].select();
+  }
+
+  offerWriting(may) {
+    const option = [...this.saving.options].find((one) => one.value === "here…");
+    if (may && !option) this.saving.append(make("option", {}, "here…"));
+    if (!may) option?.remove();
+  }
+
+  // into the folder of the data, where elvis view runs; what is there already goes once that was confirmed
+  writeHere() {
+    const field = make("input", { type: "text", value: "picture.png", spellcheck: false, "aria-label": "name of the file" });
+    const note = make("p", { className: "elvis-copied", role: "status" });
+    const button = (text, act) => make("button", { type: "button", onclick: act }, text);
+    const write = async (confirmed) => {
+      note.textContent = "…";
+      replace.hidden = true;
+      try {
+        const { question, wrote } = await this.ask("write", { name: field.value, confirmed });
+        note.textContent = question ?? `wrote ${wrote}`;
+        replace.hidden = !question;
+      } catch (error) {
+        note.textContent = error.message;
+      }
+    };
+    const replace = button("replace", () => write(true));
+    replace.hidden = true;
+    field.addEventListener("input", () => { replace.hidden = true; });
+    field.addEventListener("keydown", (e) => e.key === "Enter" && write(false));
+    const told = make("p", {}, "A picture, record or scene in the folder of the data, or below: .png, .svg, .pdf, .exr, .npz, .toml, .yaml");
+    this.dialog.replaceChildren(told, field, note,
+      make("div", { className: "elvis-buttons" }, button("write", () => write(false)), replace, button("close", () => this.dialog.close())));
+    this.dialog.showModal();
+    field.select();
+  }
+
+  // what makes this very picture elsewhere: to the clipboard, and for all to see
+  async copy(language) {
     try {
-      const file = await this.model.file(suffix, this);
-      make("a", { href: URL.createObjectURL(file), download: `elvis${suffix}` }).click();
+      if (language === "link") return this.give(language, this.model.link(this));
+      this.give(language, await this.ask("copy", language));
     } catch (error) {
       this.fail({ text: error.message });
     }
   }
 
-  command() {
-    return "elvis render scene.toml -o picture.png   # with the scene saved as scene.toml";
-  }
-
-  python() {
-    return `from elvis.renderer import render\nfrom elvis.scene.tables import scene_of\n\nframe = render(scene=scene_of(${JSON.stringify({ ...this.table, camera: this.picture?.camera })}))`;
+  async give(title, text) {
+    const field = make("textarea", { value: text, readOnly: true, rows: Math.min(18, text.split("\n").length + 1), cols: 80, spellcheck: false, "aria-label": title });
+    const note = make("span", { className: "elvis-copied" });
+    const close = make("button", { type: "button", onclick: () => this.dialog.close() }, "close");
+    this.dialog.replaceChildren(field, make("div", { className: "elvis-buttons" }, close, note));
+    this.dialog.showModal();
+    field.select();
+    // browsers that refuse leave the text selected
+    const isCopied = await navigator.clipboard?.writeText(text).then(() => true, () => false);
+    note.textContent = isCopied ? "copied" : "ctrl c copies it";
   }
 }
 
@@ -784,8 +1723,8 @@ class Notebook {
     this.model.send(message);
   }
 
-  async file(suffix, viewer) {
-    const content = await viewer.ask("save", null, { suffix });
+  async file(suffix, how, viewer) {
+    const content = await viewer.ask("save", how, { suffix });
     return new Blob([content]);
   }
 
@@ -803,12 +1742,56 @@ function render({ model, el }) {
 
 export default { render };
 
+// ---------------------------------------------------------------- links: the view in the fragment of an address, which browsers keep to themselves
+
+const LONGEST_LINK = 4000;
+
+// the view, and all other keys that differ from those at the start, where they are short
+function fragmentOf(table, start) {
+  const values = { ...table, camera: table.camera ?? "fit" };
+  const names = new Set([...Object.keys(values), ...Object.keys(start)]);
+  const changed = [...names].filter((name) => JSON.stringify(values[name]) !== JSON.stringify(start[name]));
+  const write = (some) => String(new URLSearchParams(some.map((name) => [name, JSON.stringify(values[name] ?? null)])));
+  const all = write(["camera", ...changed.filter((name) => name !== "camera")]);
+  return all.length > LONGEST_LINK ? write(["camera"]) : all;
+}
+
+// changes of a table; what it lacks need not be taken away
+function changesOf(fragment, table) {
+  const found = [...new URLSearchParams(fragment)].map(([name, text]) => {
+    try {
+      return [name, JSON.parse(text)];
+    } catch (error) {
+      throw new Error(`The link cannot be read: expected JSON, found ${name}=${text.slice(0, 60)}`);
+    }
+  });
+  return Object.fromEntries(found.filter(([name, value]) => value !== null || name in table));
+}
+
 // ---------------------------------------------------------------- the page's own model: a socket that comes back
 
 class Socket {
   constructor() {
     this.token = new URLSearchParams(location.search).get("token") ?? "";
     this.delay = 250;
+    window.addEventListener("hashchange", () => this.restore(this.viewer));
+  }
+
+  link({ table, start }) {
+    return `${location.href.split("#")[0]}#${fragmentOf(table, start)}`;
+  }
+
+  // what the address says of the view, once; the server checks it as any change
+  restore(viewer) {
+    this.viewer = viewer;
+    const fragment = location.hash.slice(1);
+    if (!fragment) return;
+    history.replaceState(null, "", location.href.split("#")[0]);
+    try {
+      viewer.change(changesOf(fragment, viewer.table));
+    } catch (error) {
+      viewer.fail({ text: error.message });
+    }
   }
 
   address(path) {
@@ -817,8 +1800,11 @@ class Socket {
     return url.href;
   }
 
-  async file(suffix) {
-    const answer = await fetch(this.address(`save/elvis${suffix}`));
+  async file(suffix, { size, samples }) {
+    const asked = new URL(this.address(`save/elvis${suffix}`));
+    if (size) asked.searchParams.set("size", size.join("x"));
+    if (samples) asked.searchParams.set("samples", samples);
+    const answer = await fetch(asked);
     if (!answer.ok) throw new Error(await answer.text());
     return answer.blob();
   }
@@ -840,14 +1826,17 @@ class Socket {
       }
     };
     this.socket.onclose = () => {
-      this.handler({ type: "closed", text: "The connection is lost; the page tries again. Is elvis view still running?" });
+      this.handler({ type: "closed", until: "connection", text: "The connection is lost; the page tries again. Is elvis view still running?" });
       setTimeout(() => this.open(), this.delay);
       this.delay = Math.min(8000, 2 * this.delay);
     };
   }
 
+  // false where there is no connection
   send(message) {
-    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+    const isOpen = this.socket?.readyState === WebSocket.OPEN;
+    if (isOpen) this.socket.send(JSON.stringify(message));
+    return isOpen;
   }
 }
 

@@ -1,0 +1,52 @@
+"""What linear elements show of a dataset, one picture after another, next to exact ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.picturing import Kind
+from elvis.reference.baseline.linear_drawing import Baseline, affordable
+from elvis.reference.quantities import Quantities, names_of
+from elvis.reference.record import Record
+from elvis.reference.study import complete, memory_limit
+from elvis.scene.frame import Frame
+
+
+class LinearPictures:
+    """Pictures of linear meshes of a dataset, as `compare_scene` scores them; the last mesh is kept."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        """ElvisError for 1D data, which have no such pictures."""
+        if Kind.of(dataset) is Kind.LINE:
+            raise ElvisError("1D data are drawn as curves from points of their own: there are no linear pictures")
+        self._dataset = dataset
+        self._mesh: tuple[object, Baseline] | None = None
+
+    def draw(self, frame: Frame, level: int, limit: int | None = None) -> tuple[Record, int]:
+        """The linear picture of an exact frame's scene, camera and colour range, and how many simplices it shows.
+
+        level  cuts of each element
+        limit  bytes that the mesh may take while it is made and drawn; by default half of what is free
+
+        ElvisError for what linear meshes are not drawn of, and where the limit is too small; MissingPackageError
+        without embreex.
+        """
+        scene = complete(frame)
+        made = self._made(names_of(scene), level, scene.time, memory_limit() if limit is None else limit)
+        return made.draw(scene, frame.view, frame.range), made.counts["simplices"]
+
+    def _made(self, names: tuple[str, ...], level: int, time: float | None, limit: int) -> Baseline:
+        """The mesh with some quantities at its corners."""
+        key = names, level, time
+        if self._mesh is None or self._mesh[0] != key:
+            self._mesh = None
+            dataset = self._dataset if time is None else replace(self._dataset, time=time)
+            quantities = Quantities(dataset, names)
+            fits, needed = affordable(quantities.patches, level, len(names), limit)
+            if not fits:
+                refinements = f"{level} refinement{'s' * (level != 1)}"
+                raise ElvisError(f"linear elements of {refinements} need {needed / 1e9:.1f} GB, more than there are")
+            self._mesh = key, Baseline.of(dataset, quantities, level)
+        return self._mesh[1]

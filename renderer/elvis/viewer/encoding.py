@@ -1,0 +1,84 @@
+"""Pictures as files: exact ones as ``elvis render`` writes them, quick ones small."""
+
+from __future__ import annotations
+
+import tempfile
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from elvis.core.arrays import Floats
+    from elvis.scene.frame import Frame
+    from elvis.scene.page import Layout
+
+#: quality of pictures while something moves, of 100
+JPEG_QUALITY = 85
+#: colours of pixels by status, over the picture: ambiguous, failed
+PROOF_COLORS = {2: (255, 0, 200), 3: (255, 60, 0)}
+
+
+def file_of(frame: Frame, suffix: str) -> bytes:
+    """What `save` writes."""
+    with tempfile.TemporaryDirectory(prefix="elvis-") as folder:
+        path = Path(folder, f"picture{suffix}")
+        frame.save(path, plain=frame.scene.plain)
+        return path.read_bytes()
+
+
+def lossless(frame: Frame) -> tuple[bytes, Layout]:
+    """The PNG file that ``elvis render`` writes, and where things lie on it."""
+    from elvis.scene.figure import needs_figure, save_figure
+    from elvis.scene.saving import save_png
+
+    stream, scene = BytesIO(), frame.scene
+    if needs_figure(frame, ".png"):
+        layout = save_figure([frame], stream, ".png", plain=scene.plain)
+    else:
+        layout = save_png(frame, stream, plain=scene.plain)
+    return stream.getvalue(), layout
+
+
+def lossy(frame: Frame) -> tuple[bytes, Layout]:
+    """The image alone as JPEG."""
+    from PIL import Image
+
+    from elvis.scene.page import Layout
+
+    stream = BytesIO()
+    Image.fromarray(frame.rgb, "RGB").save(stream, "JPEG", quality=JPEG_QUALITY)
+    height, width = frame.element.shape
+    return stream.getvalue(), Layout((width, height), (0, 0))
+
+
+def png(color: Floats) -> bytes:
+    """The file of colours (h, w, 3) in [0, 1]."""
+    import numpy as np
+    from PIL import Image
+
+    from elvis.scene.frame import whole
+
+    stream = BytesIO()
+    Image.fromarray(whole(np.clip(color, 0.0, 1.0)), "RGB").save(stream, "PNG", compress_level=1)
+    return stream.getvalue()
+
+
+def with_proof(file: bytes, frame: Frame, corner: tuple[int, int]) -> bytes:
+    """The picture in grey, with what is not certain in colours."""
+    import numpy as np
+    from PIL import Image
+
+    with Image.open(BytesIO(file)) as image:
+        grey = np.asarray(image.convert("L").convert("RGB")).copy()
+    status = frame.line_status
+    rows = slice(corner[1], corner[1] + status.shape[0])
+    columns = slice(corner[0], corner[0] + status.shape[1])
+    part: NDArray[np.uint8] = grey[rows, columns]
+    for value, color in PROOF_COLORS.items():
+        part[status[: part.shape[0], : part.shape[1]] == value] = color
+    stream = BytesIO()
+    Image.fromarray(grey, "RGB").save(stream, "PNG")
+    return stream.getvalue()

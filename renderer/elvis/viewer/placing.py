@@ -1,0 +1,38 @@
+"""Where a page may have files written: under names in the folder of the data or below, once the viewer allows it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import check_inputs, check_place
+from elvis.scene.errors import SceneError
+from elvis.scene.files import SUFFIXES
+from elvis.scene.permissions import PICTURES, check_texts, fault_of
+
+
+class TakenError(ElvisError):
+    """A file of that name is there already, and that it is to go was not said."""
+
+
+def place_of(name: str, folder: Path, inputs: Iterable[Path], is_confirmed: bool) -> Path:
+    """The place of a file that a page wants to have written, in ``folder`` or below.
+
+    inputs  which it can't be, nor lie in
+    is_confirmed  whether it may take the place of another file; TakenError where it has to, else
+
+    Raises SceneError for names that lead elsewhere or are none of a picture, record or scene, ElvisError where it is
+    an input or nothing can be written.
+    """
+    check_texts({"name": name})
+    fault = fault_of(name, (*PICTURES, *SUFFIXES), folder)
+    if fault:
+        raise SceneError(f"expected {fault}, found {name!r:.200}")
+    place = folder / name
+    check_inputs([place], inputs, advice="name another file")
+    check_place(place)
+    if os.path.lexists(place) and not is_confirmed:
+        raise TakenError(f"{name}: there is such a file already")
+    return place

@@ -1,0 +1,84 @@
+"""How large and how exact drafts are, which are shown while something moves: so that they come in time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from elvis.scene import Scene, VolumeRendering
+
+#: parts of the full size each way that a picture may have
+PARTS = (1.0, 0.5, 0.25, 0.125, 0.0625)
+#: the part where nothing is known
+FIRST = 0.25
+#: seconds that a picture may take, and after which it is given up where it could be smaller
+GOAL, LATE = 1 / 30, 0.25
+#: seconds after which it is forgotten what a picture took, unless it was the last one
+AGE = 3.0
+#: error of a pixel's colour, by volumes
+ERROR = 0.03
+
+
+class Sizing:
+    """What the last pictures took; times are those of one clock, in seconds."""
+
+    def __init__(self) -> None:
+        #: by the part of the full size: what a draft took, and when it was there
+        self._drafts: dict[float, tuple[float, float]] = {}
+        self._whole: float | None = None
+
+    def note(self, part: float, seconds: float, now: float) -> None:
+        """A draft took so long, or was given up after it."""
+        fresh = {other: known for other, known in self._drafts.items() if now - known[1] < AGE}
+        self._drafts = {**fresh, part: (seconds, now)}
+
+    def note_whole(self, seconds: float) -> None:
+        """A whole picture took so long; drafts cost less, so that this counts until there is one."""
+        self._drafts, self._whole = {}, seconds
+
+    def part(self, now: float) -> float:
+        """The greatest part that is likely to be drawn in time, else the smallest one; no more than twice the last."""
+        last = max((when for _, when in self._drafts.values()), default=now)
+        known = {part: own for part, (own, when) in self._drafts.items() if now - when < AGE or when == last}
+        if not known and self._whole is None:
+            return FIRST
+        most = 2 * max(known, default=1.0)
+        known = known or {1.0: self._whole or 0.0}
+        fitting = [part for part in PARTS if part <= most and _expected(part, known) <= GOAL]
+        return max(fitting, default=PARTS[-1])
+
+    def is_late(self, part: float) -> bool:
+        """Whether a draft of this part is to be given up once it is late: where a smaller one can be had.
+
+        The first picture of all is not, as it compiles.
+        """
+        return part > PARTS[-1] and (bool(self._drafts) or self._whole is not None)
+
+
+def _expected(part: float, known: dict[float, float]) -> float:
+    """Seconds of a picture of some part: those that it took; else by the next larger one, as costs go with pixels.
+
+    Where only smaller ones are known, half of the costs are taken to be the same for all sizes.
+    """
+    larger = [other for other in known if other >= part]
+    if larger:
+        nearest = min(larger)
+        return known[nearest] * (part / nearest) ** 2
+    nearest = max(known)
+    return known[nearest] * part / nearest
+
+
+def draft_of(scene: Scene, part: float) -> Scene:
+    """The scene with fewer pixels, one sample for each, and volumes to a coarse tolerance.
+
+    A picture, as records alone need reference coordinates.
+    """
+    assert scene.size is not None
+    width, height = (max(16, round(part * side)) for side in scene.size)
+    objects = tuple(map(_coarse, scene.objects))
+    return replace(scene, size=(width, height), samples=1, outputs=("picture.png",), objects=objects)
+
+
+def _coarse(item: Any) -> Any:
+    """An object of a scene; a volume with a greater error."""
+    return replace(item, error=max(item.error, ERROR)) if isinstance(item, VolumeRendering) else item

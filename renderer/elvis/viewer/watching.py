@@ -1,0 +1,53 @@
+"""Whether the files that were read are still what they were."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+
+#: what is known of a file: when it was changed, bytes; None where there is none
+Stamp = tuple[int, int] | None
+
+
+class WatchedFiles:
+    """Files, and folders of files, that are compared with what they were when they were read."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._names = tuple(names)
+        self._known: dict[str, Stamp] = {}
+
+    def note(self) -> None:
+        """They are read now."""
+        self._known = self._stamps()
+
+    def sentence(self) -> str:
+        """What has changed since; empty where nothing has."""
+        now = self._stamps()
+        changed = [name for name, known in self._known.items() if now.get(name) != known]
+        if not changed:
+            return ""
+        how = "is gone" if now.get(changed[0]) is None else "has changed on disk"
+        return f"{changed[0]} {how}; the picture shows what was read before"
+
+    def _stamps(self) -> dict[str, Stamp]:
+        found = {}
+        for name in self._names:
+            for path in (name, *_content(name)):
+                found[path] = _stamp(path)
+        return found
+
+
+def _content(name: str) -> list[str]:
+    """The paths of what is in a folder; nothing where it is none."""
+    try:
+        return sorted(os.path.join(name, each) for each in os.listdir(name))
+    except OSError:
+        return []
+
+
+def _stamp(path: str) -> Stamp:
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size

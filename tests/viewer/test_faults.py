@@ -1,0 +1,256 @@
+"""What goes wrong around a viewer costs one sentence, and nothing else."""
+
+import asyncio
+import json
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from driving import finished
+
+from elvis.renderer.device_errors import DeviceError
+from elvis.scene import Scene
+from elvis.viewer import drawer, drawing_process, session
+from elvis.viewer.viewers import UNCONFIRMED
+from elvis.viewer.watching import WatchedFiles
+
+
+class Tab:
+    """A page without a browser: what it was sent; it confirms pictures where it ``answers``."""
+
+    def __init__(self, socket, answers=True):
+        self.socket, self.answers = socket, answers
+        self.pictures, self.states, self.sentences = [], [], []
+
+    async def listen(self):
+        async for message in self.socket:
+            if isinstance(message.data, bytes):
+                length = struct.unpack("<I", message.data[:4])[0]
+                self.pictures.append((json.loads(message.data[4 : 4 + length]), message.data[4 + length :]))
+                if self.answers:
+                    await self.socket.send_str('{"type": "shown"}')
+            else:
+                content = json.loads(message.data)
+                (self.sentences if content["type"] == "error" else self.states).append(content)
+
+    def has(self, revision):
+        return any(facts["final"] and facts["revision"] >= revision for facts, _ in self.pictures)
+
+
+def looking(viewer, work, count=1, silent=0):
+    """What becomes of ``work(tabs)``, by some tabs, the first of which are silent."""
+    import aiohttp
+
+    async def main():
+        async with aiohttp.ClientSession() as client:
+            token = viewer.server.token
+            sockets = [await client.ws_connect(f"{viewer.root}socket?token={token}") for _ in range(count)]
+            tabs = [Tab(socket, number >= silent) for number, socket in enumerate(sockets)]
+            listening = [asyncio.create_task(tab.listen()) for tab in tabs]
+            await asyncio.wait_for(work(tabs), 60)
+            for task in listening:
+                task.cancel()
+
+    finished(main())
+
+
+async def until(holds):
+    while not holds():
+        await asyncio.sleep(0.02)
+
+
+def test_two_pictures_at_most_are_on_their_way():
+    """While something moves, pictures are left out where there is no room; the last one at rest is kept for later."""
+
+    async def work():
+        sent, most = [], 0
+
+        async def send(message):
+            sent.append(message)
+
+        page = session.Viewer(send)
+        for number in range(1, 40):
+            await page.take(number, b"%d" % number, number % 10 == 0)
+            most = max(most, page.sent - page.confirmed)
+            if number % 5 == 0:
+                await page.confirm()
+                most = max(most, page.sent - page.confirmed)
+        while page.confirmed < page.sent:
+            await page.confirm()
+        await page.confirm()
+        assert page.sent == page.confirmed == len(sent)
+        return sent, most
+
+    sent, most = finished(work())
+    assert most == UNCONFIRMED
+    assert {b"10", b"20", b"30"} <= set(sent)
+    assert sent == sorted(sent, key=int)
+
+
+def test_ten_tabs_see_the_same(viewer):
+    """One of them confirms nothing, gets two pictures, and holds up none of the others."""
+
+    async def work(tabs):
+        for number, palette in enumerate(("magma", "plasma", "inferno", "viridis")):
+            change = {"type": "change", "changes": {"palette": palette}}
+            await tabs[number].socket.send_str(json.dumps(change))
+            wanted = number + 1
+            await until(lambda wanted=wanted: all(tab.has(wanted) for tab in tabs[1:]))
+        assert len({tab.pictures[-1][1] for tab in tabs[1:]}) == 1
+        assert len(tabs[0].pictures) == UNCONFIRMED
+        assert not any(tab.sentences for tab in tabs)
+        # it gets the last one as soon as it can
+        await tabs[0].socket.send_str('{"type": "shown"}')
+        await until(lambda: tabs[0].has(4))
+        assert tabs[0].pictures[-1][1] == tabs[1].pictures[-1][1]
+
+    looking(viewer, work, count=10, silent=1)
+
+
+def test_data_that_are_damaged_or_change_are_told_and_read_again(wave, start, tmp_path, monkeypatch):
+    monkeypatch.setattr(session, "WATCH", 0.1)
+    mesh = tmp_path / "mesh.xml"
+    whole = Path(wave[0]).read_bytes()
+    mesh.write_bytes(whole[: len(whole) // 2])
+    viewer = start(Scene("u", data=(str(mesh), wave[1]), size=(64, 64)))
+
+    async def work(tabs):
+        await until(lambda: tabs[0].sentences)
+        assert str(mesh) in tabs[0].sentences[-1]["text"]
+        mesh.write_bytes(whole)
+        await until(lambda: tabs[0].pictures)
+
+        await tabs[0].socket.send_str('{"type": "change", "changes": {"camera": "+x"}}')
+        await until(lambda: tabs[0].has(1))
+        mesh.write_bytes(whole + b"\n")
+        await until(lambda: tabs[0].states[-1]["stale"])
+        assert tabs[0].states[-1]["stale"] == f"{mesh} has changed on disk; the picture shows what was read before"
+        await tabs[0].socket.send_str('{"type": "read again"}')
+        await until(lambda: tabs[0].has(2))
+        assert tabs[0].states[-1]["stale"] == ""
+        assert tabs[0].states[-1]["table"]["camera"] == "+x"
+
+    looking(viewer, work)
+
+
+def test_files_that_change_or_go_are_told(tmp_path):
+    names = [tmp_path / "a.xml", tmp_path / "parts"]
+    names[1].mkdir()
+    inner = names[1] / "P0.xml"
+    for path in (names[0], inner):
+        path.write_text("1")
+    files = WatchedFiles(map(str, names))
+    files.note()
+    assert files.sentence() == ""
+    inner.write_text("12")
+    assert f"{inner} has changed on disk" in files.sentence() or f"{names[1]} has changed" in files.sentence()
+    files.note()
+    assert files.sentence() == ""
+    names[0].unlink()
+    assert f"{names[0]} is gone" in files.sentence()
+
+
+def test_a_picture_that_fails_ends_nothing(monkeypatch):
+    """Faults and devices that are lost for good come back as sentences; the next picture is drawn."""
+    faults = [ValueError("odd"), DeviceError("the device failed: ERROR_DEVICE_LOST"), MemoryError()]
+
+    def answer(name, number, content):
+        if faults:
+            raise faults.pop(0)
+        return content
+
+    monkeypatch.setattr(drawing_process, "_Drawing", lambda source, newest: SimpleNamespace(answer=answer))
+    asked, answers = iter([("draw", number, "a picture") for number in range(4)]), []
+
+    def receive():
+        try:
+            return next(asked)
+        except StopIteration:
+            raise EOFError from None
+
+    with pytest.raises(EOFError):
+        drawing_process._serve(SimpleNamespace(recv=receive, send=answers.append), None, None)
+    assert [kind for kind, _, _ in answers] == ["error", "error", "error", "draw"]
+    sentences = [text for _, _, text in answers]
+    assert sentences[0] == "unexpected ValueError: odd; this is a fault of the program"
+    assert sentences[1:] == [
+        "the device failed: ERROR_DEVICE_LOST",
+        "there is not enough memory for this picture",
+        "a picture",
+    ]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C of a terminal is another thing there")
+def test_the_end_is_quiet(wave):
+    """Ctrl-C, which all processes of a terminal get, as soon as the address is there; nothing is left behind."""
+    command = [sys.executable, "-m", "elvis", "view", *wave, "--no-browser"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
+    with subprocess.Popen(command, **pipes) as process:
+        told = ""
+        while "ends it" not in told:
+            told += process.stdout.readline()
+        os.killpg(process.pid, signal.SIGINT)
+        # the pipe ends with the last process that holds it
+        told += process.communicate(timeout=30)[0]
+    assert process.returncode == 0
+    assert re.fullmatch(r"http://localhost:\d+/\?token=\S+\nCtrl-C ends it\n", told)
+
+
+def test_missing_files_are_told_at_once():
+    from click.testing import CliRunner
+
+    from elvis.plugins.command import elvis
+
+    outcome = CliRunner().invoke(elvis, ["view", "none.xml", "--no-browser", "--idle", "0"], standalone_mode=False)
+    assert str(outcome.exception) == "none.xml: there is no such file"
+
+
+class _Silent:
+    """A pipe to a process that never answers, and the process: reading ends with it."""
+
+    def __init__(self):
+        self.ended, self.reading, self.closed_while_read = threading.Event(), threading.Event(), None
+        self.terminate = self.ended.set
+
+    def send(self, request):
+        pass
+
+    def recv(self):
+        self.reading.set()
+        self.ended.wait()
+        time.sleep(0.05)
+        self.reading.clear()
+        raise EOFError
+
+    def join(self, seconds):
+        self.ended.wait(seconds)
+
+    def is_alive(self):
+        return False
+
+    def close(self):
+        self.closed_while_read = self.reading.is_set()
+
+
+def test_a_pipe_is_closed_when_nobody_reads_it(monkeypatch):
+    silent = _Silent()
+    monkeypatch.setattr(drawer, "spawn", lambda: drawing_process.Process(silent, silent, SimpleNamespace(value=0)))
+
+    async def main():
+        shut = drawer.Drawer(drawing_process.Source(()))
+        asked = asyncio.create_task(shut.ask("picture"))
+        await asyncio.to_thread(silent.reading.wait)
+        shut.close()
+        with pytest.raises(drawer.DiedError):
+            await asked
+
+    finished(main())
+    assert silent.closed_while_read is False

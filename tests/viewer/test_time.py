@@ -1,0 +1,86 @@
+"""Series in the viewer: the slider, playing, values over time, a run that goes on."""
+
+import numpy as np
+import pytest
+from driving import canvas_place, picture, settled
+from test_page import as_rendered
+
+from elvis.formats import ElvisError
+from elvis.plugins.data import Reading
+from elvis.plugins.testing.steps import polynomial, steps_of
+from elvis.scene import Scene
+from elvis.viewer import moments
+from elvis.viewer.drawing_process import Source
+from elvis.viewer.moments import Moments
+
+TIMES = [0.0, 0.5, 1.2]
+
+
+@pytest.fixture
+def files(tmp_path):
+    return tuple(map(str, steps_of(tmp_path, TIMES, lambda p, t: polynomial(p, t, 1))))
+
+
+def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
+    viewer = start(Scene("u", data=files, size=(200, 160)))
+    context = browser.new_context(viewport={"width": 900, "height": 420}, bypass_csp=True)
+    page = context.new_page()
+    page.set_default_timeout(90_000)
+    faults = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto(viewer.address)
+    settled(page, viewer)
+    assert page.get_by_label("step", exact=True).input_value() == "2"
+
+    # any step and any time is what elvis render draws of it
+    page.get_by_label("step", exact=True).fill("1")
+    settled(page, viewer)
+    assert viewer.session.current.step == 1
+    assert picture(viewer) == as_rendered(viewer, tmp_path)
+    page.get_by_label("time", exact=True).fill("0.3")
+    page.get_by_label("time", exact=True).press("Enter")
+    settled(page, viewer)
+    assert (viewer.session.current.step, viewer.session.current.time) == (None, 0.3)
+    assert picture(viewer) == as_rendered(viewer, tmp_path)
+
+    page.get_by_role("button", name="one range").click()
+    settled(page, viewer)
+    assert np.allclose(viewer.session.current.range, (0.0, 2.2), rtol=0, atol=1e-9)
+    assert page.get_by_role("button", name="one range").get_attribute("aria-pressed") == "true"
+
+    page.get_by_label("steps a second").select_option("25 / s")
+    page.get_by_role("button", name="▶").click()
+    page.wait_for_function("() => elvis.timeBar.step === 2 && !elvis.timeBar.isPlaying")
+    settled(page, viewer)
+    assert viewer.session.current.step == 2
+
+    page.get_by_role("button", name="over time").click()
+    page.mouse.click(*canvas_place(page, 254, 98))
+    page.get_by_role("link", name="CSV").wait_for()
+    table = page.evaluate("async () => (await fetch(document.querySelector('dialog a').href)).text()").splitlines()
+    rows = np.array([line.split(",") for line in table[1:]], float)
+    assert table[0] == 'time,x,y,z,"u"'
+    assert rows[:, 0].tolist() == TIMES
+    wanted = [polynomial(row[None, 1:4], row[0], 1)[0] for row in rows]
+    assert np.allclose(rows[:, 4], wanted, rtol=0, atol=1e-12)
+    assert not faults
+    context.close()
+
+
+def test_a_run_is_followed_until_another_moment_is_asked_for(files, tmp_path, monkeypatch):
+    monkeypatch.setattr(moments, "SOON", 0.0)
+    last = tmp_path / "run_2.chk"
+    content = last.read_bytes()
+    last.unlink()
+    source = Source((str(tmp_path),), None, Reading(), is_live=True)
+    shown = Moments(source)
+    assert (shown.data.time, shown.times) == (0.5, TIMES[:2])
+    assert not shown.look()
+    last.write_bytes(content)
+    assert [shown.look() for _ in range(3)] == [False, True, False]
+    assert (shown.data.time, shown.times) == (1.2, TIMES)
+    found = shown.history("u+t", [0.2, 0.1, 0.0])
+    wanted = [polynomial(np.array([[0.2, 0.1]]), time, 1)[0] + time for time in TIMES]
+    assert np.allclose(found["values"], wanted, rtol=0, atol=1e-12)
+    with pytest.raises(ElvisError, match="waiting for files in"):
+        Moments(Source((str(tmp_path / "none"),), None, Reading(), is_live=True))
