@@ -73,23 +73,38 @@ def quantity_norm(dataset: Dataset, expression: Expression) -> Norm:
     The rule is that of the field with most modes in it, of the map where it has no field.
     ElvisError where no element of the domain has it.
     """
-    evaluator, total = Evaluator(dataset, [expression]), _Sum()
-    for patch in evaluator.patches:
-        expansions = [own for own in patch.fields if own is not None]
-        if len(expansions) < len(patch.fields):
-            continue
-        expansion = max(expansions, key=mode_count, default=patch.geometry)
-        rule = _Rule(field_cubature(expansion), patch.shape, expansion.homogeneous)
-        points = rule.points()
-        for batch in _batches(len(patch), len(points)):
-            rows = np.arange(len(patch))[batch]
-            places = np.tile(points, (len(rows), 1))
-            values = evaluator.values(expression, patch, np.repeat(rows, len(points)), places)
-            measure = _map_points(patch, rule, patch.geometry_coefficients[batch])[1]
-            total.add(values.reshape(len(rows), len(points)), measure)
+    total = _Sum()
+    for values, measure in integration_points(dataset, expression):
+        total.add(values, measure)
     if not total.count:
         raise ElvisError(f"expected elements of the domain under {expression.text}, found none")
     return total.norm()
+
+
+def integration_points(
+    dataset: Dataset, expression: Expression, most: float = np.inf
+) -> Iterator[tuple[Floats, Floats]]:
+    """Values and measures, both (elements, points), of an expression's quadrature, a batch of elements after the other.
+
+    most  where there are more points than this, only each n-th element of every patch is taken
+    """
+    evaluator = Evaluator(dataset, [expression])
+    rules = []
+    for patch in evaluator.patches:
+        expansions = [own for own in patch.fields if own is not None]
+        if len(expansions) == len(patch.fields):
+            expansion = max(expansions, key=mode_count, default=patch.geometry)
+            rules.append((patch, _Rule(field_cubature(expansion), patch.shape, expansion.homogeneous)))
+    every = max(1, int(np.ceil(sum(len(patch) * len(rule.points()) for patch, rule in rules) / most)))
+    for patch, rule in rules:
+        points = rule.points()
+        members = np.arange(0, len(patch), every)
+        for batch in _batches(len(members), len(points)):
+            rows = members[batch]
+            places = np.tile(points, (len(rows), 1))
+            values = evaluator.values(expression, patch, np.repeat(rows, len(points)), places)
+            measure = _map_points(patch, rule, patch.geometry_coefficients[rows])[1]
+            yield values.reshape(len(rows), len(points)), measure
 
 
 @dataclass

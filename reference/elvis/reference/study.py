@@ -159,7 +159,7 @@ def compare_scene(
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
     seconds = {"exact": perf_counter() - start}
-    exact, completed = Record.of(frame), _complete(frame)
+    exact, completed = Record.of(frame), complete(frame)
     names = names_of(completed)
     values = _contours(completed, exact, frame.range)
     quantities, allowed = Quantities(dataset, names), memory_limit() if limit is None else limit
@@ -291,7 +291,7 @@ def _renderer() -> Callable[..., Frame]:
     return cast(Callable[..., Frame], load("elvis.devices", "auto"))
 
 
-def _complete(frame: Frame) -> Scene:
+def complete(frame: Frame) -> Scene:
     """The scene with the camera, size and field that the frame was drawn with."""
     return replace(frame.scene, camera=frame.view.camera, size=(frame.view.width, frame.view.height))
 

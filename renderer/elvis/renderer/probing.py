@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.mapping.boxes import BoxTree
-from elvis.renderer.device import Buffer, Kernel
+from elvis.renderer.device import Kernel
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
@@ -56,8 +57,8 @@ class Finder:
             raise SceneError("there is no element to look in: none carries the field")
         self._loaded, self._parts, self._first = loaded, loaded.parts, loaded.first
         self._kernels = [loaded.device.kernel("locate", part) for part in self._parts]
-        self._trees = [BoxTree.build(part.boxes) for part in self._parts]
-        self._buffers = [self._upload(tree) for tree in self._trees]
+        self._trees = loaded.once("trees", lambda: [BoxTree.build(part.boxes) for part in self._parts])
+        self._buffers = loaded.once("trees on the device", lambda: [self._upload(tree) for tree in self._trees])
 
     def find(self, points: Floats) -> Places:
         """Places of world points (n, 3); those that rounding may have put outside of all elements are ambiguous."""

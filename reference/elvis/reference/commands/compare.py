@@ -147,7 +147,10 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         raise SceneError("linear meshes are made of the native format only: leave the plugin out")
     if output is not None:
         scene_text(scene, output / "scene.toml")
-    dataset = dataset_of(tuple(map(Path, scene.data)), Reading(None, pairs(scene.reader), not no_cache))
+    if scene.range == "series":
+        raise SceneError("range: series is for films: expected seen, all or two values")
+    reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment)
+    dataset = dataset_of(tuple(map(Path, scene.data)), reading)
     for remark in dataset.remarks:
         note(remark)
     with stage("comparing"):

@@ -42,7 +42,7 @@ def against_refinement(study: Study) -> str:
         axes.set_xticks([rival.level for rival in drawn])
         axes.set_xlabel("refinements of every element")
 
-    return _plot(draw)
+    return plot(draw)
 
 
 def against_memory(study: Study) -> str:
@@ -54,7 +54,7 @@ def against_memory(study: Study) -> str:
         _exact(axes, study.stored / 1e6, f"exact: {size(study.stored)}")
         axes.set_xlabel("memory, MB")
 
-    return _plot(draw)
+    return plot(draw)
 
 
 def against_time(study: Study) -> str:
@@ -67,7 +67,7 @@ def against_time(study: Study) -> str:
         _exact(axes, seconds, f"exact: {seconds:.2g} s")
         axes.set_xlabel("time, seconds")
 
-    return _plot(draw)
+    return plot(draw)
 
 
 def _curves(axes: Any, rivals: Sequence[Rival], places: Sequence[float]) -> None:
@@ -107,7 +107,7 @@ def _exact(axes: Any, place: float, word: str) -> None:
                       textcoords="offset points", rotation=90, fontsize=8)  # fmt: skip
 
 
-def _plot(draw: Callable[[Any], None]) -> str:
+def plot(draw: Callable[[Any], None]) -> str:
     """The SVG text of one plot; the same bytes for the same numbers."""
     matplotlib, figures = comparison_module("matplotlib"), comparison_module("matplotlib.figure")
     with matplotlib.rc_context(_STYLE):

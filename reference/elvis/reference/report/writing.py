@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,18 +37,25 @@ def write_report(
 
     Raises ElvisError as `check_folder` does.  Until all is written the earlier report stands.
     """
+    with report_folder(folder, inputs, overwrite) as temporary:
+        text, files = page(study, _scene(study, temporary, folder))
+        put(temporary / "index.html", text)
+        for name, content in files.items():
+            put(temporary / name, content)
+        _put_meshes(study, temporary / "meshes", formats)
+        put(temporary / "summary.json", json_text(summary(study)))
+        put(temporary / "times.json", json_text(times(study)))
+
+
+@contextmanager
+def report_folder(folder: Path, inputs: Iterable[Path], overwrite: bool) -> Iterator[Path]:
+    """A folder to be filled, which takes its place once it is whole; ElvisError as `check_folder` raises it."""
     read = tuple(inputs)
     check_folder(folder, read, overwrite)
     with Outputs() as outputs, outputs.folder(folder) as temporary:
-        text, files = page(study, _scene(study, temporary, folder))
-        _put(temporary / "index.html", text)
-        for name, content in files.items():
-            _put(temporary / name, content)
-        _put_meshes(study, temporary / "meshes", formats)
-        _put(temporary / "summary.json", _json(summary(study)))
-        _put(temporary / "times.json", _json(times(study)))
+        yield temporary
         own = sorted([*_files_in(temporary), MARK])
-        _put(temporary / MARK, _json({"kind": KIND, "version": VERSION, "files": own}))
+        put(temporary / MARK, json_text({"kind": KIND, "version": VERSION, "files": own}))
 
         # something may have come into the folder while this one was made
         check_folder(folder, read, overwrite)
@@ -111,7 +119,7 @@ def _scene(study: Study, folder: Path, final: Path) -> str:
     if study.scene is None:
         return ""
     text = scene_text(study.scene, Path(os.path.realpath(final)) / "scene.toml")
-    _put(folder / "scene.toml", text)
+    put(folder / "scene.toml", text)
     return text
 
 
@@ -125,7 +133,7 @@ def _put_meshes(study: Study, folder: Path, formats: Sequence[str]) -> None:
                 save_mesh(mesh, folder / f"{name}.{suffix}")
 
 
-def _put(path: Path, content: Any) -> None:
+def put(path: Path, content: Any) -> None:
     """A picture, a text or bytes."""
     path.parent.mkdir(exist_ok=True)
     if isinstance(content, np.ndarray):
@@ -135,7 +143,8 @@ def _put(path: Path, content: Any) -> None:
         path.write_bytes(content.encode(errors="replace"))
 
 
-def _json(value: Any) -> str:
+def json_text(value: Any) -> str:
+    """The structure as JSON, what `plain` makes of it."""
     return json.dumps(plain(value), indent=2, allow_nan=False) + "\n"
 
 

@@ -16,6 +16,7 @@ from elvis.core.arguments import (
     field_option,
     overwrite_option,
     texts_of,
+    times_option,
     triples,
 )
 from elvis.core.errors import ElvisError
@@ -65,6 +66,8 @@ Examples:
   elvis probe wing.xml wing.fld --point 0.5,0,0.1 --field p
   elvis probe wing.xml wing.fld --points sensors.csv --all
   elvis probe wing.xml wing.fld --grid 128,128,64 --box 0,0,0:1,1,0.5 --fields p -o pressure.nrrd
+  elvis probe wing.xml wing.fld --along normal:wing:0.5,0,0.2:0.05 --fields u --plot layer.png
+  elvis probe wing.xml wing_*.chk --point 0.5,0,0.1 --times all -o signal.csv --plot signal.svg
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
 """
 
@@ -81,6 +84,12 @@ Examples:
 )
 @click.option("--line", metavar="P:Q", type=_PAIR, help="Points from P to Q, as 0,0,0:1,0,0.")
 @click.option(
+    "--along",
+    metavar="CURVE",
+    help="Points at even steps of a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, or "
+    "normal:BOUNDARY:POINT:LENGTH, from the place of a boundary that is nearest to a point, towards it.",
+)
+@click.option(
     "--plane",
     metavar="P:U:V",
     type=TextType(partial(triples, count=3)),
@@ -96,11 +105,17 @@ Examples:
 @click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
 @field_option
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
+@times_option
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
     help="File to write, .csv or .npz, of a grid .nrrd.  [default: CSV on standard output]",
+)
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    help="Draw the values over --times or --along, .png, .svg or .pdf; the table is left out where -o names none.",
 )
 @overwrite_option
 @data_options
@@ -109,6 +124,7 @@ def probe(
     points: str | None,
     single: tuple[tuple[Triple], ...],
     line: tuple[Triple, Triple] | None,
+    along: str | None,
     plane: tuple[Triple, Triple, Triple] | None,
     grid: tuple[int, int, int] | None,
     box: tuple[Triple, Triple] | None,
@@ -116,7 +132,9 @@ def probe(
     fields: str | None,
     quantities: tuple[str, ...],
     every: bool,
+    times: tuple[float, float, int] | str | None,
     output: Path | None,
+    plot: Path | None,
     overwrite: bool,
 ) -> None:
     """Evaluate fields exactly at points: the solver's own polynomials on the element that holds the point.
@@ -124,36 +142,92 @@ def probe(
     Columns are point (row of the input), x, y, z, element, status, then one a field. Outside the domain element is -1
     and fields are nan; status is 0 outside, 1 inside, 3 where the search failed. Where a field jumps between elements,
     --all shows the value of each. A grid's values alone are written, of one field or the components of a vector.
+    With --times the first column is the time, and all points follow for each; with --along it is the length of the
+    curve up to the point; --plot draws them.
     """
     from elvis.core.files.columns import csv_lines, write_columns
     from elvis.core.terminal import visible
 
-    if output is not None:
-        _check_output(output, (grid or box) is not None, data.inputs(points), overwrite)
+    _check_outputs(output, plot, (grid or box) is not None, data.inputs(points), overwrite)
+    if plot is not None and ((times is None) == (along is None) or every):
+        raise click.UsageError(
+            "expected --plot with --times or --along, and without --all", click.get_current_context()
+        )
     if grid is not None or box is not None:
-        others = [way for way in (points, single or None, line, plane, counts) if way is not None]
+        others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
         _write_grid(data, texts_of(fields, quantities), grid, box, output, alone=not others and not every)
         return
-    places = _places(points, single, line, plane, counts)
-    columns = _columns(data.source(), places, texts_of(fields, quantities), every)
+    texts = texts_of(fields, quantities)
+    if along is not None:
+        if any(way is not None for way in (points, single or None, line, plane, times)):
+            raise click.UsageError("expected --along without other points and --times", click.get_current_context())
+        places, columns = _along(data.source(), along, counts, texts, every)
+    else:
+        places = _places(points, single, line, plane, counts)
+        columns = _at(times, data, places, texts, every) if times else _columns(data.source(), places, texts, every)
+    if plot is not None:
+        _plot(plot, columns, places)
     if output is not None:
         write_columns(output, columns)
-    else:
+    elif plot is None:
         lines = csv_lines(columns)
         sys.stdout.writelines(map(visible, lines) if sys.stdout.isatty() else lines)
     _tell(columns)
 
 
-def _check_output(output: Path, is_grid: bool, read: list[Path], overwrite: bool) -> None:
-    """ElvisError where the file can't be written, before any long work."""
+def _along(
+    source: Source, name: str, counts: tuple[int, ...] | None, texts: list[str] | None, every: bool
+) -> tuple[Floats, Columns]:
+    """Points (n, 3) of a curve, and the table there with a column of lengths."""
+    from elvis.core.integrals.curves import KINDS, Curve
+
+    if source.dataset is None:
+        raise ElvisError(f"--along: expected data of a known map, found what a plugin opens; {name} may be a --line")
+    if counts and len(counts) > 1:
+        raise click.BadParameter(
+            "expected one number of points along a curve", click.get_current_context(), param_hint="'-n'"
+        )
+    curve = Curve.parse(source.dataset, name)
+    if curve is None:
+        raise ElvisError(f"--along: expected a curve, one of {', '.join(KINDS)}, such as line:0,0:1,0, found {name!r}")
+    places, lengths = curve.evenly(counts[0] if counts else _ALONG)
+    found = _columns(source, places, texts, every)
+    return places, {"length": lengths[found["point"]], **found}
+
+
+def _check_outputs(output: Path | None, plot: Path | None, is_grid: bool, read: list[Path], overwrite: bool) -> None:
+    """ElvisError where the files can't be written, before any long work."""
     from elvis.core.files.columns import check_suffix
     from elvis.core.files.output import check_places
 
-    if not is_grid:
+    if output is not None and not is_grid:
         check_suffix(output)
-    elif output.suffix.lower() != ".nrrd":
+    elif output is not None and output.suffix.lower() != ".nrrd":
         raise ElvisError(f"{output}: expected a name that ends in .nrrd for a grid, found {output.suffix or 'none'}")
-    check_places([output], read, overwrite)
+    if plot is not None:
+        from elvis.scene.time_plot import check_plot
+
+        check_plot(plot)
+    check_places([path for path in (output, plot) if path is not None], read, overwrite)
+
+
+def _plot(path: Path, columns: Columns, places: Floats) -> None:
+    """Draw what was found at places (n, 3) over the times, or over the length of a curve."""
+    import numpy as np
+
+    from elvis.scene.time_plot import Plot
+
+    known = {name: np.asarray(column, np.float64) for name, column in columns.items() if name not in _COLUMNS}
+    if "length" in columns:
+        lengths = known.pop("length")
+        Plot(lengths, [""], {name: column[None] for name, column in known.items()}, "length").save(path)
+        return
+    curves = {name: column.reshape(-1, len(places)).T for name, column in known.items()}
+    times = curves.pop("time")[0]
+    names = ["at " + ", ".join(f"{x:g}" for x in place) for place in places.tolist()]
+    is_outside = columns["element"].reshape(-1, len(places))[0] < 0
+    names = [f"{name}: outside" if out else name for name, out in zip(names, is_outside, strict=True)]
+    Plot(times, names, curves).save(path)
 
 
 def _places(
@@ -191,7 +265,30 @@ def _columns(source: Source, places: Floats, texts: list[str] | None, every: boo
 
     wanted = _check(source.expressions(texts))
     with stage(f"probing {len(places)} points"):
-        return source.probe(places, wanted, every)
+        found = source.probe(places, wanted, every)
+    for each in wanted:
+        _tell_beyond(each, found)
+    return found
+
+
+def _at(
+    times: tuple[float, float, int] | str, data: Data, places: Floats, texts: list[str] | None, every: bool
+) -> Columns:
+    """The table at one time after another, with a column of times."""
+    import numpy as np
+
+    from elvis.core.terminal import track
+
+    series, moments = data.moments(times)
+    parts: list[Columns] = []
+    for time in track(moments.tolist(), f"probing {len(places)} points"):
+        source = data.beside_others(series.at(time, data.between), is_quiet=True)
+        wanted = _check(source.expressions(texts))
+        texts = [each.text for each in wanted]
+        found = source.probe(places, wanted, every)
+        parts.append({"time": np.full(len(found["point"]), time), **found})
+    data.tell_of(series, moments, any(each.has_rates for each in wanted))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _write_grid(
@@ -247,6 +344,22 @@ def _check(wanted: Sequence[Expression]) -> Sequence[Expression]:
         if each.text in _COLUMNS:
             raise ElvisError(f"the field {each.text!r} has the name of a column; choose the others with --fields")
     return wanted
+
+
+def _tell_beyond(quantity: Expression, columns: Columns) -> None:
+    """Say at how many points another dataset, which a quantity names, has nothing."""
+    import numpy as np
+
+    from elvis.core.mapping.inverse import Status
+    from elvis.core.quantities.tree import other_of
+    from elvis.core.terminal import warn
+
+    if any(map(other_of, quantity.attributes)):
+        inside = columns["status"] == Status.INSIDE
+        beyond = int(np.isnan(columns[quantity.text][inside]).sum())
+        if beyond:
+            some = f"{beyond} of {int(inside.sum())} points inside"
+            warn(f"{quantity.text} has no value at {some}: the other data end there")
 
 
 def _tell(columns: Columns) -> None:

@@ -1,0 +1,292 @@
+"""Norms of the difference of the fields that two solutions share, with stated errors.
+
+On one mesh the difference is a polynomial in every element: squares are integrated exactly, and its greatest magnitude
+is found by branch and bound.  On two meshes the second solution is located at every point of quadrature on the first
+one's elements, which are halved where its borders make kinks, until the error asked for holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any, overload
+
+import numpy as np
+
+from elvis.core.dataset import Dataset
+from elvis.core.differences.greatest import greatest_at_points, greatest_of_fields
+from elvis.core.differences.pairing import are_on_one_mesh, common_fields, paired, theirs
+from elvis.core.errors import ElvisError
+from elvis.core.extrema import Extreme
+from elvis.core.files.columns import Columns
+from elvis.core.hints import perhaps
+from elvis.core.integrals.reference_cells import whole_elements
+from elvis.core.integrals.refinement import Summation, Sums
+from elvis.core.norms import integration_points
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.tree import Node, call, field, number, world_derivative
+
+#: error of squares of norms that is asked for, in parts of them, points of a first estimate, and points at which
+#: rules are compared at most
+ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
+_EPS = float(np.finfo(np.float64).eps)
+#: rounding of a value, in parts of what it is added up from
+_ROUNDING = 16 * _EPS
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Norms of the difference of one field, over the part of the first dataset that the second covers.
+
+    l1, l2     integral of the magnitude; root of the integral of the square
+    h1         root of the integral of the square and of the squared gradient
+    linf       greatest magnitude that was found
+    bound      which the magnitude doesn't exceed anywhere, proved; NaN where the meshes differ
+    where      (x, y, z) of ``linf``
+    element    id of the element of the first dataset there
+    relative   ``l2`` in parts of the norm of the second dataset's field
+    covered    part of the first dataset's volume (area, length) that the second covers, 0 to 1
+    l1_error, l2_error, h1_error  by which these may differ from the truth
+    """
+
+    field: str
+    l1: float
+    l2: float
+    h1: float
+    linf: float
+    bound: float
+    where: tuple[float, float, float]
+    element: int
+    relative: float
+    covered: float
+    l1_error: float
+    l2_error: float
+    h1_error: float
+
+    def facts(self) -> dict[str, Any]:
+        """Plain data, by the names of the contract; None for a bound that is not known."""
+        return {
+            "L1": self.l1,
+            "L2": self.l2,
+            "H1": self.h1,
+            "Linf": self.linf,
+            "Linf_bound": self.bound if np.isfinite(self.bound) else None,
+            "where": list(self.where),
+            "element": self.element,
+            "relative": self.relative,
+            "covered": self.covered,
+            "L1_error": self.l1_error,
+            "L2_error": self.l2_error,
+            "H1_error": self.h1_error,
+        }
+
+
+class Differences(Sequence[Difference]):
+    """The differences of fields of two datasets.
+
+    is_same_mesh  whether they were taken by coefficients, exactly
+    remarks       sentences on them
+    elements      of the first dataset, and ``size``, the mean length of their edges: the root of their mean measure
+    """
+
+    def __init__(
+        self, rows: Sequence[Difference], is_same_mesh: bool, remarks: Sequence[str], elements: int, size: float
+    ) -> None:
+        self._rows, self.is_same_mesh, self.remarks = tuple(rows), is_same_mesh, tuple(remarks)
+        self.elements, self.size = elements, size
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, which: int) -> Difference: ...
+    @overload
+    def __getitem__(self, which: slice) -> Sequence[Difference]: ...
+    def __getitem__(self, which: int | slice) -> Difference | Sequence[Difference]:
+        return self._rows[which]
+
+    def of(self, name: str) -> Difference:
+        """That of a field; KeyError where it was not asked for."""
+        for row in self:
+            if row.field == name:
+                return row
+        names = [row.field for row in self]
+        raise KeyError(f"there is no difference of {name!r}{perhaps(name, names)}; there are {', '.join(names)}")
+
+    def facts(self) -> dict[str, Any]:
+        """Plain data by the names of the fields."""
+        return {row.field: row.facts() for row in self}
+
+    def columns(self) -> Columns:
+        """A column of each fact, for files."""
+        facts = [{"field": row.field, **row.facts()} for row in self]
+        for row, own in zip(self, facts, strict=True):
+            own["Linf_bound"] = row.bound
+            own |= dict(zip("xyz", own.pop("where"), strict=True))
+        return {name: np.array([own[name] for own in facts]) for name in facts[0]} if facts else {}
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """The cells of a table, under `HEADERS`."""
+        return [
+            (
+                row.field,
+                *(f"{value:.6g}" for value in (row.l1, row.l2, row.h1, row.linf)),
+                f"{row.bound:.6g}" if np.isfinite(row.bound) else "-",
+                " ".join(f"{x:.5g}" for x in row.where),
+                f"{row.relative:.3g}",
+                f"{row.covered:.6g}",
+            )
+            for row in self
+        ]
+
+    def __repr__(self) -> str:
+        rows = [HEADERS, *self.cells()]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(HEADERS))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+        return "\n".join(line.rstrip() for line in lines)
+
+
+#: of the columns of a table
+HEADERS = ("field", "L1", "L2", "H1", "Linf", "at most", "where", "relative", "covered")
+
+
+def diff(
+    first: Dataset, second: Dataset, fields: str | Sequence[str] | None = None, error: float = ERROR
+) -> Differences:
+    """Norms of the differences of fields that two datasets share, over the elements of the first.
+
+    fields  names; None for all that both have
+    error   asked for where the meshes differ, of squares of norms, in parts of them
+    ElvisError where they share no field, or none of a name.
+    """
+    names = _chosen(first, second, fields)
+    if not 0 < error < 1:
+        raise ElvisError(f"expected an error between 0 and 1, found {error:g}")
+    is_same_mesh = are_on_one_mesh(first, second)
+    both = paired(first, second, is_same_mesh)
+    found = [_Compared(both, name, is_same_mesh, error) for name in names]
+    rows = [own.difference() for own in found]
+    elements = sum(len(patch) for patch in found[0].evaluator.patches)
+    dimension = max(patch.dimension for patch in found[0].evaluator.patches)
+    size = (found[0].measure / max(elements, 1)) ** (1 / dimension)
+    return Differences(rows, is_same_mesh, list(_remarks(rows, is_same_mesh)), elements, size)
+
+
+def _chosen(first: Dataset, second: Dataset, fields: str | Sequence[str] | None) -> list[str]:
+    known = common_fields(first, second)
+    if not known:
+        ours, others = (", ".join(one.name for one in dataset.solution) or "none" for dataset in (first, second))
+        raise ElvisError(f"expected fields of the same names in both datasets, found {ours} and {others}")
+    names = known if fields is None else [fields] if isinstance(fields, str) else list(fields)
+    for name in names:
+        if name not in known:
+            both = f"expected a field that both datasets have ({', '.join(known)})"
+            raise ElvisError(f"{both}, found {name!r}{perhaps(name, known)}")
+    return names
+
+
+def _remarks(rows: Sequence[Difference], is_same_mesh: bool) -> Iterator[str]:
+    for row in rows:
+        if row.covered < 1 - 1e-12:
+            part = 1 - row.covered
+            yield f"{row.field}: the second dataset has nothing on {part:.3g} of the first, which is left out"
+    if not is_same_mesh:
+        yield "the meshes differ: Linf is the greatest difference at points, no bound of it is proved"
+
+
+class _Compared:
+    """One field of two solutions in a dataset that holds both."""
+
+    def __init__(self, both: Dataset, name: str, is_same_mesh: bool, error: float) -> None:
+        self._both, self._name, self._is_same_mesh, self._error = both, name, is_same_mesh, error
+        own, other = field(name), theirs(name, is_same_mesh)
+        self._difference = call("-", own, other)
+        axes = range(Names.of(both).dimension)
+        slopes = [world_derivative(self._difference, axis) for axis in axes]
+        roots = {
+            "l1": call("abs", self._difference),
+            "l2": _square(self._difference),
+            "slope": _total([_square(slope) for slope in slopes]),
+            "norm": _square(other),
+            "covered": call("+", number(1.0), call("-", other, other)),
+            "whole": number(1.0),
+            "value": self._difference,
+        }
+        self._expressions = {key: Expression(key, root) for key, root in roots.items()}
+        self.evaluator = Evaluator(both, list(self._expressions.values()))
+        self._sums = self._summed(slopes)
+
+    def difference(self) -> Difference:
+        """All norms."""
+        sums, size = self._sums, np.sqrt(self._sums.value[3])
+        l1, squares, slopes = sums.value[:3]
+        noise = _ROUNDING * size
+        greatest = self._greatest()
+        return Difference(
+            field=self._name,
+            l1=float(l1),
+            l2=float(np.sqrt(squares)),
+            h1=float(np.sqrt(squares + slopes)),
+            linf=greatest.value,
+            bound=greatest.bound,
+            where=greatest.place,
+            element=greatest.element,
+            relative=float(np.sqrt(squares) / size) if size > 0 else np.nan,
+            covered=float(sums.measure[4] / sums.measure[5]),
+            l1_error=float(sums.error[0] + noise * np.sqrt(sums.measure[4])),
+            l2_error=float(_of_root(squares, sums.error[1]) + noise),
+            h1_error=float(_of_root(squares + slopes, sums.error[1] + sums.error[2]) + noise),
+        )
+
+    @property
+    def measure(self) -> float:
+        """Of the elements of the first dataset that have the field."""
+        return float(self._sums.measure[5])
+
+    def _greatest(self) -> Extreme:
+        """The greatest magnitude of the difference."""
+        found = None
+        if self._is_same_mesh:
+            found = greatest_of_fields(self._both, *Expression("", self._difference).fields)
+        return found or greatest_at_points(self.evaluator, self._expressions["value"])
+
+    def _summed(self, slopes: Sequence[Node]) -> Sums:
+        """The integrals of all expressions.
+
+        Squares of differences are rounded in parts of the difference, whose size a few points tell.
+        """
+        own = [world_derivative(field(self._name), axis) for axis in range(len(slopes))]
+        values = self._share(self._difference, field(self._name))
+        gradients = self._share(*(_total([call("abs", slope) for slope in each]) for each in (slopes, own)))
+        precision = [1.0, values, gradients, 1.0, 1.0, 1.0]
+        expressions = list(self._expressions.values())[: len(precision)]
+        summation = Summation(self._both, self.evaluator, expressions, self._error, precision, _MOST)
+        number = self.evaluator.names.index(self._name)
+        held = [patch for patch in self.evaluator.patches if patch.fields[number] is not None]
+        return summation.over(list(whole_elements(tuple(held))))
+
+    def _share(self, root: Node, of: Node) -> float:
+        """How large an expression is in parts of another, by some points: from rounding to 1."""
+        value, size = (self._largest(node) for node in (root, of))
+        return float(np.clip(value / size if size > 0 else 1.0, _EPS, 1.0))
+
+    def _largest(self, root: Node) -> float:
+        """The greatest finite magnitude of an expression at some points."""
+        parts = integration_points(self._both, Expression("", root), _POINTS)
+        finite = (np.abs(values[np.isfinite(values)]) for values, _ in parts)
+        return max((float(values.max(initial=0.0)) for values in finite), default=0.0)
+
+
+def _of_root(square: float, error: float) -> float:
+    """By how much the root may be off where the square is by an error."""
+    return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0)))
+
+
+def _square(root: Node) -> Node:
+    return call("^", root, number(2.0))
+
+
+def _total(terms: Sequence[Node]) -> Node:
+    return reduce(lambda total, term: call("+", total, term), terms)

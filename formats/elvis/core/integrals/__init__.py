@@ -1,0 +1,19 @@
+"""Integrals over elements, boundaries and surfaces: exact for polynomials on curved elements, else with a stated error.
+
+reference_cells  elements and their sides as pieces of reference elements: points, measures, what is constant on them
+degrees          of what polynomial an integrand is, with the map's derivatives
+refinement       sums over the pieces: one rule where that is exact, else rules that are compared, and halved boxes
+levels_of_elements  planes and isosurfaces in elements; level_boxes, graphs, subcells: rules on them
+touching         where surfaces lie so near sides of elements that rounding decides between these
+targets          what is integrated over, from its name
+integrands       what is integrated, from its text: forces, fluxes, averages
+curves           lines, circles, splines, normals of walls; along_curves: rules on them, halved at borders
+coefficients     of drag, lift and moment
+integration      all of it in one call
+"""
+
+from __future__ import annotations
+
+from elvis.core.integrals.integration import ERROR, Integral, Integrals, integrate
+
+__all__ = ["ERROR", "Integral", "Integrals", "integrate"]

@@ -1,0 +1,141 @@
+"""Integrals along curves through elements, which are located at every point of Gauss rules.
+
+Borders of elements make kinks and jumps at places that are not known; intervals on which rules differ are halved until
+all differences together are less than the error asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.integrals.curves import Curve
+from elvis.core.mapping.inverse import Status
+from elvis.core.mapping.locate import Locator
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.patch import Patch
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+
+#: Gauss points of the rules that are compared, halvings, and intervals in each part of a curve at first
+_COUNTS, _DEPTH, _FIRST = (7, 8, 10), 40, 16
+#: how much more than differences the error is, and rounding in parts of the sum of magnitudes
+_SAFETY, _ROUNDING = 2.0, 64 * float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class CurvePiece:
+    """A curve through the elements of some patches."""
+
+    curve: Curve
+    patches: tuple[Patch, ...]
+
+    def __len__(self) -> int:
+        return 1
+
+    @property
+    def patch(self) -> Patch:
+        """One of those that it may go through."""
+        return self.patches[0]
+
+    @property
+    def has_normals(self) -> bool:
+        """Never."""
+        return False
+
+    @property
+    def dimension(self) -> int:
+        """1."""
+        return 1
+
+
+@dataclass(frozen=True, eq=False)
+class AlongCurve:
+    """Integrals of k expressions along a curve.
+
+    value, error, rounding, magnitude  (k,)
+    measure                            (k,) length where there are values
+    beyond                             (k,) length where there are none: outside of elements, or at poles
+    place                              (3,) such a place, None where there is none
+    """
+
+    value: Floats
+    error: Floats
+    rounding: Floats
+    magnitude: Floats
+    measure: Floats
+    beyond: Floats
+    place: Floats | None
+
+
+class _Values:
+    """Expressions at points of a curve."""
+
+    def __init__(self, piece: CurvePiece, evaluator: Evaluator, expressions: Sequence[Expression]) -> None:
+        self._piece, self._evaluator, self._expressions = piece, evaluator, expressions
+        self._locator = Locator(piece.patches)
+        self.place: Floats | None = None
+
+    def integrals(self, low: Floats, high: Floats, count: int) -> Floats:
+        """(4, n, k) over intervals (n,): values, magnitudes, lengths with and without values."""
+        nodes, weights = gauss(count)
+        t = low[:, None] + (high - low)[:, None] * (1 + nodes) / 2
+        points, tangents = self._piece.curve.at(t.reshape(-1))
+        lengths = np.linalg.norm(tangents, axis=1).reshape(t.shape) * weights * (high - low)[:, None] / 2
+        values = self._at(points).reshape(*t.shape, -1)
+        is_known = np.isfinite(values)
+        if not is_known.all() and self.place is None:
+            self.place = points[np.flatnonzero(~is_known.all(axis=2).reshape(-1))[0]]
+        terms = np.where(is_known, values, 0.0) * lengths[..., None]
+        parts = (terms, np.abs(terms), is_known * lengths[..., None], ~is_known * lengths[..., None])
+        return np.stack([part.sum(axis=1) for part in parts])
+
+    def _at(self, points: Floats) -> Floats:
+        """(n, k) values, NaN where there are none."""
+        location, found = self._locator.locate(points), np.full((len(points), len(self._expressions)), np.nan)
+        for number, patch in enumerate(self._piece.patches):
+            here = np.flatnonzero((location.status == Status.INSIDE) & (location.patch == number))
+            rows, reference = location.row[here], location.reference[here, : patch.dimension]
+            for column, each in enumerate(self._expressions):
+                found[here, column] = self._evaluator.values(each, patch, rows, reference)
+        return found
+
+
+def along_curve(piece: CurvePiece, evaluator: Evaluator, expressions: Sequence[Expression], error: float) -> AlongCurve:
+    """The integrals of expressions; ``error`` asked for in parts of the integrals of magnitudes."""
+    values = _Values(piece, evaluator, expressions)
+    ends = np.linspace(0.0, piece.curve.parts, piece.curve.parts * _FIRST + 1)
+    low, high = ends[:-1], ends[1:]
+    total, (left, ending) = np.zeros((4, len(expressions))), np.zeros((2, len(expressions)))
+    for depth in range(_DEPTH):
+        *lesser, best = (values.integrals(low, high, count) for count in _COUNTS)
+        off = _SAFETY * np.max([np.abs(best - own) for own in lesser], axis=0)
+        off = np.maximum(off[0], off[2] * _slope(best))
+        goals = error * (total[1] + best[1].sum(axis=0)) / (4 * _FIRST)
+        is_done = (off <= np.maximum(goals, _ROUNDING * (best[1] + _slope(best) * best[2]))).all(axis=1)
+        is_done |= depth == _DEPTH - 1
+        total += best[:, is_done].sum(axis=1)
+        left += off[is_done].sum(axis=0)
+        is_end = (best[2] > 0) & (best[3] > 0)
+        ending += (_slope(best) * is_end)[is_done].sum(axis=0)
+        low, high = low[~is_done], high[~is_done]
+        if not len(low):
+            break
+        middle = (low + high) / 2
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+    value, magnitude, measure, beyond = total
+    rounding = _ROUNDING * magnitude
+
+    # points count for elements from which they are as far as their places are known
+    left += ending * 2 * TOLERANCE * measure
+    return AlongCurve(value, left + rounding, rounding, magnitude, measure, beyond, values.place)
+
+
+def _slope(best: Floats) -> Floats:
+    """(n, k) mean magnitudes, in proportion to which lengths count."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(best[1] / best[2]))

@@ -1,0 +1,81 @@
+"""Coefficients of drag, lift and moment: forces on walls by dynamic pressure and area.
+
+Anderson, Fundamentals of Aerodynamics, section 1.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import cos, inf, radians, sin
+
+from elvis.core.errors import ElvisError
+from elvis.core.integrals.integrands import Integrand
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+
+_FORM = "RHO,U,AREA,AXIS[,LENGTH], such as 1.2,30,0.5,x or 1,1,1,xy:4"
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """What forces are divided by, and along what they are taken.
+
+    pressure  dynamic pressure of the flow far away, rho u^2 / 2
+    area      of reference, in 2D a length
+    length    of reference of moments
+    drag      axis of the flow at no angle of attack, "x", "y" or "z"
+    lift      axis of lift then; None for y in 2D and z in 3D, x where the flow goes along these
+    angle     of attack, degrees, which turns drag towards lift
+    """
+
+    pressure: float
+    area: float
+    length: float
+    drag: str
+    lift: str | None = None
+    angle: float = 0.0
+
+    @staticmethod
+    def parse(text: str) -> Coefficients:
+        """``RHO,U,AREA,AXIS[,LENGTH]``, where AXIS is x, xy or xy:4; ElvisError for others."""
+        parts = [part.strip() for part in text.split(",")]
+        axes, _, angle = (parts[3] if len(parts) > 3 else "").partition(":")
+        try:
+            density, speed, area, length = (float(part) for part in (*parts[:3], *(parts[4:] or ["1"])))
+            attack = float(angle or 0.0)
+        except ValueError:
+            raise ElvisError(f"expected {_FORM}, found {text!r}") from None
+        is_axes = len(axes) in (1, 2) and set(axes) <= set("xyz") and len(set(axes)) == len(axes)
+        if (
+            not is_axes
+            or not all(0 < abs(value) < inf for value in (density, speed, area, length))
+            or abs(attack) > 360
+        ):
+            raise ElvisError(f"expected {_FORM}, found {text!r}")
+        return Coefficients(0.5 * density * speed**2, area, length, axes[0], axes[1:] or None, attack)
+
+    def integrands(self, names: Names) -> Iterator[Integrand]:
+        """Drag, lift and moments, whole, by pressure and by friction; by pressure alone where no viscosity is known.
+
+        ElvisError where forces are not known, and for axes that the data lack.
+        """
+        axes = "xyz"[: names.dimension]
+        lift = self.lift or next(axis for axis in axes[::-1] if axis != self.drag)
+        if self.drag not in axes or lift not in axes:
+            raise ElvisError(f"--coefficients: expected axes among {', '.join(axes)}, found {self.drag}{lift}")
+        along, across = cos(radians(self.angle)), sin(radians(self.angle))
+        for part, suffix in self._parts(names):
+            for name, (a, b) in {"drag": (along, across), "lift": (-across, along)}.items():
+                text = f"({a!r}*{part}_{self.drag} + {b!r}*{part}_{lift})/{self.pressure * self.area!r}"
+                yield Integrand(f"{name}_coefficient{suffix}", Expression.parse(text, names))
+        for axis in {2: "z", 3: "xyz"}.get(names.dimension, ""):
+            text = f"moment_{axis}/{self.pressure * self.area * self.length!r}"
+            yield Integrand(f"moment_coefficient_{axis}", Expression.parse(text, names))
+
+    @staticmethod
+    def _parts(names: Names) -> list[tuple[str, str]]:
+        """Forces and what is said after their coefficients."""
+        if "viscous_force_x" in names.flow.available:
+            return [("force", ""), ("pressure_force", " (pressure)"), ("viscous_force", " (friction)")]
+        return [("pressure_force", " (pressure)")]

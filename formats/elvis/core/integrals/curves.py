@@ -1,0 +1,167 @@
+"""Curves in the world, from their names: where they are, and places along them by length.
+
+line:P:Q            from P to Q; a point is X,Y or X,Y,Z
+polyline:P:Q:R:…    straight from each point to the next
+circle:C:N:R        with centre C, normal N and radius R
+spline:P:Q:R:…      the natural cubic spline through points, by the distances of these
+normal:B:P:L        of length L, from the place of boundary B that is nearest to P towards P: along the normal there
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.distances import nearest, surface_of
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.quadrature import gauss
+
+KINDS = ("line", "polyline", "circle", "spline", "normal")
+_FORMS = {
+    "line": "line:P:Q",
+    "polyline": "polyline:P:Q:R",
+    "circle": "circle:CENTRE:NORMAL:RADIUS",
+    "spline": "spline:P:Q:R",
+    "normal": "normal:BOUNDARY:POINT:LENGTH",
+}
+#: intervals in each part of a curve, and Gauss points in each, by which lengths are found
+_INTERVALS, _POINTS = 64, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve x(t), t from 0 to ``parts``, smooth between whole numbers.
+
+    at  points (n, 3) and derivatives (n, 3) at parameters (n,)
+    """
+
+    name: str
+    parts: int
+    at: Callable[[Floats], tuple[Floats, Floats]]
+
+    @staticmethod
+    def parse(dataset: Dataset, name: str) -> Curve | None:
+        """The curve that a name says; None for other names, ElvisError for wrong ones."""
+        kind, colon, rest = name.partition(":")
+        if not colon or kind not in KINDS:
+            return None
+        texts = rest.split(":")
+        try:
+            return _made(dataset, name, kind, texts)
+        except ValueError:
+            raise ElvisError(f"expected {_FORMS[kind]}, points as 0,0,0, found {name!r}") from None
+
+    @property
+    def end(self) -> Floats:
+        """(3,) the last point."""
+        return np.asarray(self.at(np.array([float(self.parts)]))[0][0])
+
+    def evenly(self, count: int) -> tuple[Floats, Floats]:
+        """Points (n, 3) at even steps of length, both ends included, and the length (n,) up to each."""
+        ends = np.linspace(0.0, self.parts, self.parts * _INTERVALS + 1)
+        nodes, weights = gauss(_POINTS)
+        t = ends[:-1, None] + np.diff(ends)[:, None] * (1 + nodes) / 2
+        speed = np.linalg.norm(self.at(t.reshape(-1))[1], axis=1).reshape(t.shape)
+        lengths = np.concatenate([[0.0], np.cumsum(speed @ weights * np.diff(ends) / 2)])
+        wanted = np.linspace(0.0, lengths[-1], count)
+        return self.at(self._parameters(wanted, ends, lengths))[0], wanted
+
+    def _parameters(self, wanted: Floats, ends: Floats, lengths: Floats) -> Floats:
+        """(n,) where the lengths wanted are, by steps of Newton's method inside of intervals."""
+        nodes, weights = gauss(_POINTS)
+        number = np.clip(np.searchsorted(lengths, wanted, side="right") - 1, 0, len(ends) - 2)
+        first, t = ends[number], np.interp(wanted, lengths, ends)
+        for _ in range(4):
+            places = first[:, None] + (t - first)[:, None] * (1 + nodes) / 2
+            speed = np.linalg.norm(self.at(places.reshape(-1))[1], axis=1).reshape(places.shape)
+            found = lengths[number] + speed @ weights * (t - first) / 2
+            t = t - (found - wanted) / np.maximum(np.linalg.norm(self.at(t)[1], axis=1), 1e-300)
+            t = np.clip(t, first, ends[number + 1])
+        return t
+
+
+def _made(dataset: Dataset, name: str, kind: str, texts: list[str]) -> Curve:
+    """A curve of a kind; ValueError where the texts don't say one."""
+    if kind == "circle":
+        centre, normal = map(_point, texts[:2])
+        (radius,) = map(float, texts[2:])
+        return _circle(name, centre, normal, radius)
+    if kind == "normal":
+        place, length = _point(texts[-2]), float(texts[-1])
+        return _normal(dataset, name, ":".join(texts[:-2]), place, length)
+    points = np.array([_point(text) for text in texts])
+    if len(points) < 2 or (kind == "line" and len(points) > 2) or not np.diff(points, axis=0).any(axis=1).all():
+        raise ValueError
+    return _spline(name, points) if kind == "spline" else _polyline(name, points)
+
+
+def _point(text: str) -> Floats:
+    parts = [float(part) for part in text.split(",")]
+    if len(parts) not in (2, 3) or not np.isfinite(parts).all():
+        raise ValueError
+    return np.array([*parts, 0.0][:3])
+
+
+def _polyline(name: str, points: Floats) -> Curve:
+    steps = np.diff(points, axis=0)
+
+    def at(t: Floats) -> tuple[Floats, Floats]:
+        part = np.clip(t.astype(np.int64), 0, len(steps) - 1)
+        return points[part] + (t - part)[:, None] * steps[part], steps[part]
+
+    return Curve(name, len(steps), at)
+
+
+def _circle(name: str, centre: Floats, normal: Floats, radius: float) -> Curve:
+    size = float(np.linalg.norm(normal))
+    if not size > 0 or not 0 < radius < np.inf:
+        raise ValueError
+    helper = np.eye(3)[np.argmin(np.abs(normal))]
+    first = np.cross(normal / size, helper)
+    first /= np.linalg.norm(first)
+    second = np.cross(normal / size, first)
+
+    def at(t: Floats) -> tuple[Floats, Floats]:
+        angle = 2 * np.pi * t[:, None]
+        place = centre + radius * (np.cos(angle) * first + np.sin(angle) * second)
+        return place, 2 * np.pi * radius * (np.cos(angle) * second - np.sin(angle) * first)
+
+    return Curve(name, 1, at)
+
+
+def _spline(name: str, points: Floats) -> Curve:
+    """Second derivatives M at the knots follow from continuity of the first ones; they vanish at both ends."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    count = len(steps)
+    matrix, right = np.eye(count + 1), np.zeros((count + 1, 3))
+    slopes = np.diff(points, axis=0) / steps[:, None]
+    for k in range(1, count):
+        matrix[k, k - 1 : k + 2] = steps[k - 1], 2 * (steps[k - 1] + steps[k]), steps[k]
+        right[k] = 6 * (slopes[k] - slopes[k - 1])
+    bends = np.linalg.solve(matrix, right)
+
+    def at(t: Floats) -> tuple[Floats, Floats]:
+        part = np.clip(t.astype(np.int64), 0, count - 1)
+        h, s = steps[part][:, None], (t - part)[:, None]
+        a, b = bends[part], bends[part + 1]
+        bend = h**2 / 6 * ((1 - s) ** 3 - (1 - s)) * a + h**2 / 6 * (s**3 - s) * b
+        slope = h**2 / 6 * (1 - 3 * (1 - s) ** 2) * a + h**2 / 6 * (3 * s**2 - 1) * b
+        place = (1 - s) * points[part] + s * points[part + 1] + bend
+        return place, points[part + 1] - points[part] + slope
+
+    return Curve(name, count, at)
+
+
+def _normal(dataset: Dataset, name: str, boundary: str, point: Floats, length: float) -> Curve:
+    if not 0 < length < np.inf or not boundary:
+        raise ValueError
+    near = nearest(surface_of(dataset, boundary), point[None])
+    away = point - near.place[0]
+    size = float(np.linalg.norm(away))
+    if not size > 0:
+        raise ElvisError(f"{name}: expected a point off the boundary, to say to which side the normal goes")
+    return _polyline(name, np.stack([near.place[0], near.place[0] + length / size * away]))

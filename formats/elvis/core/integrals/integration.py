@@ -1,0 +1,198 @@
+"""Integrals of quantities of a dataset over its domain, regions and boundaries, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.files.columns import Columns
+from elvis.core.integrals.coefficients import Coefficients
+from elvis.core.integrals.curves import Curve
+from elvis.core.integrals.integrands import Integrand, integrands
+from elvis.core.integrals.levels_of_elements import Level
+from elvis.core.integrals.refinement import Summation, Sums
+from elvis.core.integrals.targets import DOMAIN, Places, Targets, overlap
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+
+#: error that is asked for where nothing else is, in parts of the integral of the absolute value
+ERROR = 1e-10
+
+
+@dataclass(frozen=True)
+class Integral:
+    """One integral.
+
+    over       what it goes over
+    integrand  what is integrated
+    value      NaN where the integrand has none somewhere
+    error      by which the value may differ from the truth
+    measure    length, area or volume of what it goes over, as far as all fields are there
+    exact      whether the rule is exact for the integrand, so that the error is that of rounding
+    """
+
+    over: str
+    integrand: str
+    value: float
+    error: float
+    measure: float
+    exact: bool
+
+    def __float__(self) -> float:
+        return self.value
+
+
+class Integrals(Sequence[Integral]):
+    """Integrals of some quantities over some targets, a row for each; ``remarks`` are sentences on them."""
+
+    def __init__(self, rows: Sequence[Integral], remarks: Sequence[str] = ()) -> None:
+        self._rows, self.remarks = tuple(rows), tuple(remarks)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, which: int) -> Integral: ...
+    @overload
+    def __getitem__(self, which: slice) -> Sequence[Integral]: ...
+    def __getitem__(self, which: int | slice) -> Integral | Sequence[Integral]:
+        return self._rows[which]
+
+    def of(self, integrand: str, over: str | None = None) -> Integral:
+        """The integral of a quantity over a target, the last row of the quantity where none is given: the total."""
+        found = [row for row in self if row.integrand == integrand and over in (None, row.over)]
+        if not found:
+            known = ", ".join(f"{row.integrand} over {row.over}" for row in self)
+            raise KeyError(f"there is no integral of {integrand!r} over {over!r}; there are {known}")
+        return found[-1]
+
+    @property
+    def value(self) -> float:
+        """The value of the last row: the only one, or the total of the last quantity."""
+        return self._rows[-1].value
+
+    def __float__(self) -> float:
+        return self.value
+
+    def columns(self) -> Columns:
+        """A column of each fact, for files."""
+        return {name: np.array([getattr(row, name) for row in self]) for name in (*HEADERS, "exact")}
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """The cells of a table: over, integrand, value, error, measure."""
+        return [(r.over, r.integrand, f"{r.value:.15g}", _error(r), f"{r.measure:.10g}") for r in self]
+
+    def __repr__(self) -> str:
+        rows = [HEADERS, *self.cells()]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(HEADERS))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+        return "\n".join(line.rstrip() for line in lines)
+
+
+#: of the columns of a table
+HEADERS = ("over", "integrand", "value", "error", "measure")
+
+
+def _error(row: Integral) -> str:
+    return f"{row.error:.2g}" + (" (rounding)" if row.exact else "")
+
+
+def integrate(
+    dataset: Dataset,
+    field: str | Sequence[str],
+    over: str | Sequence[str] = DOMAIN,
+    error: float = ERROR,
+    coefficients: str | None = None,
+    clip: str | None = None,
+) -> Integrals:
+    """Integrals of quantities over the domain, regions and boundaries of a dataset.
+
+    field  quantities: fields, expressions (on boundaries with the outward normal ``nx``, ``ny``, ``nz``), predefined
+           ones, ``area``, ``volume``, ``length``, ``force``, ``moment``, ``average(f)``
+    over   targets: ``domain``, ``region:NAME``, a boundary by name or number, ``all`` outer faces,
+           ``plane:POINT:NORMAL``, ``EXPRESSION=VALUE`` (an isosurface), with normals towards greater values, and curves
+           (see `curves`), as ``line:0,0,0:1,0,0``
+    error  asked for where an integrand is no polynomial, in parts of the integral of its absolute value
+    coefficients  ``"rho,u,area,axis"``: drag, lift and moment coefficients in addition (see `Coefficients`)
+    clip   a surface, ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS`` or ``EXPRESSION=VALUE``, whose inside is left out
+           of the domain or of regions; with ``outside:`` before it its outside
+    Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
+    comes last.  ElvisError for what names nothing, and where no element has the fields.
+    """
+    names = [over] if isinstance(over, str) else list(dict.fromkeys(over))
+    curves = {name: curve for name in names if (curve := Curve.parse(dataset, name)) is not None}
+    end = curves[names[0]].end if curves and len(names) == 1 else None
+    wanted = integrands(dataset, [field] if isinstance(field, str) else list(field), end)
+    if coefficients is not None:
+        wanted += Coefficients.parse(coefficients).integrands(Names.of(dataset))
+    if not wanted or not names or not 0 < error < 1:
+        raise ElvisError(f"expected a quantity, a target and an error between 0 and 1, found {field}, {over}, {error}")
+    others = [name for name in names if name not in curves]
+    levels = {name: level for name in others if (level := Level.parse(dataset, name)) is not None}
+    part = None if clip is None else Level.clip(dataset, clip)
+    further = [*_span(dataset), *(level.expression for level in [*levels.values(), *([part] if part else [])])]
+    evaluator = Evaluator(dataset, [*(each.expression for each in wanted), *further])
+    places = Places(dataset, evaluator.patches, levels, curves)
+    summation = Summation(dataset, evaluator, [each.expression for each in wanted], error)
+    targets = places.together([places.clipped(name, part) if part else places.named(name) for name in names])
+    rows = list(_sums(targets, wanted, summation))
+    found = [each for name, sums in rows for each in _rows(name, wanted, sums)]
+    return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error)])
+
+
+def _span(dataset: Dataset) -> list[Expression]:
+    """A field with homogeneous directions, if there is one: without it the elements would have none."""
+    found = (one for one in dataset.solution for block in one.blocks if block.expansion.homogeneous)
+    return [Expression.of(dataset, one.name) for one in found][:1]
+
+
+def _sums(targets: Targets, wanted: Sequence[Integrand], summation: Summation) -> Iterator[tuple[str, Sums]]:
+    """Name and integrals of each row."""
+    every = [*targets.rows, *([targets.total] if targets.total else [])]
+    for integrand in wanted:
+        for target in every:
+            integrand.check(target.name, target.pieces)
+    found = [(target.name, summation.over(target.pieces)) for target in targets.rows]
+    yield from found
+    if targets.total is not None:
+        parts = [sums for _, sums in found]
+        shared = overlap(targets.rows, targets.total)
+        total = summation.over(targets.total.pieces) if shared else sum(parts, Sums.none(len(wanted)))
+        yield targets.total.name, total
+
+
+def _rows(name: str, wanted: Sequence[Integrand], sums: Sums) -> Iterator[Integral]:
+    for number, each in enumerate(wanted):
+        value, error, measure = (float(column[number]) for column in (sums.value, sums.error, sums.measure))
+        if each.is_average:
+            value, error = (value / measure, error / measure) if measure else (np.nan, np.nan)
+        yield Integral(name, each.text, value, error, measure, bool(sums.is_exact[number]))
+
+
+def _notes(wanted: Sequence[Integrand]) -> Iterator[str]:
+    """A sentence on forces of which a part is not known."""
+    forces = [each.text for each in wanted if each.text.startswith(("force_", "moment_")) and not each.expression.order]
+    if forces:
+        yield f"no viscosity is known, so {', '.join(forces)} are of the pressure alone; write force(mu=…)"
+
+
+def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], error: float) -> Iterator[str]:
+    """Sentences on integrals that are not what was asked for."""
+    for name, sums in rows:
+        for number, each in enumerate(wanted):
+            place = sums.places.get(number)
+            where = "" if place is None else ", ".join(f"{x:.6g}" for x in place)
+            if sums.beyond[number] > 0:
+                part = sums.beyond[number] / (sums.beyond[number] + sums.measure[number])
+                yield f"{each.text} has no value on {part:.3g} of {name}, as at {where}: it is integrated over the rest"
+            elif place is not None:
+                yield f"{each.text} has no value in {name} at {where}, so its integral has none"
+            elif sums.error[number] - sums.rounding[number] > 2 * error * sums.magnitude[number]:
+                found = sums.error[number] / sums.magnitude[number]
+                yield f"{each.text} over {name} is known to {found:.2g} of its size only, {error:g} was asked for"

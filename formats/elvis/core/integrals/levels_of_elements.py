@@ -1,0 +1,262 @@
+"""Surfaces where an expression has a value, or that are planes, as what integrals go over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.integrals.level_boxes import LevelBoxes, joined
+from elvis.core.integrals.reference_cells import Piece
+from elvis.core.integrals.subcells import corners, subcell_map
+from elvis.core.integrals.touching import touched
+from elvis.core.mapping import pointwise
+from elvis.core.mapping.orientation import chunks
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.boxnets import box_degrees, nets_through
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities.element_points import ElementPoints, Lattice
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.levels import same_level
+from elvis.core.quantities.tree import Node, call, coordinate, number
+
+_PLANE, _SPHERE, _OUTSIDE = "plane:", "sphere:", "outside:"
+#: by how much of the size of its values a level is moved, so that surfaces along borders of elements count once: at
+#: least and at most, and of how far values of two elements differ
+_AWAY, _MOST_AWAY, _AWAY_OF_JUMPS = 2e-14, 4e-12, 4.0
+#: rounding of values on borders, and jumps there that are still taken for rounding, in parts of the size of values
+_ROUNDING, _MOST_JUMP = 2e-15, 1e-10
+#: what moving a level does to integrals over its surface, as a rule, in parts of how far it is moved
+_MOVED = 50.0
+#: values at once, of elements that are asked whether a surface meets them
+_BATCH = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class LevelPiece:
+    """Where an expression is zero inside the elements of a piece, or, where ``is_filled``, less than that."""
+
+    piece: Piece
+    level: Level
+    is_filled: bool = False
+
+    def __len__(self) -> int:
+        return len(self.piece)
+
+    @property
+    def patch(self) -> Patch:
+        """That of the piece."""
+        return self.piece.patch
+
+    @property
+    def has_normals(self) -> bool:
+        """Towards greater values, on surfaces."""
+        return not self.is_filled
+
+    @property
+    def dimension(self) -> int:
+        """That of the elements, of surfaces one less."""
+        return self.piece.dimension - (not self.is_filled)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Where an expression is zero."""
+
+    name: str
+    expression: Expression
+
+    @staticmethod
+    def parse(dataset: Dataset, name: str) -> Level | None:
+        """What ``plane:POINT:NORMAL`` or ``EXPRESSION=VALUE`` mean; None for other names, ElvisError for wrong ones."""
+        if name.startswith(_PLANE):
+            return Level(name, Expression(name, _plane(name)))
+        text, equals, value = name.rpartition("=")
+        if not equals:
+            return None
+        expression = Expression.of(dataset, text.strip())
+        try:
+            level = float(value)
+        except ValueError:
+            raise ElvisError(f"{name}: expected a number after =, found {value.strip()!r}") from None
+        same = same_level(expression.root, level)
+        if same is None or same.spurious is not None:
+            return Level(name, Expression(name, call("-", expression.root, number(level))))
+        return Level(name, Expression(name, call("-", same.root, number(same.value))))
+
+    @staticmethod
+    def clip(dataset: Dataset, text: str) -> Level:
+        """What is less than zero where ``SURFACE``, or ``outside:SURFACE``, leaves something; ElvisError for others.
+
+        A surface is ``sphere:CENTRE:RADIUS`` in addition to those of `parse`; inside is where its expression is less.
+        """
+        is_outside = text.startswith(_OUTSIDE)
+        surface = text.removeprefix(_OUTSIDE)
+        sphere = _sphere(surface)
+        level = Level.parse(dataset, surface) if sphere is None else Level(text, Expression(text, sphere))
+        if level is None:
+            raise ElvisError(
+                f"--clip: expected plane:P:N, sphere:C:R or QUANTITY=VALUE, or outside: and one, found {text!r}"
+            )
+        root = level.expression.root
+        return Level(text, Expression(text, root if is_outside else call("-", number(0.0), root)))
+
+    def _doubt(self, evaluator: Evaluator) -> _Doubt:
+        """How well values on borders of elements are known."""
+        sizes, jumps = [0.0], [_ROUNDING]
+        for patch in evaluator.patches:
+            middle = np.zeros((len(patch), patch.shape.dimension))
+            points = ElementPoints(patch, np.arange(len(patch)), uncollapse(patch.shape, middle))
+            (size,) = evaluator.sizes_at([self.expression], points)
+            sizes.append(float(np.nanmax(size)))
+            for name in self.expression.fields:
+                jump = evaluator.attributes.constant(f"jump({name})", patch.shape, patch.element_ids)
+                own = np.abs(pointwise.values(patch, evaluator.names.index(name), points.rows, points.points))
+                parts = jump / np.nanmax(own, initial=0.0)
+                jumps.append(float(parts[parts <= _MOST_JUMP].max(initial=0.0)))
+        return _Doubt(max(sizes), max(jumps))
+
+    def boxes(
+        self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats, is_filled: bool = False
+    ) -> tuple[LevelBoxes, Ints]:
+        """The surface in some elements, or the part below it; which of them (m,) are whole below it.
+
+        sizes      (n, e) of e expressions on them
+        parts      (n,) of the sizes in which they are rounded
+        is_filled  whether the part below is wanted
+        ElvisError where it is not that of a polynomial.
+        """
+        patch, degree = piece.patch, self._degree(piece, evaluator)
+        d = patch.shape.dimension
+        t = (1 + gauss(degree + 1)[0]) / 2
+        lattice = np.stack(np.meshgrid(*[t] * d, indexing="ij"), axis=-1).reshape(-1, d)
+        doubt = self._doubt(evaluator)
+        rounding = sizes * (parts + _MOVED * doubt.away)[:, None]
+        within = degree * doubt.jump * doubt.size
+        sampled = _Sampled(self.expression, evaluator, patch, doubt.away * doubt.size, t)
+
+        # of all elements those that the surface may meet, then their parts
+        whole = sampled.nets(piece.rows, uncollapse(patch.shape, 2 * lattice - 1))
+        axes = tuple(range(1, d + 1))
+        is_below = whole.max(axis=axes) < -within
+        met = np.flatnonzero((whole.min(axis=axes) <= within) & ~is_below)
+        found = []
+        for cell in range(len(corners(patch.shape))):
+            reference = subcell_map(patch.shape, np.full(len(lattice), cell), lattice)[0]
+            nets = sampled.nets(piece.rows[met], reference)
+            nets = nets.reshape(len(met), *(1,) * (3 - d), *nets.shape[1:])
+            cells = _boxes(patch, piece.rows[met], cell, nets, rounding[met], sizes[met])
+            found.append(replace(cells, is_filled=is_filled).resolved())
+        boxes = joined(found)
+        if is_filled:
+            return boxes, np.flatnonzero(is_below)
+        areas = touched(piece.part(met), sampled.nets, t, np.full(len(met), within))
+        return replace(boxes, lost=boxes.lost + areas @ sizes[met]), np.flatnonzero(is_below)
+
+    def _degree(self, piece: Piece, evaluator: Evaluator) -> int:
+        """Of the expression in each direction."""
+        patch = piece.patch
+        if patch.homogeneous is not None or patch.shape.dimension < 2:
+            raise ElvisError(f"{self.name}: expected 2D or 3D data without Fourier directions, to cut them")
+        is_affine = bool(piece.is_affine.all())
+
+        def leaf(node: Node) -> int | None:
+            if node.op == "attribute" or (node.axes and node.op == "field" and not is_affine):
+                return None
+            own = patch.geometry if node.op == "coordinate" else patch.fields[evaluator.names.index(node.name)]
+            return None if own is None else max(box_degrees(bernstein_space(own)))
+
+        degree = self.expression.degree(leaf)
+        if degree is None:
+            raise ElvisError(
+                f"{self.name}: expected a polynomial of fields and coordinates, whose surface can be proved"
+            )
+        return max(degree, 1)
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """How well values of an expression are known on borders of elements.
+
+    size  of what it is added up from, at most
+    jump  by how much two elements differ there, in parts of it
+    """
+
+    size: float
+    jump: float
+
+    @property
+    def away(self) -> float:
+        """By how much of the size the level is moved."""
+        return min(max(_AWAY, _AWAY_OF_JUMPS * self.jump), _MOST_AWAY)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """An expression of a patch, moved by ``away``, from its values at places t (n,) in [0, 1] each way."""
+
+    expression: Expression
+    evaluator: Evaluator
+    patch: Patch
+    away: float
+    places: Floats
+
+    def nets(self, rows: Ints, reference: Floats) -> Floats:
+        """(m, n, …, n) Bernstein nets on parts of elements (m,) where reference points (n^k, d) are those of places."""
+        count = len(self.places)
+        k = round(np.log(len(reference)) / np.log(count))
+        parts = [np.empty((0, *(count,) * k))]
+        for part in chunks(len(rows), max(1, _BATCH // len(reference))):
+            lattice = Lattice(self.patch, rows[part], reference)
+            (values,) = self.evaluator.values_at([self.expression], lattice)
+            found = np.broadcast_to(values, len(lattice)) + self.away
+            parts.append(nets_through(found, self.places, k))
+        return np.concatenate(parts)
+
+
+def _boxes(patch: Patch, rows: Ints, cell: int, nets: Floats, rounding: Floats, sizes: Floats) -> LevelBoxes:
+    """Whole cells of elements."""
+    low = np.zeros((len(rows), 3))
+    order = np.tile(np.arange(3), (len(rows), 1))
+    lost = np.zeros(sizes.shape[1])
+    return LevelBoxes(patch, rows, np.full(len(rows), cell), low, low + 1, nets, rounding, sizes, order, lost)
+
+
+def _plane(name: str) -> Node:
+    """The height above a plane, of unit length: its normal's length is left out."""
+    parts = name.removeprefix(_PLANE).split(":")
+    try:
+        point, normal = ([*map(float, part.split(",")), 0.0][:3] for part in parts)
+        size = float(np.linalg.norm(normal))
+        if len(point) != 3 or len(normal) != 3 or not 0 < size < np.inf or not np.isfinite(point).all():
+            raise ValueError
+    except ValueError:
+        raise ElvisError(f"expected plane:POINT:NORMAL, such as plane:0,0,0.5:0,0,1, found {name!r}") from None
+    total = number(-float(np.dot(point, normal)) / size)
+    for axis, part in enumerate(normal):
+        total = call("+", total, call("*", number(part / size), coordinate(axis)))
+    return total
+
+
+def _sphere(name: str) -> Node | None:
+    """The squared distance from a centre less the squared radius; None for other names."""
+    if not name.startswith(_SPHERE):
+        return None
+    try:
+        centre, radius = name.removeprefix(_SPHERE).split(":")
+        places, size = [*map(float, centre.split(",")), 0.0][:3], float(radius)
+        if len(places) != 3 or not 0 < size < np.inf or not np.isfinite(places).all():
+            raise ValueError
+    except ValueError:
+        raise ElvisError(f"expected sphere:CENTRE:RADIUS, such as sphere:0,0,0:0.5, found {name!r}") from None
+    total = number(-(size**2))
+    for axis, place in enumerate(places):
+        away = call("-", coordinate(axis), number(place))
+        total = call("+", total, call("*", away, away))
+    return total

@@ -1,0 +1,182 @@
+"""Pieces of reference elements that integrals go over: elements themselves, or one of their sides.
+
+A piece has coordinates eta in [-1, 1]^k: the collapsed ones of its shape, then zeta of homogeneous directions.  On
+boxes of eta rules are products of Gauss rules; with the map x(xi(eta)) an integral is that of f |dx/dxi| |dxi/deta|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.geometry import GeometryBlock
+from elvis.core.mapping import pointwise, tangents
+from elvis.core.mapping.orientation import face_shape
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.boxnets import box_degrees
+from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.core.polynomials.evaluation import evaluate_with_gradients
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
+from elvis.core.validity.validity import ValidityStatus, validity
+
+_EPS = float(np.finfo(np.float64).eps)
+#: rounding of what a map's derivatives are made of, in units of the last place
+_ROUNDING = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """The same part of some elements of a patch.
+
+    rows    (n,)    of the patch
+    shape   of the part
+    number  of the side among those of the element's shape; None for the whole element
+    """
+
+    patch: Patch
+    rows: Ints
+    shape: Shape
+    number: int | None = None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def part(self, chosen: Ints | Bools) -> Piece:
+        """Some of the elements."""
+        return replace(self, rows=self.rows[chosen])
+
+    @property
+    def is_side(self) -> bool:
+        """Whether it is a side of elements, where there are normals."""
+        return self.number is not None
+
+    @property
+    def has_normals(self) -> bool:
+        """Whether there is an outward normal."""
+        return self.is_side
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates eta."""
+        return self.shape.dimension + len(self.patch.periods)
+
+    @cached_property
+    def _frame(self) -> tuple[Floats, Floats]:
+        """Origin (d,) and axes (d, k) of the part in its element: xi = origin + axes (1 + xi of the part)/2."""
+        corners = self.patch.shape.vertices
+        if self.number is None:
+            return corners[0], 2.0 * np.eye(self.patch.shape.dimension)
+        local = _sides(self.patch.shape)[self.number]
+        origin, along, across = (corners[corner] for corner in (local[0], local[1], local[-1]))
+        axes = [along - origin] if self.shape is Shape.SEGMENT else [along - origin, across - origin]
+        return origin, np.stack(axes, axis=1)
+
+    def points(self, eta: Floats) -> Floats:
+        """(n, D) reference points of the elements at coordinates eta (n, k)."""
+        own = self.shape.dimension
+        return np.hstack([self.places(uncollapse(self.shape, eta[:, :own])), eta[:, own:]])
+
+    def places(self, xi: Floats) -> Floats:
+        """(n, d) reference points of the elements at reference points (n, k) of the part's shape."""
+        if self.number is None:
+            return xi
+        origin, axes = self._frame
+        return np.asarray(origin + (1 + xi) / 2 @ axes.T)
+
+    def measures(self, jacobians: Floats, eta: Floats) -> Floats:
+        """(n,) length, area or volume for each unit of eta (n, k), where elements have Jacobians (n, 3, D)."""
+        fold = collapse_jacobian(self.shape, eta[:, : self.shape.dimension])
+        return np.abs(tangents.determinants(self.along(jacobians))) * fold
+
+    def along(self, jacobians: Floats) -> Floats:
+        """(n, 3, k) tangents of the part, from Jacobians (n, 3, D) of elements."""
+        own = self.patch.shape.dimension
+        _, axes = self._frame
+        return np.concatenate([jacobians[:, :, :own] @ axes / 2, jacobians[:, :, own:]], axis=2)
+
+    def conditions(self, jacobians: Floats) -> Floats:
+        """(n,) how much larger coordinates are than elements: by so much rounding of lengths is more than theirs.
+
+        jacobians  (n, 3, D) somewhere in each element
+        """
+        shortest = np.linalg.norm(self.along(jacobians), axis=1).min(axis=1)
+        size = np.abs(self.patch.geometry_coefficients[self.rows]).max(axis=(1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(shortest > 0, size / shortest, 0.0))
+
+    @cached_property
+    def is_affine(self) -> Bools:
+        """(n,) whether the map's derivative is constant on the whole element, to rounding."""
+        patch = self.patch
+        if max(patch.geometry.modes) == 2 and patch.shape in (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON):
+            return np.ones(len(self), bool)
+        # a polynomial that is constant at as many points as it has coefficients is constant
+        counts = [degree + 1 for degree in box_degrees(bernstein_space(patch.geometry))]
+        points = uncollapse(patch.shape, box_rule(tuple(counts))[0])
+        coefficients = patch.geometry_coefficients[self.rows]
+        jacobians = evaluate_with_gradients(patch.geometry, coefficients, points)[1]
+        spread = np.ptp(jacobians, axis=2).max(axis=(1, 2))
+        return np.asarray(spread <= _ROUNDING * _EPS * np.abs(coefficients).max(axis=(1, 2)))
+
+    @cached_property
+    def is_flat(self) -> Bools:
+        """(n,) whether the tangents of the part span the same plane, or line, all over, to rounding."""
+        degree = max(box_degrees(bernstein_space(self.patch.geometry)))
+        eta = box_rule((2 * degree + 1,) * self.shape.dimension)[0]
+        eta = np.hstack([eta, np.zeros((len(eta), len(self.patch.periods)))])
+        points = self.points(eta)
+        rows = np.repeat(self.rows, len(points))
+        jacobians = pointwise.jacobians(self.patch, rows, np.tile(points, (len(self), 1)))
+        along = self.along(jacobians)[:, :, : self.shape.dimension]
+        directions = along[:, :, 0] if along.shape[2] == 1 else np.cross(along[:, :, 0], along[:, :, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        spread = np.ptp(units.reshape(len(self), len(points), 3), axis=1).max(axis=1)
+        conditions = self.conditions(jacobians[:: len(points)])
+        return np.asarray(spread <= _ROUNDING * _EPS * np.maximum(1.0, conditions))
+
+    def is_valid(self, dataset: Dataset) -> Bools:
+        """(n,) whether the sign of the Jacobian is proved to be the same all over the element."""
+        block = GeometryBlock(self.patch.geometry, self.patch.element_ids[self.rows], self._coefficients)
+        return np.asarray(validity(dataset, [block]).status == ValidityStatus.POSITIVE)
+
+    @property
+    def _coefficients(self) -> Floats:
+        return np.asarray(self.patch.geometry_coefficients[self.rows])
+
+
+def whole_elements(patches: tuple[Patch, ...]) -> Iterator[Piece]:
+    """All elements of patches."""
+    for patch in patches:
+        yield Piece(patch, np.arange(len(patch)), patch.shape)
+
+
+def side_shape(shape: Shape, number: int) -> Shape:
+    """The shape of a side: a face of a volume, an edge of a plane element."""
+    return Shape.SEGMENT if shape.dimension == 2 else face_shape(_sides(shape)[number])
+
+
+def side_numbers(shape: Shape) -> range:
+    """Those of the sides of a shape."""
+    return range(len(_sides(shape)))
+
+
+def _sides(shape: Shape) -> tuple[tuple[int, ...], ...]:
+    return shape.edges if shape.dimension == 2 else shape.faces
+
+
+def box_rule(counts: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Points (n, k) and weights (n,) of the product of Gauss rules on [-1, 1]^k."""
+    lines = [gauss(count) for count in counts]
+    points = np.stack(np.meshgrid(*(nodes for nodes, _ in lines), indexing="ij"), axis=-1).reshape(-1, len(counts))
+    weights = np.ones(1)
+    for _, line in lines:
+        weights = np.multiply.outer(weights, line).reshape(-1)
+    return points, weights

@@ -1,0 +1,189 @@
+"""What is integrated over, from its name: the domain, a region of it, a boundary, all outer faces, surfaces, curves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import ALL, boundaries
+from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
+from elvis.core.integrals.along_curves import CurvePiece
+from elvis.core.integrals.curves import Curve
+from elvis.core.integrals.levels_of_elements import Level, LevelPiece
+from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
+from elvis.core.mesh import Mesh
+from elvis.core.patch import Patch
+
+#: what stands for all elements, and before the name of a region
+DOMAIN, REGION = "domain", "region:"
+#: what pieces may be
+Part = Piece | LevelPiece | CurvePiece
+#: what rows are called that have no name of their own: faces in no boundary
+UNNAMED = "(others)"
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """One row of a table of integrals: its name, and the pieces of elements that it is."""
+
+    name: str
+    pieces: tuple[Part, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """The targets that one name stands for, with all of them together where they are several.
+
+    rows   none of which shares a piece with another where ``total`` is None
+    total  all together, where they are several
+    """
+
+    rows: tuple[Target, ...]
+    total: Target | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """The elements of a dataset and their sides, where integrals are asked for."""
+
+    dataset: Dataset
+    patches: tuple[Patch, ...]
+    levels: Mapping[str, Level]
+    curves: Mapping[str, Curve] = field(default_factory=dict)
+
+    @property
+    def _mesh(self) -> Mesh:
+        return self.dataset.mesh
+
+    @cached_property
+    def regions(self) -> dict[str, Ints]:
+        """Ids of elements by the names and ids of composites that hold some."""
+        tags = {shape.tag for shape in self._mesh.elements} | {1: {"E"}, 2: {"F"}, 3: set()}[self._mesh.dimension]
+        named = self._mesh.named_parts()
+        held = {name: [ids for tag, ids in parts if tag in tags] for name, parts in named.items()}
+        return {name: np.concatenate(ids) for name, ids in held.items() if ids}
+
+    @cached_property
+    def boundaries(self) -> dict[str, Ints]:
+        """Rows of sides by the names and ids of composites that hold some."""
+        return boundaries(self._mesh)
+
+    def clipped(self, name: str, clip: Level) -> Targets:
+        """What a level leaves of the domain or a region; ElvisError for others."""
+        targets = self.named(name)
+        pieces = [piece for row in targets.rows for piece in row.pieces]
+        elements = [piece for piece in pieces if isinstance(piece, Piece) and not piece.is_side]
+        if len(elements) < len(pieces):
+            raise ElvisError(f"--clip: expected the domain or a region to be clipped, found {name}")
+        return Targets((Target(name, tuple(LevelPiece(piece, clip, is_filled=True) for piece in elements)),))
+
+    def named(self, name: str) -> Targets:
+        """What a name stands for; ElvisError, with near names, where it stands for nothing."""
+        if name in self.levels:
+            level, elements = self.levels[name], whole_elements(self.patches)
+            return Targets((Target(name, tuple(LevelPiece(piece, level) for piece in elements)),))
+        if name in self.curves:
+            return Targets((Target(name, (CurvePiece(self.curves[name], self.patches),)),))
+        if name == DOMAIN:
+            return Targets((Target(DOMAIN, tuple(whole_elements(self.patches))),))
+        if name == ALL:
+            return self._outer()
+        if name.startswith(REGION):
+            return self._region(name)
+        if name not in self.boundaries:
+            known = [DOMAIN, *((ALL,) if self._mesh.dimension > 1 else ()), *self.boundaries]
+            known += [REGION + own for own in self.regions]
+            raise ElvisError(f"there is no boundary {name!r}{perhaps(name, known)}; there are {', '.join(known)}")
+        sides = np.isin(np.arange(len(self._owners)), self.boundaries[name])
+        pieces = tuple(self._sides(sides & (self._owners > 0)))
+        if not pieces:
+            raise ElvisError(f"expected a boundary with faces of the data's elements, found none in {name!r}")
+        return Targets((Target(name, pieces),))
+
+    def together(self, several: Sequence[Targets]) -> Targets:
+        """Several targets as one, with their total, which counts shared sides once, where all are sides or elements."""
+        rows = tuple(row for own in several for row in own.rows)
+        if len(several) == 1:
+            return several[0]
+        pieces = [piece for row in rows for piece in row.pieces]
+        known = [piece for piece in pieces if isinstance(piece, Piece)]
+        if len(known) < len(pieces) or len({piece.is_side for piece in known}) > 1:
+            return Targets(rows)
+        return Targets(rows, Target("total", tuple(_united(known))))
+
+    def _region(self, name: str) -> Targets:
+        own = name.removeprefix(REGION)
+        if own not in self.regions:
+            known = self.regions
+            raise ElvisError(f"there is no region {own!r}{perhaps(own, known)}; there are {', '.join(known) or 'none'}")
+        pieces = [
+            piece.part(np.isin(piece.patch.element_ids, self.regions[own])) for piece in whole_elements(self.patches)
+        ]
+        return Targets((Target(name, tuple(piece for piece in pieces if len(piece))),))
+
+    def _outer(self) -> Targets:
+        """All outer faces, a row for each boundary that has some."""
+        if self._mesh.dimension < 2:
+            raise ElvisError("expected 2D or 3D data, found lines, which have no boundary faces")
+        outer = self._owners == 1
+        total = Target("total", tuple(self._sides(outer)))
+        rows, left = [], outer.copy()
+        for name, sides in self._distinct.items():
+            here = outer & np.isin(np.arange(len(outer)), sides)
+            if here.any():
+                rows.append(Target(name, tuple(self._sides(here))))
+                left[sides] = False
+        if rows and left.any():
+            rows.append(Target(UNNAMED, tuple(self._sides(left))))
+        return Targets(tuple(rows), total) if len(rows) > 1 else Targets((replace(total, name=ALL),))
+
+    @property
+    def _distinct(self) -> Mapping[str, Ints]:
+        """Boundaries, each once: by its name or label, else by its id."""
+        named = {str(c.id): c.name or c.label for c in self._mesh.composites}
+        return {name: sides for name, sides in self.boundaries.items() if not named.get(name) or named[name] == name}
+
+    @cached_property
+    def _members(self) -> tuple[Ints, ...]:
+        """(n, sides) rows of the sides of each patch's elements: faces, triangles first, or edges."""
+        mesh = self._mesh
+        entities = [mesh.of(patch.shape) for patch in self.patches]
+        return tuple(own.members[own.rows_of(p.element_ids)] for own, p in zip(entities, self.patches, strict=True))
+
+    @cached_property
+    def _owners(self) -> Ints:
+        """(faces,) how many elements each side has."""
+        every = [own.reshape(-1) for own in self._members]
+        known = [np.max(sides, initial=-1) + 1 for sides in (*every, *self.boundaries.values())]
+        return np.bincount(np.concatenate([np.empty(0, np.int64), *every]), minlength=max(known, default=0))
+
+    def _sides(self, wanted: Bools) -> Iterator[Piece]:
+        """Sides (faces,) as pieces of elements, each of one element."""
+        wanted = wanted.copy()
+        for patch, members in zip(self.patches, self._members, strict=True):
+            for number in range(members.shape[1]):
+                side, first = np.unique(members[:, number], return_index=True)
+                rows = first[wanted[side]]
+                wanted[members[rows, number]] = False
+                if len(rows):
+                    yield Piece(patch, rows, side_shape(patch.shape, number), number)
+
+
+def _united(pieces: Sequence[Piece]) -> Iterator[Piece]:
+    """The elements or sides of pieces, each once."""
+    groups: dict[tuple[int, int | None], list[Piece]] = {}
+    for piece in pieces:
+        groups.setdefault((id(piece.patch), piece.number), []).append(piece)
+    for group in groups.values():
+        yield replace(group[0], rows=np.unique(np.concatenate([piece.rows for piece in group])))
+
+
+def overlap(rows: Sequence[Target], total: Target) -> bool:
+    """Whether rows share pieces, so that they don't add up to the total."""
+    return sum(len(piece) for row in rows for piece in row.pieces) != sum(len(piece) for piece in total.pieces)

@@ -1,0 +1,55 @@
+"""Moments of a series in time: what options, scenes and readers of files mean by a step or a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from elvis.core.errors import ElvisError, FormatError
+
+if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
+
+#: what there may be between steps: a polynomial in time through two of them or through four, or the nearest one
+BETWEEN = ("linear", "cubic", "nearest")
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Which moment of a series is meant: a step, a time, or by default the last step.
+
+    step     counted from 0, from the end where it is negative
+    time     in the unit of the files
+    between  one of BETWEEN
+    wants_series  whether a series is wanted though no moment is asked for
+    """
+
+    step: int | None = None
+    time: float | None = None
+    between: str = BETWEEN[0]
+    wants_series: bool = False
+
+    def __post_init__(self) -> None:
+        if self.step is not None and self.time is not None:
+            raise ElvisError(f"expected a step or a time, found step {self.step} and time {self.time:g}")
+        if self.between not in BETWEEN:
+            raise ElvisError(f"expected {', '.join(BETWEEN)} between steps, found {self.between!r}")
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether a step or a time is asked for."""
+        return self.step is not None or self.time is not None or self.wants_series
+
+    def of_one_state(self, dataset: Dataset) -> Dataset:
+        """Data that are no series: a time is what t stands for; ElvisError for a step that there is not."""
+        if self.step not in (None, 0, -1):
+            raise ElvisError(f"expected step 0, as the files hold one state, found {self.step}")
+        return dataset if self.time is None else replace(dataset, time=self.time)
+
+
+def checked_step(step: int, count: int, file: str | Path | None = None, place: str | None = None) -> int:
+    """The step from 0 to ``count`` - 1 that a number means, which counts from the end where it is negative."""
+    if not -count <= step < count:
+        raise FormatError(f"expected a step from 0 to {count - 1}, found {step}", file=file, place=place)
+    return step % count

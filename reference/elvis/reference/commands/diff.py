@@ -1,0 +1,168 @@
+"""``elvis diff``: two solutions side by side, in numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from elvis.core.arguments import TextType, cache_option, json_option, overwrite_option, texts_of
+
+if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
+    from elvis.core.differences import Differences, Family
+
+EPILOG = """\b
+Examples:
+  elvis diff coarse.xml,coarse.fld fine.xml,fine.fld
+  elvis diff wing.xml,wing.fld wing.vtu --fields p --json
+  elvis diff run.xml,run.fld kept.xml,kept.fld --max 1e-9
+  elvis diff a.xml,a.fld b.xml,b.fld c.xml,c.fld -o report/
+
+Exit status 1 where --max is exceeded; what was asked for is written all the same.
+"""
+
+
+def _files(text: str) -> tuple[Path, ...]:
+    """``a.xml,a.fld``: the files of one dataset."""
+    found = tuple(Path(part.strip()) for part in text.split(",") if part.strip())
+    if not found:
+        raise click.BadParameter(f"expected files with commas between them, found {text!r}")
+    return found
+
+
+@click.command("diff", epilog=EPILOG, short_help="Compare two solutions on any meshes: norms of their difference.")
+@click.argument("data", nargs=-1, required=True, type=TextType(_files), metavar="A [A2 ...] B")
+@click.option("--fields", metavar="NAMES", help="Fields to compare, commas between them.  [default: all of both]")
+@click.option(
+    "--error",
+    type=float,
+    default=1e-3,
+    show_default=True,
+    help="Error asked for where meshes differ, of squares of norms, in parts of them.",
+)
+@click.option("--max", "limit", type=float, metavar="VALUE", help="Fail where a difference is greater anywhere.")
+@json_option
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Table to write, .csv or .npz, or the folder of a report, which opens from disk.",
+)
+@overwrite_option
+@cache_option
+def diff(
+    data: tuple[tuple[Path, ...], ...],
+    fields: str | None,
+    error: float,
+    limit: float | None,
+    as_json: bool,
+    output: Path | None,
+    overwrite: bool,
+    no_cache: bool,
+) -> None:
+    """Compare solutions A with a reference B: norms of the difference of each field that both have.
+
+    The files of one dataset stand together, with commas between them, of any format. On the same mesh differences are
+    taken by coefficients, exactly, and their maximum is proved. Else B is located exactly at every point of quadrature
+    on the elements of A, which are halved where borders of B's elements make kinks; every norm has an error in
+    --json. What B doesn't cover is left out, and told. With several A, from coarse to fine, the order of convergence to
+    B is told, too.
+    """
+    from elvis.core.differences import family
+    from elvis.core.terminal import print_json, stage, warn
+    from elvis.reference.report.differences import write_difference_report
+    from elvis.reference.report.writing import check_folder
+
+    if len(data) < 2:
+        raise click.UsageError("expected at least two datasets, found one", click.get_current_context())
+    if not 0 < error < 1:
+        raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
+    read = [path for paths in data for path in paths]
+    is_table = output is not None and output.suffix != ""
+    if output is not None:
+        _check_table(output, read, overwrite) if is_table else check_folder(output, read, overwrite)
+    *members, reference = (_dataset(paths, not no_cache) for paths in data)
+    names = [",".join(path.name for path in paths) for paths in data]
+    with stage("comparing"):
+        found = family(members, reference, names[:-1], texts_of(fields), error)
+    for remark in dict.fromkeys(remark for member in found.members for remark in member.remarks):
+        warn(remark)
+    if output is not None and is_table:
+        _write_table(output, found)
+    elif output is not None:
+        write_difference_report(found, names[-1], output, read, overwrite)
+    if as_json:
+        print_json(_facts(found))
+    elif not is_table:
+        _print(found)
+    _check(limit, found.members[-1])
+
+
+def _check_table(output: Path, read: list[Path], overwrite: bool) -> None:
+    from elvis.core.files.columns import check_suffix
+    from elvis.core.files.output import check_places
+
+    check_suffix(output)
+    check_places([output], read, overwrite)
+
+
+def _dataset(paths: tuple[Path, ...], is_kept: bool) -> Dataset:
+    from elvis.core.terminal import note
+    from elvis.plugins.data import Reading, dataset_of
+
+    found = dataset_of(paths, Reading(is_kept=is_kept))
+    for remark in found.remarks:
+        note(remark)
+    return found
+
+
+def _write_table(output: Path, found: Family) -> None:
+    from elvis.core.files.columns import write_columns
+
+    write_columns(output, found.members[0].columns() if len(found.members) == 1 else found.columns())
+
+
+def _facts(found: Family) -> object:
+    """By field, of a family a list of those, each with its name, elements and orders."""
+    if len(found.members) == 1:
+        return found.members[0].facts()
+    return [
+        {
+            "data": name,
+            "elements": member.elements,
+            "size": member.size,
+            "fields": {
+                field: {**member.of(field).facts(), "order": _known(found.orders(field)[number])}
+                for field in found.fields
+            },
+        }
+        for number, (name, member) in enumerate(zip(found.names, found.members, strict=True))
+    ]
+
+
+def _known(order: float) -> float | None:
+    return order if order == order else None
+
+
+def _print(found: Family) -> None:
+    from elvis.core.differences.convergence import HEADERS as ORDERS
+    from elvis.core.differences.difference import HEADERS
+    from elvis.core.terminal import print_table
+
+    if len(found.members) == 1:
+        print_table(HEADERS, found.members[0].cells())
+    else:
+        print_table(ORDERS, found.cells())
+
+
+def _check(limit: float | None, found: Differences) -> None:
+    """ElvisError where a difference is greater than allowed, or may be: the bound counts where there is one."""
+    from elvis.core.errors import ElvisError
+
+    for row in found:
+        greatest = row.bound if row.bound == row.bound else row.linf
+        if limit is not None and not greatest <= limit:
+            where = ", ".join(f"{x:.6g}" for x in row.where)
+            raise ElvisError(f"--max {limit:g}: {row.field} differs by up to {greatest:.6g}, at {where}")

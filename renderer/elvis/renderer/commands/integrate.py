@@ -1,0 +1,186 @@
+"""``elvis integrate``: forces, fluxes, areas, averages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from elvis.core.arguments import field_option, json_option, overwrite_option, times_option
+from elvis.renderer.commands.sources import Data, data_options
+
+if TYPE_CHECKING:
+    from elvis.core.files.columns import Columns
+    from elvis.core.integrals import Integrals
+    from elvis.renderer.commands.sources import Source
+
+EPILOG = """\b
+Examples:
+  elvis integrate wing.xml wing.fld --field force --over wing
+  elvis integrate wing.xml wing.fld --field "p*nx" --field area --over all --json
+  elvis integrate duct.xml duct.fld --field flux --over inlet --over outlet -o flux.csv
+  elvis integrate duct.xml duct.fld --field volume --field "average(p)"
+  elvis integrate wing.xml wing.fld --coefficients 1.2,30,0.5,x --over wing
+  elvis integrate duct.xml duct.fld --field volume --clip sphere:0.5,0.5,0.5:0.3
+  elvis integrate wing.xml wing_*.chk --field force --over wing --times all --plot force.png
+  elvis integrate duct.xml duct.fld --field flux --over plane:0,0,0.5:0,0,1
+"""
+
+
+@click.command("integrate", epilog=EPILOG, short_help="Integrate quantities: forces, fluxes, areas, averages.")
+@field_option
+@click.option(
+    "--over",
+    multiple=True,
+    metavar="WHAT",
+    default=("domain",),
+    help="domain, region:NAME, a boundary by name or number, all (outer faces, a row for each boundary), "
+    "plane:POINT:NORMAL, QUANTITY=VALUE, an isosurface, or a curve: line:P:Q, polyline:P:Q:R, "
+    "circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH.  Repeatable.  [default: domain]",
+)
+@click.option(
+    "--error",
+    type=float,
+    default=1e-10,
+    show_default=True,
+    help="Error asked for where a quantity is no polynomial, in parts of the integral of its absolute value.",
+)
+@click.option(
+    "--coefficients",
+    metavar="RHO,U,AREA,AXIS[,LENGTH]",
+    help="Also drag, lift and moment coefficients of walls: density, speed, area and, for moments, length of "
+    "reference; AXIS is that of the flow, as x, with that of lift, as xy, or an angle of attack in degrees, as xy:4.",
+)
+@click.option(
+    "--clip",
+    metavar="SURFACE",
+    help="Leave out what is inside (outside:…) of plane:POINT:NORMAL, sphere:CENTRE:RADIUS or QUANTITY=VALUE, where "
+    "the quantity is less, of the domain or of regions.",
+)
+@times_option
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    help="Draw the values over --times, .png, .svg or .pdf; the table is left out where -o names none.",
+)
+@json_option
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv or .npz.")
+@overwrite_option
+@data_options
+def integrate(
+    data: Data,
+    quantities: tuple[str, ...],
+    over: tuple[str, ...],
+    error: float,
+    coefficients: str | None,
+    clip: str | None,
+    times: tuple[float, float, int] | str | None,
+    plot: Path | None,
+    as_json: bool,
+    output: Path | None,
+    overwrite: bool,
+) -> None:
+    """Integrate quantities over the domain, regions, boundaries, surfaces and curves, on the elements' own map.
+
+    Where a quantity is a polynomial on the elements, or becomes one with the map's derivatives, as p*nx does on curved
+    faces and a divergence in curved elements, the rule is exact. Else three rules are compared, and elements halved
+    until the error asked for holds. Each value comes with its error. nx, ny, nz are the normal: of boundaries outwards,
+    of planes as given, of isosurfaces towards greater values. In addition to quantities there are area, volume, length,
+    average(EXPR), and the vectors force, pressure_force, viscous_force and moment, of all of which 2D data have those
+    of a unit span.
+    """
+    from dataclasses import asdict
+
+    from elvis.core.files.columns import write_columns
+    from elvis.core.integrals.integration import HEADERS
+    from elvis.core.terminal import print_json, print_table, warn
+
+    if not quantities and coefficients is None:
+        raise click.UsageError(
+            "expected --field, what is to be integrated, or --coefficients", click.get_current_context()
+        )
+    if not 0 < error < 1:
+        raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
+    if plot is not None and times is None:
+        raise click.UsageError("expected --plot with --times", click.get_current_context())
+    _check_outputs(output, plot, data.inputs(), overwrite)
+
+    def integrals(source: Source) -> Integrals:
+        return source.integrate(quantities, over, error, coefficients, clip)
+
+    found = _of_one_state(data, integrals) if times is None else _of_series(data, times, integrals)
+    for remark in dict.fromkeys(remark for _, own in found for remark in own.remarks):
+        warn(remark)
+    if plot is not None:
+        _plot(plot, found)
+    if output is not None:
+        write_columns(output, _columns(found))
+    elif as_json:
+        print_json([{**time, **asdict(row)} for time, own in found for row in own])
+    elif plot is None:
+        names = (*found[0][0], *HEADERS)
+        print_table(
+            names, [(*(f"{t:.10g}" for t in time.values()), *row) for time, own in found for row in own.cells()]
+        )
+
+
+#: integrals with the time that they are of, without one where the data are one state
+_Moments = list[tuple[dict[str, float], "Integrals"]]
+
+
+def _check_outputs(output: Path | None, plot: Path | None, read: list[Path], overwrite: bool) -> None:
+    """ElvisError where the files can't be written, before any long work."""
+    from elvis.core.files.columns import check_suffix
+    from elvis.core.files.output import check_places
+
+    if output is not None:
+        check_suffix(output)
+    if plot is not None:
+        from elvis.scene.time_plot import check_plot
+
+        check_plot(plot)
+    check_places([path for path in (output, plot) if path is not None], read, overwrite)
+
+
+def _of_one_state(data: Data, integrals: Callable[[Source], Integrals]) -> _Moments:
+    from elvis.core.terminal import stage
+
+    source = data.source()
+    with stage("integrating"):
+        return [({}, integrals(source))]
+
+
+def _of_series(data: Data, times: tuple[float, float, int] | str, integrals: Callable[[Source], Integrals]) -> _Moments:
+    from elvis.core.terminal import track
+
+    series, moments = data.moments(times)
+    found: _Moments = []
+    for time in track(moments.tolist(), "integrating"):
+        source = data.beside_others(series.at(time, data.between), is_quiet=True)
+        found.append(({"time": time}, integrals(source)))
+    data.tell_of(series, moments)
+    return found
+
+
+def _columns(found: _Moments) -> Columns:
+    """The table, with a column of times where there are several."""
+    import numpy as np
+
+    parts = [own.columns() for _, own in found]
+    times = {name: np.repeat([time[name] for time, _ in found], [len(own) for _, own in found]) for name in found[0][0]}
+    return {**times, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}}
+
+
+def _plot(path: Path, found: _Moments) -> None:
+    """A panel for each quantity, a curve for each of what it goes over."""
+    import numpy as np
+
+    from elvis.scene.time_plot import Plot
+
+    first = found[0][1]
+    overs, names = (list(dict.fromkeys(getattr(row, key) for row in first)) for key in ("over", "integrand"))
+    values = {name: np.array([[own.of(name, over).value for _, own in found] for over in overs]) for name in names}
+    places = [f"over {over}" for over in overs]
+    Plot(np.array([time["time"] for time, _ in found]), places, values).save(path)

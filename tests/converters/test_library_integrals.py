@@ -1,0 +1,59 @@
+"""Integrals and norms against what the solvers' own libraries integrate on their own data."""
+
+import numpy as np
+import pytest
+
+from elvis.core.integrals import integrate
+from elvis.formats import diff, from_mfem, from_ngsolve
+
+
+def test_integrals_and_norms_of_ngsolve():
+    """A curved disk of order 4: over the domain, of derivatives, over the rim, and the difference of two functions."""
+    ngsolve = pytest.importorskip("ngsolve")
+    occ = pytest.importorskip("netgen.occ")
+    face = occ.WorkPlane().Circle(0, 0, 1).Face()
+    face.edges.name = "rim"
+    mesh = ngsolve.Mesh(occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=0.7))
+    mesh.Curve(4)
+    u, v = (ngsolve.GridFunction(ngsolve.H1(mesh, order=order)) for order in (5, 3))
+    for function in (u, v):
+        function.Set(ngsolve.sin(3 * ngsolve.x) * (1 + ngsolve.y))
+    first, second = from_ngsolve(mesh, u=u), from_ngsolve(mesh, u=v)
+
+    def own(formula, where=ngsolve.VOL):
+        return ngsolve.Integrate(formula, mesh, where, order=24)
+
+    slopes = ngsolve.grad(u) - ngsolve.grad(v)
+    off = own((u - v) ** 2)
+    found = integrate(first, ["u", "u^2", "d(u,x)*y"], error=1e-12)
+    truth = [own(u), own(u * u), own(ngsolve.grad(u)[0] * ngsolve.y)]
+    assert [row.value for row in found] == pytest.approx(truth, rel=1e-11, abs=1e-11)
+    rim = integrate(first, ["length", "u*nx"], "rim", error=1e-12)
+    normal = ngsolve.specialcf.normal(2)
+    assert [row.value for row in rim] == pytest.approx(
+        [own(1, ngsolve.BND), own(u * normal[0], ngsolve.BND)], rel=1e-11, abs=1e-11
+    )
+    difference = diff(first, second, error=1e-8)
+    assert difference.is_same_mesh
+    assert difference[0].l2 == pytest.approx(np.sqrt(off), rel=1e-11)
+    assert difference[0].h1 == pytest.approx(np.sqrt(off + own(slopes * slopes)), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["fichera_mixed_p2", "escher_p3"])
+def test_integrals_of_mfem(name, nektar):
+    """Hexahedra, prisms and tetrahedra together; curved tetrahedra: MFEM's rules of order 16 at its own points."""
+    mfem = pytest.importorskip("mfem.ser")
+    files = [str(nektar.parent / "solvers" / "mfem" / f"{name}.{suffix}") for suffix in ("mesh", "u.gf")]
+    mesh = mfem.Mesh(files[0])
+    u = mfem.GridFunction(mesh, files[1])
+    total = square = 0.0
+    for element in range(mesh.GetNE()):
+        transformation = mesh.GetElementTransformation(element)
+        rule = mfem.IntRules.Get(mesh.GetElementGeometry(element), 16)
+        for number in range(rule.GetNPoints()):
+            point = rule.IntPoint(number)
+            transformation.SetIntPoint(point)
+            value, weight = u.GetValue(element, point), point.weight * transformation.Weight()
+            total, square = total + weight * value, square + weight * value**2
+    found = integrate(from_mfem(mesh, u=u), ["u", "u^2"])
+    assert [row.value for row in found] == pytest.approx([total, square], rel=1e-11, abs=1e-11)

@@ -1,0 +1,85 @@
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.core.testing import grid, with_field
+from elvis.formats import Dataset, ElvisError, Shape, integrate, read, write
+
+
+@pytest.fixture
+def channel(nektar):
+    """Six tetrahedra that fill the cube [-1, 1]^3, with u = 1 - z^2."""
+    return nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
+
+
+def test_the_contract_of_scripts(channel, elvis_json):
+    found = elvis_json("integrate", *channel, "--field", "u", "--field", "volume")
+    assert [list(row) for row in found] == [["over", "integrand", "value", "error", "measure", "exact"]] * 2
+    assert [row["value"] for row in found] == pytest.approx([16 / 3, 8], rel=1e-13)
+    assert [row["exact"] for row in found] == [True, True]
+    assert all(0 < row["error"] < 1e-12 for row in found)
+
+
+def test_a_row_for_each_boundary_and_a_total(channel, elvis):
+    rows = elvis("integrate", *channel, "--field", "area", "--over", "all").splitlines()
+    assert rows[0].split() == ["over", "integrand", "value", "error", "measure"]
+    values = [float(row.split()[2]) for row in rows[1:]]
+    assert rows[-1].startswith("total")
+    assert values[-1] == pytest.approx(24, rel=1e-13)
+    assert sum(values[:-1]) == pytest.approx(24, rel=1e-13)
+
+
+def test_files_of_both_kinds(channel, elvis, tmp_path):
+    for name in ("found.csv", "found.npz"):
+        assert elvis("integrate", *channel, "--field", "min(u, v)", "-o", tmp_path / name) == ""
+    with (tmp_path / "found.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    archive = np.load(tmp_path / "found.npz")
+    assert list(row) == list(archive) == ["over", "integrand", "value", "error", "measure", "exact"]
+    assert (row["over"], row["integrand"], row["exact"]) == ("domain", "min(u, v)", "0")
+    assert float(row["value"]) == archive["value"][0]
+
+
+def test_what_python_says_is_the_same(channel, elvis_json):
+    found = integrate(read(*channel), "p*nx", over="all")
+    assert found.value == elvis_json("integrate", *channel, "--field", "p*nx", "--over", "all")[-1]["value"]
+    assert repr(found).splitlines()[0].split() == ["over", "integrand", "value", "error", "measure"]
+    assert float(found) == found[-1].value == found.of("p*nx").value
+
+
+def test_an_error_that_is_not_reached_is_told(channel, elvis, capsys, monkeypatch):
+    told = []
+    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 14)
+    elvis("integrate", *channel, "--field", "abs(x - 0.1*y)", "--error", "1e-12")
+    assert len(told) == 1
+    assert "1e-12 was asked for" in told[0]
+
+
+def test_what_can_not_be_integrated(channel, elvis):
+    with pytest.raises(ElvisError, match=r"there is no boundary 'roof'; there are domain, all, "):
+        elvis("integrate", *channel, "--field", "u", "--over", "roof")
+    with pytest.raises(Exception, match="expected --field"):
+        elvis("integrate", *channel)
+
+
+def test_integrals_over_a_series(elvis, elvis_json, tmp_path):
+    """u = t on the unit square at times 0, 1 and 2."""
+    mesh = grid(Shape.QUADRILATERAL, 1)
+    write(Dataset(mesh), tmp_path / "m.xml")
+    for step in range(3):
+        state = replace(with_field(mesh, lambda p, step=step: 0 * p[:, 0] + step, 2), time=float(step))
+        write(state, tmp_path / "other.xml", tmp_path / f"m_{step}.chk")
+    files = (tmp_path / "m.xml", *(tmp_path / f"m_{step}.chk" for step in range(3)))
+    found = elvis_json("integrate", *files, "--field", "u", "--field", "area", "--times", "0:2:5")
+    assert [row["value"] for row in found if row["integrand"] == "u"] == pytest.approx([0, 0.5, 1, 1.5, 2])
+    assert [row["time"] for row in found if row["integrand"] == "area"] == [0, 0.5, 1, 1.5, 2]
+    outputs = ("-o", tmp_path / "u.csv", "--plot", tmp_path / "u.svg")
+    assert elvis("integrate", *files, "--field", "u", "--times", "all", *outputs) == ""
+    rows = list(csv.DictReader((tmp_path / "u.csv").read_text().splitlines()))
+    assert [float(row["value"]) for row in rows] == pytest.approx([0, 1, 2])
+    assert (tmp_path / "u.svg").read_text().startswith("<?xml")
+    with pytest.raises(Exception, match="expected --plot with --times"):
+        elvis("integrate", *files, "--field", "u", "--plot", tmp_path / "u.svg")

@@ -1,0 +1,101 @@
+"""Differences of solutions against closed forms: one function on two meshes, a shift, families, parts without cover."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Dataset
+from elvis.core.differences import diff, family
+from elvis.core.errors import ElvisError
+from elvis.core.integrals import integrate
+from elvis.core.sampling import sample
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid
+
+SHIFT = 1e-6
+
+
+def cubic(points):
+    return points[:, 0] ** 2 + points[:, 1] ** 2 * points[:, 2] - points[:, 0] * points[:, 1]
+
+
+def with_p(mesh, function=cubic, modes=4):
+    return Dataset(mesh, (approximated(Dataset(mesh), "p", function, modes),))
+
+
+@pytest.mark.parametrize(("first", "second"), [(Shape.TETRAHEDRON, Shape.HEXAHEDRON), (Shape.PYRAMID, Shape.PRISM)])
+def test_one_function_on_two_meshes_does_not_differ(first, second):
+    """Range 2: every norm is below 1e-11 of it."""
+    found = diff(with_p(grid(first, 1)), with_p(grid(second, 1), modes=5), error=0.1)[0]
+    assert max(found.l1, found.l2, found.linf) < 2e-11
+    assert found.covered == pytest.approx(1, abs=1e-12)
+
+
+def test_a_shift_is_the_gradient_times_it():
+    """p(x + s) - p(x) = s (2 x - y) + s^2."""
+    moved = with_p(grid(Shape.TETRAHEDRON, 1), lambda p: cubic(p + SHIFT * np.eye(3)[0]), 5)
+    for own, is_same in ((with_p(grid(Shape.TETRAHEDRON, 1)), True), (with_p(grid(Shape.HEXAHEDRON, 2)), False)):
+        found = diff(own, moved, error=0.1)
+        row = found.of("p")
+        assert found.is_same_mesh == is_same
+        assert row.l2 == pytest.approx(SHIFT * np.sqrt(2 / 3), rel=2e-6)
+        assert row.h1 == pytest.approx(SHIFT * np.sqrt(2 / 3 + 5), rel=2e-6)
+        assert row.linf == pytest.approx(2 * SHIFT, rel=1e-6)
+        assert row.where == pytest.approx((1, 0, row.where[2]), abs=1e-3)
+        assert abs(row.l2 - SHIFT * np.sqrt(2 / 3)) < row.l2_error + SHIFT**2
+        assert np.isnan(row.bound) != is_same
+        assert not row.bound < row.linf
+        point = sample(own.beside(ref=moved), ["ref:p - p", "d(ref:p, y) - d(p, y)"], [(0.3, 0.2, 0.1)]).values[0]
+        assert point == pytest.approx([SHIFT * 0.4 + SHIFT**2, -SHIFT], abs=1e-12)
+
+
+def wave(points):
+    return np.sin(2 * points[:, 0] + points[:, 1])
+
+
+@pytest.mark.parametrize("modes", [2, 4])
+def test_families_show_their_order(modes):
+    meshes = [grid(Shape.QUADRILATERAL, count) for count in (4, 8)]
+    found = family([with_p(mesh, wave, modes) for mesh in meshes], with_p(grid(Shape.TRIANGLE, 2), wave, 9), error=0.9)
+    assert found.orders("p")[1] == pytest.approx(modes, abs=0.05)
+    assert found.orders("p", "h1")[1] == pytest.approx(modes - 1, abs=0.05)
+    assert list(found.columns()["elements"]) == [16, 64]
+
+
+def half(points):
+    return points * [0.5, 1, 1]
+
+
+def test_where_the_second_has_nothing_is_left_out_and_told():
+    """The second fills x < 0.5: the integral of (p - q)^2 = x^2 there is 1/24; points of its border count."""
+    small = grid(Shape.TRIANGLE, 2)
+    small = replace(small, vertices=half(small.vertices))
+    own, other = with_p(grid(Shape.QUADRILATERAL, 2), lambda p: p[:, 0]), with_p(small, lambda p: 0 * p[:, 0])
+    found = diff(own, other)
+    assert found[0].covered == pytest.approx(0.5, rel=1e-12)
+    assert found[0].l2 == pytest.approx(np.sqrt(1 / 24), rel=1e-10)
+    assert found[0].linf == pytest.approx(0.5, rel=1e-12)
+    assert found.remarks[0] == "p: the second dataset has nothing on 0.5 of the first, which is left out"
+    values = sample(own.beside(ref=other), "p - ref:p", [(0.5, 0.5, 0), (0.25, 0.25, 0), (0.51, 0.5, 0)]).values[:, 0]
+    np.testing.assert_allclose(values, [0.5, 0.25, np.nan], atol=1e-12)
+    whole = integrate(own.beside(ref=other), "p - ref:p")
+    assert (whole.value, whole[0].measure) == pytest.approx((1 / 8, 0.5), rel=1e-12)
+    assert "has no value on 0.5 of domain" in whole.remarks[0]
+
+
+def test_what_cannot_be_compared_or_named():
+    own = with_p(grid(Shape.TRIANGLE, 1))
+    with pytest.raises(ElvisError, match="expected fields of the same names in both datasets, found p and none"):
+        diff(own, Dataset(own.mesh))
+    with pytest.raises(ElvisError, match=r"expected a field that both datasets have \(p\), found 'u'"):
+        diff(own, own, "u")
+    beside = own.beside(ref=own)
+    for text, sentence in (
+        ("ref", "expected : after ref, and what is asked of it, such as ref:p"),
+        ("ref:u", "character 5: there is no 'u'"),
+        ("other:p", "there is no 'other'"),
+    ):
+        with pytest.raises(ElvisError) as error:
+            sample(beside, text, [(0, 0, 0)])
+        assert sentence in str(error.value)

@@ -1,0 +1,77 @@
+"""`elvis diff`: tables, files, reports, gates."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid
+from elvis.formats import write
+from elvis.plugins.command import elvis as group
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Names of data that hold sin(2 x + y) on meshes of squares, order 2, and of triangles, order 6."""
+    folder, found = tmp_path_factory.mktemp("diff"), {}
+    for name, shape, count, modes in (
+        ("a", Shape.QUADRILATERAL, 2, 3),
+        ("b", Shape.QUADRILATERAL, 4, 3),
+        ("same", Shape.QUADRILATERAL, 4, 4),
+        ("t", Shape.TRIANGLE, 2, 7),
+    ):
+        mesh = grid(shape, count)
+        field = approximated(Dataset(mesh), "p", lambda p: np.sin(2 * p[:, 0] + p[:, 1]), modes)
+        write(Dataset(mesh, (field,)), folder / f"{name}.xml", folder / f"{name}.fld")
+        found[name] = f"{folder / name}.xml,{folder / name}.fld"
+    return found
+
+
+def run(*arguments):
+    outcome = CliRunner().invoke(group, ["diff", "--error=0.5", *map(str, arguments)], standalone_mode=False)
+    if outcome.exception:
+        raise outcome.exception
+    return outcome.stdout
+
+
+def test_the_contract_of_scripts(files):
+    found = json.loads(run(files["b"], files["same"], "--json"))
+    assert list(found) == ["p"]
+    names = ["L1", "L2", "H1", "Linf", "Linf_bound", "where", "element", "relative", "covered"]
+    assert list(found["p"]) == [*names, "L1_error", "L2_error", "H1_error"]
+    assert found["p"]["Linf"] <= found["p"]["Linf_bound"] <= found["p"]["Linf"] * (1 + 1e-6)
+    assert json.loads(run(files["b"], files["t"], "--json"))["p"]["Linf_bound"] is None
+
+
+def test_a_gate(files):
+    assert "p" in run(files["b"], files["b"], "--max", "1e-12")
+    with pytest.raises(ElvisError, match=r"--max 1e-08: p differs by up to 0\.00\d+, at "):
+        run(files["b"], files["same"], "--max", "1e-8")
+
+
+def test_a_report_of_a_family(files, tmp_path):
+    report = tmp_path / "report"
+    table = run(files["a"], files["b"], files["t"], "-o", report).splitlines()
+    assert table[0].split()[-3:] == ["order", "of", "L2"]
+    assert float(table[-1].split()[-1]) == pytest.approx(3, abs=0.1)
+    assert {path.name for path in report.rglob("*.*")} == {"index.html", "summary.json", "report.json", "order.svg"}
+    numbers = json.loads((report / "summary.json").read_text())
+    assert numbers["orders"]["p"][0] is None
+    assert "Order of convergence" in (report / "index.html").read_text()
+    run(files["a"], files["t"], "-o", report)
+    assert not (report / "plots").exists()
+    run(files["a"], files["b"], files["t"], "-o", tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text().startswith("data,field,elements,size,L1,L1_order")
+
+
+def test_wrong_use(files, tmp_path):
+    with pytest.raises(Exception, match="expected at least two datasets"):
+        run(files["a"])
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes").write_text("mine")
+    with pytest.raises(ElvisError, match="a folder of other things"):
+        run(files["a"], files["b"], "-o", tmp_path / "other")
