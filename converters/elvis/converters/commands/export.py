@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option, reader_option
+from elvis.core.arguments import between_option, cache_option, overwrite_option, reader_option, step_option, time_option
 
 if TYPE_CHECKING:
     from elvis.plugins.exporting import Loss
@@ -35,6 +35,9 @@ _ROUNDING = 1e-11
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the losses as JSON, numbers with all their digits.")
 @reader_option
+@step_option
+@time_option
+@between_option
 @cache_option
 @overwrite_option
 def export(
@@ -45,6 +48,9 @@ def export(
     max_error: float | None,
     as_json: bool,
     reader: tuple[str, ...],
+    step: int | None,
+    time: float | None,
+    between: str,
     no_cache: bool,
     overwrite: bool,
 ) -> None:
@@ -57,6 +63,7 @@ def export(
 
     from elvis.core.arguments import field_names
     from elvis.core.files.output import check_places
+    from elvis.core.moments import Moment
     from elvis.core.terminal import note
     from elvis.plugins.data import Reading, dataset_of, pairs
     from elvis.plugins.exporting import GROUP, exporter
@@ -68,7 +75,7 @@ def export(
             f"expected a name ending in {' or '.join(suffixes)}, found {output}", param_hint="'-o'"
         )
     check_places([output], data, overwrite)
-    dataset = dataset_of(data, Reading(None, pairs(reader), not no_cache))
+    dataset = dataset_of(data, Reading(None, pairs(reader), not no_cache, Moment(step, time, between)))
     for remark in dataset.remarks:
         note(remark)
     names = None if fields is None else field_names(dataset, fields)

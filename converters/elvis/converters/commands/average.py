@@ -1,0 +1,88 @@
+"""``elvis average``: means over the steps of a series."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from elvis.core.arguments import cache_option, overwrite_option, reader_option
+from elvis.core.errors import ElvisError
+
+EPILOG = """\b
+Examples:
+  elvis average wing.xml 'wing_*.chk' -o mean.fld
+  elvis average wing.xml wing_*.chk --covariances -o mean.fld
+  elvis render wing.xml mean.fld --field "sqrt(max(u_u,0))" --plane 0,0,0:0,0,1 -o rms.png
+  elvis average case.pyfrm case-*.pyfrs --over time -o mean.xml
+"""
+
+FILE = click.Path(path_type=Path)
+
+#: fits of covariances that leave more than this are told
+_ROUNDING = 1e-11
+
+
+@click.command("average", epilog=EPILOG, short_help="Write the mean of a series, and covariances.")
+@click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
+@click.option(
+    "--output", "-o", type=FILE, required=True, help="A field file; or .xml for the mesh, with the fields beside it."
+)
+@click.option(
+    "--over",
+    type=click.Choice(["steps", "time"]),
+    default="steps",
+    show_default=True,
+    help="Every step counts the same, or the mean in time of what is linear between steps.",
+)
+@click.option("--covariances", is_flag=True, help="Also the covariances u_u, u_v, … of all pairs of fields.")
+@click.option(
+    "--order",
+    type=click.IntRange(1, 30),
+    help="Highest degree of covariances, whose errors are told.  [default: that which holds them]",
+)
+@reader_option
+@overwrite_option
+@cache_option
+def average(
+    data: tuple[Path, ...],
+    output: Path,
+    over: str,
+    covariances: bool,
+    order: int | None,
+    reader: tuple[str, ...],
+    overwrite: bool,
+    no_cache: bool,
+) -> None:
+    """Write the mean of each field over the steps of a series, exact: that of its coefficients.
+
+    Covariances, of what fields differ from their means by, are exact too, in bases of twice the degree: u_u is the
+    square of the rms of the fluctuation of u.  The error of the fit is told where a basis does not hold them.
+    """
+    from elvis.core.files.output import check_places
+    from elvis.core.terminal import note, say
+    from elvis.formats.writing import write
+    from elvis.plugins.data import pairs
+    from elvis.plugins.series.series import open_series
+    from elvis.plugins.series.statistics import average as mean_of
+    from elvis.plugins.series.step_names import expanded
+
+    has_mesh = output.suffix == ".xml"
+    files = expanded(data)
+    check_places([output, output.with_suffix(".fld")] if has_mesh else [output], files, overwrite)
+    series = open_series(*files, reader=pairs(reader), cache=not no_cache)
+    if not (has_mesh or series.is_native):
+        raise ElvisError(f"{output}: expected a name ending in .xml, as the mesh is converted")
+    found = mean_of(series, over, covariances, order)
+    for remark in series.told:
+        note(remark)
+    if found.left_out:
+        note(f"fields that differ between steps are left out: {', '.join(found.left_out)}")
+    for name, error in found.errors.items():
+        if error > _ROUNDING:
+            reason = "no basis holds it" if order is None else f"degree {order} does not hold it"
+            note(f"{name}: {reason}: it is off by {error:.3g} of its largest value")
+    written = write(found.dataset, output) if has_mesh else write(found.dataset, field_path=output)
+    count = found.dataset.metadata["AveragedSteps"]
+    ends = f"time {series.times[0]:.10g} to {series.times[-1]:.10g}"
+    say(f"{', '.join(map(str, written))}: mean of {count} steps from {ends}")

@@ -1,0 +1,106 @@
+"""What the beginning of a native field file tells: its time, and which fields it holds on which elements."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from elvis.core.errors import FormatError
+from elvis.core.files.plain import leading
+from elvis.formats.nektar import hdf5, xml
+from elvis.formats.nektar.fields_input import read_hdf5_metadata, time_of
+from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
+
+#: bytes at the beginning of a file in which its time and its first section stand, and at the end in which it closes
+_HEAD, _TAIL = 1 << 20, 1 << 12
+
+_SECTION = re.compile(rb"<ELEMENTS\s([^>]*)")
+_FIELDS = re.compile(rb"""\bFIELDS\s*=\s*["']([^"']*)""")
+_IDS = re.compile(rb"""\bID\s*=\s*["']([^"']*)""")
+_TIME = re.compile(rb"<Time>([^<]*)</Time>")
+_PIECES = re.compile(rb"<Partition\s[^>]*>([^<]*)<")
+
+
+@dataclass(frozen=True)
+class FieldHead:
+    """What is known of a field file without reading its coefficients.
+
+    time   None where the file has none
+    mark   stands for the fields and the elements that they are on: files of one mark hold the same ones
+    fault  why the file can't be whole; empty where nothing speaks against it
+    """
+
+    time: float | None
+    mark: str
+    fault: str = ""
+
+
+def field_head(path: Path) -> FieldHead | None:
+    """What the beginning of a field file, or of a folder of one, tells; None for all else, damaged files among it."""
+    if path.is_dir():
+        info = path / "Info.xml"
+        return _of_xml(info, _PIECES) if info.is_file() else None
+    if leading(path, len(HDF5_SIGNATURE)) == HDF5_SIGNATURE:
+        return _of_hdf5(path)
+    return _of_xml(path, _SECTION)
+
+
+def is_no_mesh(path: Path) -> bool:
+    """Whether a file can't be that of a mesh, as far as its beginning goes: so it may be a field file that is begun."""
+    if not path.is_file():
+        return False
+    try:
+        start = xml.head(path, _HEAD)
+        if not start.startswith(HDF5_SIGNATURE):
+            return b"<GEOMETRY" not in start
+        with hdf5.reading(path):
+            return False
+    except (FormatError, OSError):
+        return True
+
+
+def _of_xml(path: Path, section: re.Pattern[bytes]) -> FieldHead | None:
+    """That of an XML file; ``section`` finds what tells its fields and elements."""
+    try:
+        start = xml.head(path, _HEAD)
+    except OSError:
+        return None
+    found = section.findall(start)
+    if not found or b"<GEOMETRY" in start:
+        return None
+    told = [search.search(found[0]) for search in (_FIELDS, _IDS)]
+    parts = [own[1] for own in told if own] or found
+    time = _TIME.search(start)
+    fault = "" if _is_closed(path) else "the file ends before its last tag"
+    return FieldHead(time_of({"Time": time[1].decode("ascii", "replace")} if time else {}), _mark(parts), fault)
+
+
+def _is_closed(path: Path) -> bool:
+    """Whether the last tag is there; of packed files that is not asked."""
+    with path.open("rb") as file:
+        if file.read(2) == xml.GZIP_SIGNATURE:
+            return True
+        file.seek(max(0, os.fstat(file.fileno()).st_size - _TAIL))
+        return b"</NEKTAR>" in file.read()
+
+
+def _of_hdf5(path: Path) -> FieldHead | None:
+    """That of an HDF5 file."""
+    try:
+        with hdf5.reading(path) as file, hdf5.format_errors():
+            root = hdf5.group(file, "NEKTAR")
+            ids = None if root is None else hdf5.ints(root, "ELEMENTIDS")
+            if root is None or ids is None:
+                return None
+            time = time_of(read_hdf5_metadata(root))
+            counts = hdf5.unsigned(root, "DECOMPOSITION")
+    except (FormatError, OSError):
+        return None
+    return FieldHead(time, _mark([ids.tobytes(), b"" if counts is None else counts.tobytes()]))
+
+
+def _mark(parts: list[bytes]) -> str:
+    return sha256(b"\0".join(parts)).hexdigest()

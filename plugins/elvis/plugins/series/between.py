@@ -1,0 +1,115 @@
+"""Between the steps of a series: coefficients are interpolated in time, never pictures.
+
+The solution is linear in its coefficients, and the mesh stands still: so the polynomial in time through the
+coefficients of some steps is, at every place, the one through their values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.moments import BETWEEN
+
+#: how many steps each way from steps to the time between them looks at
+STEPS_OF = dict(zip(BETWEEN, (2, 4, 1), strict=True))
+#: a time this near to that of a step, as a share of all times, is that of the step
+NEAR = 1e-12
+
+
+def window(times: Floats, time: float, count: int) -> list[int]:
+    """The ``count`` steps, or all where these are fewer, of ascending ``times`` (n,) around a time.
+
+    There are as many on either side, but at the ends of the series.
+    """
+    count = min(count, len(times))
+    if count == 1:
+        return [int(np.abs(times - time).argmin())]
+    after = int(np.searchsorted(times, time, side="right"))
+    first = min(max(after - count // 2, 0), len(times) - count)
+    return list(range(first, first + count))
+
+
+def weights(times: Floats, time: float) -> Floats:
+    """(n,) values at a time of the Lagrange polynomials of ``times`` (n,)."""
+    own = np.ones(len(times))
+    for i, at in enumerate(times):
+        others = np.delete(times, i)
+        own[i] = np.prod((time - others) / (at - others))
+    return own
+
+
+def combined(steps: Sequence[Dataset], factors: Floats) -> tuple[Dataset, tuple[str, ...]]:
+    """The sum of datasets on one mesh times factors (n,), and the names of fields that are left out.
+
+    Fields are alike where all steps have them on the same elements in the same bases.
+    """
+    first, found, lacking = steps[0], list[Field](), list[str]()
+    maps = first.map_names
+    for field in first.fields:
+        own = [step.field(field.name) for step in steps if field.name in step]
+        if field.name in maps:
+            found.append(field)
+        elif len(own) == len(steps) and (total := sum_of(own, factors)) is not None:
+            found.append(total)
+        else:
+            lacking.append(field.name)
+    names = {field.name for field in first.fields}
+    lacking += sorted({field.name for step in steps for field in step.fields} - names)
+    return replace(first, fields=tuple(found), rates=None), tuple(lacking)
+
+
+def _is_alike(one: Field, other: Field) -> bool:
+    """Whether two fields have the same bases on the same elements, in one order."""
+    blocks = zip(one.blocks, other.blocks, strict=False)
+    return len(one.blocks) == len(other.blocks) and all(
+        a.expansion == b.expansion and np.array_equal(a.element_ids, b.element_ids) for a, b in blocks
+    )
+
+
+def sum_of(own: Sequence[Field], factors: Floats) -> Field | None:
+    """The sum of a field's steps times factors; None where these are not alike."""
+    if not all(_is_alike(own[0], other) for other in own[1:]):
+        return None
+    blocks = []
+    for parts in zip(*(field.blocks for field in own), strict=True):
+        total = np.zeros(parts[0].coefficients.shape)
+        for part, factor in zip(parts, factors, strict=True):
+            total += factor * part.coefficients
+        blocks.append(Block(parts[0].expansion, parts[0].element_ids, frozen_floats(total)))
+    states = {field.continuous for field in own}
+    return Field(own[0].name, tuple(blocks), states.pop() if len(states) == 1 else None)
+
+
+def is_finite(dataset: Dataset) -> bool:
+    """Whether all coefficients are numbers, and finite."""
+    return all(np.isfinite(block.coefficients).all() for field in dataset.fields for block in field.blocks)
+
+
+def is_one_mesh(one: Dataset, other: Dataset) -> bool:
+    """Whether two datasets have the same mesh, and the same map where fields give it."""
+    if one.map_names != other.map_names or not is_same(one.mesh, other.mesh):
+        return False
+    return all(name in one and name in other and is_same(one.field(name), other.field(name)) for name in one.map_names)
+
+
+def is_same(one: Any, other: Any) -> bool:
+    """Whether two trees of dataclasses, collections and arrays hold the same."""
+    if one is other:
+        return True
+    if isinstance(one, np.ndarray):
+        return isinstance(other, np.ndarray) and np.array_equal(one, other)
+    if type(one) is not type(other):
+        return False
+    if is_dataclass(one):
+        return all(is_same(getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
+    if isinstance(one, Mapping):
+        return one.keys() == other.keys() and all(is_same(one[key], other[key]) for key in one)
+    if isinstance(one, (tuple, list)):
+        return len(one) == len(other) and all(map(is_same, one, other))
+    return bool(one == other)

@@ -1,0 +1,219 @@
+"""Which files are steps of a series: told by what they hold, by what an index lists, by numbers in their names."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from elvis.core.errors import ElvisError
+from elvis.formats.field_heads import FieldHead, field_head, is_no_mesh
+from elvis.plugins.conversion import Converter
+from elvis.plugins.discovery import choose_converter, installed_converters
+from elvis.plugins.series.step_names import groups, numbered, pattern_of
+
+if TYPE_CHECKING:
+    from elvis.plugins.data import Reading
+
+#: what is said where times are numbers
+NO_TIMES = "the files tell no times: these are the numbers in their names"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of a series.
+
+    time    in the unit of the files; None where neither file nor name tells it
+    files   that hold it, but for those that all steps need
+    option  the number by which the converter knows it, None where it has files of its own
+    """
+
+    time: float | None
+    files: tuple[Path, ...] = ()
+    option: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The step in words."""
+        return ", ".join(path.name for path in self.files) or f"step {self.option} of the file"
+
+
+@dataclass
+class Found:
+    """Steps, ascending in time; what all of them need; what was noted in finding them.
+
+    common     files that hold the mesh, an index or all steps
+    is_native  whether the steps are field files of the native format
+    """
+
+    common: tuple[Path, ...]
+    steps: list[Step]
+    is_native: bool = False
+    remarks: list[str] = field(default_factory=list)
+
+
+def find_steps(paths: Sequence[Path], reading: Reading) -> Found | None:
+    """The series that files are, None where they are a single state.
+
+    Files of some formats are steps or parts of one mesh: they are steps where a moment is asked for.
+    """
+    if reading.plugin is not None:
+        return None
+    found = _native(paths)
+    if found is None and "step" not in reading.options:
+        found = _converted(paths, reading)
+    return None if found is None else _in_order(found)
+
+
+def _native(paths: Sequence[Path]) -> Found | None:
+    """Field files that hold the same fields on the same elements, so that they can't be parts of one state."""
+    if len(paths) < 2:
+        return None
+    heads = {path: head for path in paths if (head := field_head(path)) is not None}
+    if not heads:
+        return None
+    counts = Counter(head.mark for head in heads.values())
+    alike = {path for path, head in heads.items() if counts[head.mark] > 1}
+    begun = {path for path in paths if path not in heads and is_no_mesh(path)}
+    patterns = {pattern_of(path) for path in alike or heads}
+    members = [path for path in paths if path in begun or path in heads]
+    members = [path for path in members if path in alike or pattern_of(path) in patterns]
+    if len(members) < 2 or not (alike or begun.intersection(members)):
+        return None
+    common = set(paths).difference(members)
+    found = Found(tuple(path for path in paths if path in common), [], is_native=True)
+    has_times = any(head.time is not None for head in heads.values())
+    for number, path in _by_number(members):
+        head = heads.get(path, FieldHead(None, "", "it is no whole field file"))
+        fault = head.fault or (_fault_of(head.time) if has_times else "")
+        if fault:
+            found.remarks.append(f"{path.name}: {fault}: the step is left out")
+        else:
+            found.steps.append(Step(head.time if has_times else number, (path,)))
+    if not has_times:
+        found.remarks.append(NO_TIMES)
+    return found
+
+
+def _fault_of(time: float | None) -> str:
+    """Why a time can't be that of a step among others with times; empty where it can."""
+    if time is None:
+        return "it tells no time, as others do"
+    return "" if isfinite(time) else f"its time is {time:g}"
+
+
+def _by_number(members: Sequence[Path]) -> list[tuple[float | None, Path]]:
+    """Files in the order of their numbers; those of several patterns in the order given, without numbers."""
+    own = numbered(members) if len(groups(members)) == 1 else {}
+    return list(own.items()) if own else [(None, path) for path in members]
+
+
+def _converted(paths: Sequence[Path], reading: Reading) -> Found | None:
+    """Steps of files that a converter reads."""
+    options = dict(reading.options)
+    name = options.pop("from", None)
+    if reading.moment.is_asked:
+        with suppress(ElvisError):
+            converter = _converter(paths, name)
+            times = converter.times(paths)
+            if len(times) > 1:
+                return Found(tuple(paths), [Step(time, option=i) for i, time in enumerate(times)])
+    return _numbered(paths, reading, name)
+
+
+def _converter(paths: Sequence[Path], name: str | None) -> type[Converter]:
+    """The converter of files; ElvisError where there is none."""
+    found = choose_converter(installed_converters(), paths, name).converter
+    assert found is not None
+    return found
+
+
+def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Found | None:
+    """Files whose names differ in a number, each with the others a state of its own."""
+    several = [own for own in map(numbered, groups(paths)) if len(own) > 1]
+    if not several:
+        return None
+    listed = {path for own in several for path in own.values()}
+    common = tuple(path for path in paths if path not in listed)
+    numbers = sorted(set().union(*several))
+    found = Found(common, [])
+    by_number: dict[float, Step] = {}
+    converter: type[Converter] | None = None
+    for number in numbers:
+        files = tuple(own[number] for own in several if number in own)
+        every = (*common, *files)
+        try:
+            if converter is None or not converter.opens(every):
+                converter = _converter(every, name)
+            times = converter.times(every)
+        except ElvisError as error:
+            found.remarks.append(f"{error}: the step is left out")
+        else:
+            by_number[number] = Step(times[-1] if times else None, files)
+    # parts of one state have one time
+    told = [step.time for step in by_number.values()]
+    are_steps = reading.moment.is_asked or (None not in told and len(set(told)) == len(told) > 1)
+    if converter is None or not by_number or (converter.joins and not are_steps):
+        return None
+    return _with_times(found, by_number, reading)
+
+
+def _with_times(found: Found, by_number: dict[float, Step], reading: Reading) -> Found:
+    """Steps without times get those that a whole reading tells, else their numbers."""
+    found.steps = list(by_number.values())
+    if all(step.time is not None for step in found.steps):
+        return found
+    from elvis.plugins.data import state_of
+
+    first = state_of((*found.common, *found.steps[0].files), reading)
+    steps = []
+    for number, step in by_number.items():
+        time = number
+        if first.time is not None:
+            time = state_of((*found.common, *step.files), reading).time or 0.0
+        steps.append(replace(step, time=time))
+    if first.time is None:
+        found.remarks.append(NO_TIMES)
+    return replace(found, steps=steps)
+
+
+def _in_order(found: Found) -> Found | None:
+    """The series with ascending times: what comes twice or goes back is left out; None where time stands still.
+
+    A single step is a series where others are damaged, or only begun.
+    """
+    steps = [step for step in found.steps if step.time is not None]
+    least = 1 if found.is_native and len(steps) == 1 else 2
+    if len({step.time for step in steps}) < least:
+        return None
+    if len(groups([path for step in steps for path in step.files])) > 1 or not steps[0].files:
+        steps.sort(key=lambda step: step.time or 0.0)
+    kept: list[Step] = []
+    remarks = list(found.remarks)
+    for step in steps:
+        last = kept[-1].time if kept else None
+        if last is None or step.time is None or step.time > last:
+            kept.append(step)
+        elif step.time == last:
+            remarks.append(f"{step.name}: its time, {step.time:.10g}, is that of {kept[-1].name}: it is left out")
+        else:
+            told = f"its time, {step.time:.10g}, is before that of {kept[-1].name}, {last:.10g}"
+            remarks.append(f"{step.name}: {told}: it is left out")
+    return replace(found, steps=kept, remarks=[*remarks, *_gaps(kept)])
+
+
+def _gaps(steps: Sequence[Step]) -> list[str]:
+    """Sentences on numbers that are missing between those of files that are otherwise evenly numbered."""
+    paths = [step.files[0] for step in steps if step.files]
+    numbers = list(numbered(paths)) if len(paths) > 2 and len(groups(paths)) == 1 else []
+    spaces = [after - before for before, after in pairwise(numbers)]
+    least = min(spaces, default=0.0)
+    if spaces.count(least) * 2 <= len(spaces):
+        return []
+    wide = [i for i, space in enumerate(spaces) if space > 1.5 * least]
+    return [f"steps are missing between {paths[i].name} and {paths[i + 1].name}" for i in wide]

@@ -1,0 +1,87 @@
+"""Derivatives in time: those of the interpolation between steps, of whose coefficients they are sums.
+
+Between two steps that is the difference quotient; between four the derivative of the cubic.  At a step, where both
+have a kink, it is that of what follows; at the last, of what comes before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Field, rate_name
+from elvis.core.errors import ElvisError
+from elvis.core.moments import BETWEEN
+from elvis.plugins.series.between import STEPS_OF, is_one_mesh, sum_of
+
+if TYPE_CHECKING:
+    from elvis.plugins.series.series import Series
+
+
+def weights_of_rates(times: Floats, time: float) -> Floats:
+    """(n,) derivatives at a time of the Lagrange polynomials of ``times`` (n,).
+
+    The polynomial of i is a product of (t - t_k) / (t_i - t_k), so its derivative a sum of products that lack one.
+    """
+    found = np.zeros(len(times))
+    for i, at in enumerate(times):
+        for j in range(len(times)):
+            others = [k for k in range(len(times)) if k not in (i, j)]
+            if i != j:
+                found[i] += np.prod((time - times[others]) / (at - times[others])) / (at - times[j])
+    return found
+
+
+@dataclass(eq=False)
+class StepRates:
+    """Derivatives in time of a series at a time, found when they are asked for (see `elvis.core.dataset.Rates`)."""
+
+    series: Series
+    time: float
+    between: str
+    _found: dict[str, Field] = field(default_factory=dict)
+    _numbers: list[int] = field(default_factory=list)
+
+    @property
+    def remark(self) -> str:
+        """What the derivatives are; empty as long as none is asked for."""
+        if not self._found:
+            return ""
+        numbers = self._numbers
+        what = "difference quotients" if len(numbers) == 2 else "those of the cubic in time"
+        ends = f"steps {numbers[0]} to {numbers[-1]}"
+        times = f"times {self.series.times[numbers[0]]:.10g} to {self.series.times[numbers[-1]]:.10g}"
+        return f"derivatives in time are {what} of coefficients of {ends}, {times}"
+
+    def field(self, name: str) -> Field:
+        """The derivative of a field, named as `rate_name` says; ElvisError where there is none."""
+        if name not in self._found:
+            numbers = self._steps()
+            steps = [self.series[number] for number in numbers]
+            if not all(is_one_mesh(steps[0], step) for step in steps[1:]):
+                raise ElvisError(f"the mesh changes between steps {numbers[0]} and {numbers[-1]}: {_none(name)}")
+            own = [step.field(name) for step in steps if name in step]
+            rate = (
+                sum_of(own, weights_of_rates(self.series.times[numbers], self.time)) if len(own) == len(steps) else None
+            )
+            if rate is None:
+                raise ElvisError(f"steps {numbers[0]} to {numbers[-1]} don't have the same {name}: {_none(name)}")
+            self._found[name] = Field(rate_name(name), rate.blocks)
+        return self._found[name]
+
+    def _steps(self) -> list[int]:
+        """The steps that are taken; ElvisError where there are no two."""
+        if self.between == "nearest":
+            others = " or ".join(each for each in BETWEEN if each != "nearest")
+            raise ElvisError(f"the nearest step has no derivative in time: expected {others} between steps")
+        self._numbers = self._numbers or self.series.readable_around(self.time, STEPS_OF[self.between])
+        if len(self._numbers) < 2:
+            raise ElvisError("one step has no derivative in time: expected two that can be read")
+        return self._numbers
+
+
+def _none(name: str) -> str:
+    return f"there is no {rate_name(name)}"

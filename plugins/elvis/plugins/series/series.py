@@ -1,0 +1,294 @@
+"""A series: the steps of a solution in time, one dataset at each, and those between them.
+
+One mesh is read once, and a few steps at most are in memory at any time.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.geometry import share
+from elvis.core.moments import BETWEEN, Moment, checked_step
+from elvis.formats.reading import read as read_native
+from elvis.formats.reading import with_fields
+from elvis.plugins.series.between import NEAR, STEPS_OF, combined, is_finite, is_one_mesh, weights, window
+from elvis.plugins.series.finding import Found, Step, find_steps
+from elvis.plugins.series.rates import StepRates
+from elvis.plugins.series.step_names import expanded
+
+if TYPE_CHECKING:
+    from elvis.plugins.data import Reading
+
+#: steps that are kept in memory, at least: one and the next; others where so many are needed to interpolate
+_KEPT = 2
+#: no step and no time is asked for
+LAST = Moment()
+
+
+def open_series(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Series:
+    """The series in files of any format, in any order: a mesh and the steps, an index of them, a file of many steps.
+
+    Names may have * in them.  ``series[3]`` is a dataset, ``series.at(0.25)`` one between steps.
+
+    reader, cache  as of `read`
+
+    Raises FormatError where there are no two steps, or the files can't be read.
+    """
+    from elvis.plugins.data import Reading, pairs
+
+    options = dict(reader) if isinstance(reader, Mapping) else pairs(reader)
+    files = [Path(path) for path in paths]
+    found = series_in(files, Reading(None, options, cache))
+    if found is None:
+        named = ", ".join(path.name for path in expanded(files))
+        raise FormatError(f"expected at least two steps of a series, found one state in {named}")
+    return found
+
+
+def series_in(paths: Sequence[Path], reading: Reading) -> Series | None:
+    """The series that files are, whatever moment of it ``reading`` asks for; None where they are a single state."""
+    return series_of(expanded(paths), replace(reading, moment=Moment(wants_series=True)))
+
+
+def series_of(paths: Sequence[Path], reading: Reading) -> Series | None:
+    """The series that files are, None where they are a single state: that may depend on the moment asked for."""
+    found = find_steps(paths, reading)
+    return None if found is None else Series(found, reading)
+
+
+class Series(Sequence[Dataset]):
+    """Steps in ascending time.
+
+    remarks    tell of those that were left out
+    faults     sentences on steps that were read: damaged ones, and values that are not finite
+    is_native  whether steps are field files of the native format, on a mesh in another file
+    """
+
+    def __init__(self, found: Found, reading: Reading) -> None:
+        self.steps: tuple[Step, ...] = tuple(found.steps)
+        self.common, self.remarks = found.common, list(found.remarks)
+        self.is_native, self._reading = found.is_native, reading
+        self._first: Dataset | None = None
+        self._kept: OrderedDict[int, Dataset] = OrderedDict()
+        self._room = _KEPT
+        self._damaged: set[int] = set()
+        self._infinite: set[int] = set()
+        self._lacking: int | None = None
+        self.faults: list[str] = []
+
+    @property
+    def times(self) -> Floats:
+        """(n,) of the steps, ascending."""
+        return np.array([step.time for step in self.steps], np.float64)
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __repr__(self) -> str:
+        return f"<Series of {len(self)} steps from time {self.times[0]:g} to {self.times[-1]:g}>"
+
+    def __iter__(self) -> Iterator[Dataset]:
+        return (self[number] for number in range(len(self)))
+
+    def __getitem__(self, number: Any) -> Any:
+        """The dataset of a step, from the end where the number is negative; FormatError where it can't be read."""
+        count = len(self)
+        if isinstance(number, slice):
+            return [self[i] for i in range(*number.indices(count))]
+        if not -count <= number < count:
+            raise IndexError(f"expected a step from 0 to {count - 1}, found {number}")
+        return self._load(number % count)
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """The remarks, and the faults of steps that were read."""
+        return *self.remarks, *self.faults
+
+    def facts(self) -> dict[str, Any]:
+        """Steps with their times and files, and the remarks, as plain data."""
+        steps = [
+            {"step": number, "time": step.time, "files": [path.name for path in step.files]}
+            for number, step in enumerate(self.steps)
+        ]
+        return {"steps": steps, "remarks": self.remarks}
+
+    def at(self, time: float, between: str = BETWEEN[0]) -> Dataset:
+        """The dataset at a time: that of a step, or coefficients interpolated ``linear``, ``cubic`` or ``nearest``.
+
+        Steps that can't be read are passed over.  A mesh that moves or changes is not interpolated: then the nearest
+        step is taken.  The remarks of the dataset say all that.  Raises ElvisError for times before the first or after
+        the last step.
+        """
+        return self.at_moment(Moment(time=time, between=between))
+
+    def at_moment(self, moment: Moment = LAST) -> Dataset:
+        """The dataset of a moment, by default that of the last step that can be read."""
+        if moment.step is not None:
+            number = checked_step(moment.step, len(self))
+            return self._at_step(number, [], moment.between)
+        if moment.time is None:
+            (last,), notes = self._readable(float(self.times[-1]), 1)
+            found = self._at_step(last, notes, moment.between)
+            if len(self) == 1:
+                return found
+            place = f"step {last} of 0 to {len(self) - 1}, time {self.times[last]:.10g}"
+            words = f"{place}: --step and --time choose others"
+            return replace(found, remarks=(*found.remarks, words))
+        return self._between(moment.time, moment.between)
+
+    def _between(self, time: float, between: str) -> Dataset:
+        self._room = max(_KEPT, STEPS_OF[between])
+        slack = NEAR * float(np.abs(self.times).max())
+        self._check_within(time, slack)
+        numbers, notes = self._readable(time, STEPS_OF[between])
+        self._check_within(time, slack)
+        nearest = min(numbers, key=lambda number: abs(self.times[number] - time))
+        if abs(self.times[nearest] - time) <= slack:
+            return self._at_step(nearest, notes, between)
+        steps = [self[number] for number in numbers]
+        if len(steps) > 1 and not all(is_one_mesh(steps[0], step) for step in steps[1:]):
+            notes.append("the mesh changes between steps, which are not interpolated")
+            steps = [self[nearest]]
+        if len(steps) == 1:
+            words = f"time {time:.10g}: step {nearest}, time {self.times[nearest]:.10g}, is the nearest"
+            return self._at_step(nearest, [*notes, words], "nearest")
+        notes += [
+            f"step {number} holds values that are not finite, and so does what lies beside it"
+            for number in numbers
+            if number in self._infinite
+        ]
+        found, lacking = combined(steps, weights(self.times[numbers], time))
+        first, last = numbers[0], numbers[-1]
+        places = f"steps {first} to {last}, times {self.times[first]:.10g} to {self.times[last]:.10g}"
+        notes.append(f"time {time:.10g}: coefficients are interpolated in time ({between}) between {places}")
+        if lacking:
+            notes.append(f"fields that differ between steps are left out: {', '.join(lacking)}")
+        metadata = {**found.metadata, **({"Time": repr(time)} if "Time" in found.metadata else {})}
+        rates = StepRates(self, time, between)
+        return self._told(replace(found, time=time, metadata=metadata, rates=rates), notes)
+
+    def _at_step(self, number: int, notes: Sequence[str], between: str) -> Dataset:
+        """The dataset of a step, with derivatives in time."""
+        rates = StepRates(self, float(self.times[number]), between)
+        return self._told(replace(self[number], rates=rates), notes)
+
+    def last_readable(self) -> int:
+        """The number of the last step that can be read."""
+        return self.readable_around(float(self.times[-1]), 1)[0]
+
+    def take_mesh_of(self, other: Series) -> None:
+        """Take the mesh of a series on the same files of one, in place of reading it again."""
+        self._first = other._first
+
+    def readable_around(self, time: float, count: int) -> list[int]:
+        """The numbers of steps around a time, of which as many as there are, ``count`` at most, can be read."""
+        return self._readable(time, count)[0]
+
+    def _check_within(self, time: float, slack: float) -> None:
+        """ElvisError for a time before the first or after the last step that is not known to be damaged."""
+        low, high = self.times[self._left[0]], self.times[self._left[-1]]
+        if not low - slack <= time <= high + slack:
+            raise ElvisError(f"expected a time from {low:.10g} to {high:.10g}, found {time:.10g}")
+
+    @property
+    def _left(self) -> list[int]:
+        """The steps that are not known to be damaged; FormatError where there are none."""
+        left = [number for number in range(len(self)) if number not in self._damaged]
+        if not left:
+            raise FormatError(f"expected a step that can be read, found none from {self.steps[0].name} on")
+        return left
+
+    def _readable(self, time: float, count: int) -> tuple[list[int], list[str]]:
+        """The steps around a time that can be read, and sentences on those that can't."""
+        notes: list[str] = []
+        while True:
+            left = self._left
+            around = [left[i] for i in window(self.times[left], time, count)]
+            faults = [fault for number in around if (fault := self.fault(number))]
+            if not faults:
+                return around, notes
+            notes += faults
+
+    def fault(self, number: int) -> str:
+        """A sentence on a step that can't be read, which is passed over from now on; empty for one that can."""
+        if number in self._damaged:
+            return f"{self.steps[number].name} can't be read"
+        try:
+            self._load(number)
+        except FormatError as error:
+            self._damaged.add(number)
+            fault = f"{self.steps[number].name} can't be read and is passed over: {error}"
+            self.faults.append(fault)
+            return fault
+        return ""
+
+    def readable(self) -> list[int]:
+        """The steps that can be read, all of which are read for that one after another."""
+        for number in range(len(self)):
+            if number not in self._damaged:
+                self.fault(number)
+        return self._left
+
+    def _told(self, dataset: Dataset, notes: Sequence[str]) -> Dataset:
+        return replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self.remarks, *notes))))
+
+    def _load(self, number: int) -> Dataset:
+        """The dataset of a step, on the mesh of the first that was read where it is the same."""
+        if number in self._kept:
+            self._kept.move_to_end(number)
+            return self._kept[number]
+        dataset = self._read(self.steps[number])
+        if not is_finite(dataset):
+            dataset = self._told_infinite(number, dataset)
+        if self._first is not None and is_one_mesh(self._first, dataset):
+            dataset = replace(dataset, mesh=self._first.mesh)
+        if self._first is None:
+            self._first = dataset
+        share(self._first.mesh)
+        self._kept[number] = dataset
+        while len(self._kept) > self._room:
+            self._kept.popitem(last=False)
+        return dataset
+
+    def _told_infinite(self, number: int, dataset: Dataset) -> Dataset:
+        """A dataset whose remarks tell that not all of its values are finite; so do the faults of the series."""
+        sentence = f"step {number}, {self.steps[number].name}, holds values that are not finite"
+        if number not in self._infinite:
+            self._infinite.add(number)
+            self.faults.append(sentence)
+        return replace(dataset, remarks=(*dataset.remarks, sentence))
+
+    def _read(self, step: Step) -> Dataset:
+        from elvis.plugins.data import state_of
+
+        if not self.is_native:
+            options = dict(self._reading.options)
+            if step.option is not None:
+                options["step"] = str(step.option)
+            found = state_of((*self.common, *step.files), replace(self._reading, options=options))
+            return replace(found, time=step.time)
+        self._first = self._first or read_native(*self.common)
+        found, lacking = with_fields(self._first, *step.files)
+        found = self._checked(step, found, lacking)
+        return found if found.time is not None else replace(found, time=step.time)
+
+    def _checked(self, step: Step, dataset: Dataset, lacking: int) -> Dataset:
+        """A step whose fields are on elements of which the mesh lacks some; FormatError where other steps' are not.
+
+        A mesh may be a part of that of all steps.  Where it lacks more elements of one of them, that has another mesh.
+        """
+        if self._lacking is not None and lacking > self._lacking:
+            words = f"{lacking} elements that the mesh lacks, which other steps don't have"
+            raise FormatError(f"expected fields on the mesh of the series, found {words}", file=step.files[0])
+        self._lacking = lacking
+        words = f"{step.name}: its fields are on {lacking} elements that the mesh lacks, and left out there"
+        return replace(dataset, remarks=(*dataset.remarks, words)) if lacking else dataset

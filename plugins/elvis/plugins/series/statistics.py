@@ -1,0 +1,225 @@
+"""Statistics over a series: means, exact by coefficients, and covariances, exact in the bases that hold products.
+
+A mean is linear in the coefficients.  The product of two fields of degrees p and q has degree p + q in reference space,
+whatever the map: so its mean is found at points of each element and fitted in the basis of that degree, which holds it,
+but for the rational functions on pyramids; what the fit leaves is measured.
+
+All is found in one reading of the steps, by sums of squares of what each differs from the mean so far (Welford, Note on
+a method for calculating corrected sums of squares and products, Technometrics 1962), which lose no digits to the mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.dataset import Block, Dataset, Expansion, Field
+from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.terminal import track
+from elvis.plugins.projection.operators import Operator, best
+from elvis.plugins.series.between import combined, is_one_mesh
+from elvis.plugins.series.series import Series
+
+#: what a mean is over: steps, which count the same, or time, in which what lies between steps is linear
+OVER = ("steps", "time")
+#: places on [0, 1] of the rule, of equal weights, that is exact for the products of two linears in time
+_GAUSS = (0.5 - 0.75**0.5 / 3, 0.5 + 0.75**0.5 / 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """The means of all fields under their names, covariances ``u_v`` after these.
+
+    left_out  fields that not all steps have alike
+    errors    largest difference between a covariance and its fit, as a part of its largest value, by name
+    """
+
+    dataset: Dataset
+    left_out: tuple[str, ...]
+    errors: Mapping[str, float]
+
+
+def average(series: Series, over: str = "steps", with_covariances: bool = False, order: int | None = None) -> Average:
+    """The mean of a series over all steps that can be read (see OVER), each of which is read once.
+
+    order  degree that covariances have at most, whose errors are measured; None for that which holds them
+
+    Raises ElvisError where the mesh changes between steps, or covariances are asked for that no basis holds.
+    """
+    if over not in OVER:
+        raise ElvisError(f"expected a mean over {' or '.join(OVER)}, found {over!r}")
+    times: list[float] = []
+    sums: _Sums | None = None
+    for weight, state in _states(series, over, times):
+        if sums is None:
+            sums = _Sums.of(state, with_covariances, order)
+        sums.add(state, weight)
+    assert sums is not None  # a series has a step that can be read, or raises
+    mean = sums.mean
+    fields, errors = sums.covariances()
+    taken = [field.name for field in fields if field.name in mean]
+    if taken:
+        raise ElvisError(f"covariances would have the names of fields: {', '.join(taken)}")
+    metadata = {key: text for key, text in mean.metadata.items() if key != "Time"}
+    metadata |= {"AveragedSteps": str(len(times)), "AveragedOver": over}
+    metadata |= {"AveragedFrom": repr(times[0]), "AveragedTo": repr(times[-1])}
+    whole = replace(mean, fields=(*mean.fields, *fields), time=None, metadata=metadata, remarks=series.told)
+    return Average(whole, tuple(sums.left_out), errors)
+
+
+def _states(series: Series, over: str, times: list[float]) -> Iterator[tuple[float, Dataset]]:
+    """Weights and datasets whose weighted mean is asked for; ``times`` gets those of the steps that could be read."""
+    first: Dataset | None = None
+    before: tuple[float, Dataset] | None = None
+    for number in track(range(len(series)), "mean of all steps"):
+        if series.fault(number):
+            continue
+        step, time = series[number], float(series.times[number])
+        first = first or step
+        if not is_one_mesh(first, step):
+            raise ElvisError(f"expected one mesh at all steps, found another at time {time:.10g}: no mean can be made")
+        times.append(time)
+        if over == "steps":
+            yield 1.0, step
+        elif before is not None:
+            yield from _between(before, (time, step))
+        before = time, step
+    if before is None:
+        raise FormatError(f"expected a step that can be read, found none from {series.steps[0].name} on")
+    if over != "steps" and len(times) == 1:
+        yield 1.0, before[1]
+
+
+def _between(before: tuple[float, Dataset], after: tuple[float, Dataset]) -> Iterator[tuple[float, Dataset]]:
+    """The states and weights of the rule in time between two steps."""
+    length = after[0] - before[0]
+    for place in _GAUSS:
+        state, lacking = combined([before[1], after[1]], np.array([1 - place, place]))
+        # what one of them lacks, later states lack too
+        yield length / 2, replace(state, fields=tuple(own for own in state.fields if own.name not in lacking))
+
+
+@dataclass
+class _Sums:
+    """The mean so far, and the sums of products of what states differ from it by.
+
+    weight    of all states so far
+    products  by block of pairs of fields; none where covariances are not asked for
+    left_out  names of fields that not all states have alike
+    """
+
+    mean: Dataset
+    weight: float
+    products: list[list[_Product]]
+    left_out: dict[str, None]
+
+    @classmethod
+    def of(cls, state: Dataset, with_covariances: bool, order: int | None) -> _Sums:
+        """Nothing yet, on the fields of a state."""
+        pairs = combinations_with_replacement(state.solution, 2) if with_covariances else ()
+        products = []
+        for one, other in pairs:
+            if len(one.blocks) != len(other.blocks):
+                raise ElvisError(f"covariances need fields on the same elements, {one.name} and {other.name} differ")
+            products.append([_Product.of(one, other, number, order) for number in range(len(one.blocks))])
+        return cls(state, 0.0, products, {})
+
+    def add(self, state: Dataset, weight: float) -> None:
+        """Take a state in.
+
+        With weight W and mean m before, w and x of the state, m becomes m + w / (W + w) (x - m), and the sum of squares
+        grows by W w / (W + w) (x - m)^2.
+        """
+        total = self.weight + weight
+        part = weight / total
+        mean, lacking = combined([self.mean, state], np.array([1 - part, part]))
+        self.left_out.update(dict.fromkeys(lacking))
+        self.products = [own for own in self.products if not self.left_out.keys() & set(own[0].names)]
+        for own in self.products:
+            for product in own:
+                product.add(self.mean, state, self.weight * part)
+        self.mean, self.weight = mean, total
+
+    def covariances(self) -> tuple[tuple[Field, ...], dict[str, float]]:
+        """The covariance of each pair of fields, and what their fits leave."""
+        fields, errors = [], {}
+        for own in self.products:
+            name = "_".join(own[0].names)
+            blocks, left, sizes = zip(*(product.fitted(self.weight) for product in own), strict=True)
+            fields.append(Field(name, blocks))
+            errors[name] = max(left) / (max(sizes) or 1.0)
+        return tuple(fields), errors
+
+
+@dataclass
+class _Product:
+    """The sum of products of what two fields differ from their means by, on a block of elements.
+
+    expansion  that holds the product
+    lower      the expansion in which it is asked for
+    tables     (n, m) values of the modes of either field at the points of the operator
+    samples    (elements, n) of the product
+    """
+
+    names: tuple[str, str]
+    block: int
+    element_ids: Ints
+    expansion: Expansion
+    lower: Expansion
+    operator: Operator
+    tables: tuple[Floats, Floats]
+    samples: Floats
+
+    @classmethod
+    def of(cls, one: Field, other: Field, number: int, order: int | None) -> _Product:
+        """That of two fields on a block; ElvisError where these have no common elements or Fourier directions."""
+        a, b = one.blocks[number], other.blocks[number]
+        if a.expansion.homogeneous or b.expansion.homogeneous:
+            raise ElvisError(f"covariances are for fields without Fourier directions, {one.name} has some")
+        if not np.array_equal(a.element_ids, b.element_ids):
+            raise ElvisError(f"covariances need fields on the same elements, {one.name} and {other.name} differ")
+        modes = tuple(p + q - 1 for p, q in zip(a.expansion.modes, b.expansion.modes, strict=True))
+        expansion = modified(a.expansion.shape, modes)
+        lower = expansion if order is None else modified(a.expansion.shape, tuple(min(m, order + 1) for m in modes))
+        operator = best(expansion, extra=1)
+        tables = values(a.expansion, operator.points), values(b.expansion, operator.points)
+        samples = np.zeros((len(a), len(operator.points)))
+        return cls((one.name, other.name), number, a.element_ids, expansion, lower, operator, tables, samples)
+
+    def add(self, mean: Dataset, state: Dataset, weight: float) -> None:
+        """Take in what a state differs from a mean by."""
+        product = np.full_like(self.samples, weight)
+        for name, table in zip(self.names, self.tables, strict=True):
+            own, other = (data.field(name).blocks[self.block].coefficients for data in (state, mean))
+            product *= (own - other) @ table.T
+        self.samples += product
+
+    def fitted(self, weight: float) -> tuple[Block, float, float]:
+        """The block of the mean product, the largest difference from it that is found, and the largest sample."""
+        samples = self.samples / weight
+        coefficients = samples @ self.operator.matrix
+        left = coefficients @ values(self.expansion, self.operator.points).T - samples
+        error, size = (float(np.abs(each).max(initial=0.0)) for each in (left, samples))
+        if self.lower != self.expansion:
+            coefficients, more = _lowered(coefficients, self.expansion, self.lower)
+            error += more
+        return Block(self.lower, self.element_ids, frozen_floats(coefficients)), error, size
+
+
+def _lowered(coefficients: Floats, expansion: Expansion, lower: Expansion) -> tuple[Floats, float]:
+    """The best approximation in a lower expansion, and the largest difference on a lattice that holds the borders."""
+    shape = expansion.shape
+    operator = best(lower, extra=max(expansion.modes) - max(lower.modes))
+    found = coefficients @ values(expansion, operator.points).T @ operator.matrix
+    line = np.linspace(-1.0, 1.0, 2 * max(expansion.modes) + 1)
+    axes = np.meshgrid(*[line] * shape.dimension, indexing="ij")
+    places = uncollapse(shape, np.stack([axis.reshape(-1) for axis in axes], axis=1))
+    left = coefficients @ values(expansion, places).T - found @ values(lower, places).T
+    return found, float(np.abs(left).max(initial=0.0))

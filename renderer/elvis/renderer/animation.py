@@ -1,0 +1,117 @@
+"""Moving pictures: the scenes of all frames, from times, from keys of the scene, and from an orbit of the camera."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.moments import Moment
+from elvis.core.terminal import warn
+from elvis.plugins.data import open_data
+from elvis.plugins.series.series import Series, series_in
+from elvis.plugins.series.step_names import expanded
+from elvis.renderer.rendering import Pictures
+from elvis.renderer.request import reading_of
+from elvis.scene import Camera, Scene
+from elvis.scene.commandline.composing import with_settings
+from elvis.scene.errors import SceneError
+from elvis.scene.files import toml_value
+from elvis.scene.frame import Frame
+
+
+@dataclass(frozen=True)
+class Key:
+    """Values of a key of the scene at equal parts of the film, linear between.
+
+    values  (n,) numbers, or (n, k) of lists
+    """
+
+    name: str
+    values: Floats
+
+    @classmethod
+    def of(cls, name: str, text: str) -> Key:
+        """``0:1:0``, or ``[0,0,1]:[1,0,0]``; SceneError for what is no numbers."""
+        parts = [toml_value(part.strip()) for part in text.split(":")]
+        try:
+            values = np.array(parts, np.float64)
+        except (TypeError, ValueError):
+            values = np.empty(0)
+        if len(values) < 2 or not np.isfinite(values).all():
+            raise SceneError(f"--key {name}: expected two or more numbers with colons between them, found {text!r}")
+        return cls(name, values)
+
+    def at(self, share: float) -> tuple[str, str]:
+        """The key and its value, as `with_settings` takes them, at a share of the film from 0 to 1."""
+        place = share * (len(self.values) - 1)
+        first = min(int(place), len(self.values) - 2)
+        value = self.values[first] + (place - first) * (self.values[first + 1] - self.values[first])
+        return self.name, json.dumps(value.tolist())
+
+
+def scenes_of(base: Scene, moments: Sequence[Moment], keys: Sequence[Key]) -> list[Scene]:
+    """The scene of each frame: one for each moment."""
+    last = max(1, len(moments) - 1)
+    found = []
+    for number, moment in enumerate(moments):
+        scene = replace(base, step=moment.step, time=moment.time)
+        found.append(with_settings(scene, tuple(key.at(number / last) for key in keys), "--key"))
+    return found
+
+
+def orbited(camera: Camera, degrees: float) -> Camera:
+    """The camera turned about the upward direction through the place that it looks at, by Rodrigues' formula."""
+    axis = np.array(camera.up, np.float64) / np.linalg.norm(camera.up)
+    arm = np.subtract(camera.eye, camera.at)
+    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    turned = arm * cosine + np.cross(axis, arm) * sine + axis * (axis @ arm) * (1 - cosine)
+    eye = np.add(camera.at, turned).tolist()
+    return replace(camera, eye=(eye[0], eye[1], eye[2]))
+
+
+class Film:
+    """The data of a scene, opened once, and its pictures at one moment after another."""
+
+    def __init__(self, scene: Scene, is_kept: bool) -> None:
+        if not scene.data:
+            raise SceneError("the scene names no data: give the mesh and field files too")
+        files, reading = expanded(tuple(map(Path, scene.data))), reading_of(scene, is_kept)
+        self.files = files
+        self.series: Series | None = series_in(files, reading)
+        self._moment = reading.moment
+        data = open_data(files, reading, warn) if self.series is None else self.series.at_moment(self._moment)
+        self._pictures = Pictures(data, scene.device)
+        # one thread alone reads steps: the next one, while a picture is drawn
+        self._reader = ThreadPoolExecutor(1, "elvis-reading")
+        self._next: tuple[Moment, Future[Dataset]] | None = None
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._reader.shutdown(cancel_futures=True)
+        self._pictures.close()
+
+    def draw(self, scene: Scene, following: Scene | None = None) -> Frame:
+        """The picture that ``elvis render`` draws of a scene; the data of the ``following`` one are read meanwhile."""
+        if self.series is not None and scene.moment != self._moment:
+            self._pictures.show(self._reading(self.series, scene.moment).result())
+            self._moment = scene.moment
+        self._next = None
+        if self.series is not None and following is not None and following.moment != self._moment:
+            self._next = following.moment, self._reading(self.series, following.moment)
+        return self._pictures.draw(scene)
+
+    def _reading(self, series: Series, moment: Moment) -> Future[Dataset]:
+        """The data of a moment: those that are being read, where these are meant."""
+        if self._next is not None and self._next[0] == moment:
+            return self._next[1]
+        return self._reader.submit(series.at_moment, moment)

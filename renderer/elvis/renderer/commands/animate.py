@@ -1,0 +1,195 @@
+"""``elvis animate``: moving pictures from the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from elvis.core.arguments import TextType, cache_option, evenly, overwrite_option
+from elvis.core.errors import ElvisError
+from elvis.scene.commandline.command import SceneCommand, setting_option, text_type
+
+if TYPE_CHECKING:
+    from elvis.core.moments import Moment
+    from elvis.renderer.animation import Film
+    from elvis.renderer.film_files import FrameFolder
+    from elvis.scene import Camera, Scene
+
+#: frames of a film whose number nothing says
+FRAMES = 60
+EPILOG = """\b
+Examples:
+  elvis animate wing.xml wing_*.chk --field p --range series -o wing.webp
+  elvis animate wing.xml wing_*.chk --times 0:2:100 --between cubic -o wing.mp4
+  elvis animate wing.xml wing.fld --faces all --camera iso --orbit 360 --frames 90 -o frames/ -o around.webp
+  elvis animate wing.xml wing.fld --faces all --path iso --path 3,-4,2:0,0,0:0,0,1:30 --frames 90 -o flight.mp4
+  elvis animate wing.xml wing.fld --cut sphere:0,0,0:1 --key objects[0].surface.radius=0.1:0.9 -o grow.webp
+"""
+
+
+@click.command(
+    cls=SceneCommand,
+    leaving=("outputs", "stats", "panels", "scenes", "time", "step"),
+    epilog=EPILOG,
+    short_help="Draw a film: over the steps of a series, over keys of a scene, around the data.",
+)
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
+@click.option(
+    "--output",
+    "-o",
+    "outputs",
+    multiple=True,
+    required=True,
+    type=click.Path(path_type=Path),
+    help="A film, .webp or .mp4, or a folder for its frames; repeatable.  Frames of a film without a folder are in one "
+    "of its name that ends in -frames.",
+)
+@click.option("--times", metavar="A:B:N", type=TextType(evenly), help="N times from A to B.  [default: every step]")
+@click.option(
+    "--frames",
+    type=click.IntRange(1, 100_000),
+    help="Frames, without --times: of a series at times from its first to its last, else "
+    f"of what --key and --orbit move.  [default: every step; else {FRAMES}]",
+)
+@click.option(
+    "--key",
+    "keys",
+    multiple=True,
+    metavar="KEY=V:V...",
+    type=text_type("setting"),
+    help="A key of the scene, as for --set, and its values at equal parts of the film, linear between.  Repeatable.",
+)
+@click.option("--orbit", type=float, metavar="DEGREES", help="Turn the camera about what is upwards, so far in all.")
+@click.option(
+    "--path",
+    multiple=True,
+    metavar="CAMERA",
+    type=text_type("camera"),
+    help="A camera that the view goes through, as for --camera; two or more, at equal parts of the film.",
+)
+@click.option("--rate", type=click.FloatRange(0.1, 240), default=25.0, show_default=True, help="Frames a second.")
+@setting_option
+@overwrite_option
+@cache_option
+def animate(
+    data: tuple[Path, ...],
+    outputs: tuple[Path, ...],
+    times: tuple[float, float, int] | None,
+    frames: int | None,
+    keys: tuple[tuple[str, str], ...],
+    orbit: float | None,
+    path: tuple[Camera | str, ...],
+    rate: float,
+    settings: tuple[tuple[str, str], ...],
+    overwrite: bool,
+    no_cache: bool,
+    **options: Any,
+) -> None:
+    """Draw a film of DATA: each frame is what elvis render draws of that time, byte for byte.
+
+    Frames follow the steps of a series, or --times; with --orbit, --path and --key alone the data stand still. Frames
+    that are there, newer than the data and of the same scene are kept: a run that was killed goes on where it was.
+    """
+    from elvis.core.terminal import note, say
+    from elvis.renderer.animation import Film, Key, scenes_of
+    from elvis.renderer.film_files import write_film
+    from elvis.renderer.series_range import with_range
+    from elvis.scene.commandline.composing import composed
+
+    if orbit and path:
+        raise click.UsageError("expected --orbit or --path, found both", click.get_current_context())
+    scene = composed(data, options, settings, unused=("outputs", "stats"))
+    moving = [Key.of(*key) for key in keys]
+    folder, films = _places(outputs, data, overwrite)
+    with Film(scene, not no_cache) as film:
+        moments = _moments(film, times, frames, bool(moving or orbit or path))
+        scene = with_range(scene, not no_cache, film.series)
+        scenes = scenes_of(scene, moments, moving)
+        found = _draw(film, _filmed(film, scenes, orbit, path), folder)
+    for remark in film.series.told if film.series else ():
+        note(remark)
+    for place in films:
+        write_film(found, place, rate)
+    say(f"{len(scenes)} frames: {', '.join(map(str, films or [folder]))}")
+
+
+def _places(outputs: tuple[Path, ...], data: tuple[Path, ...], overwrite: bool) -> tuple[Path, list[Path]]:
+    """The folder of frames and the films; ElvisError for what can't be written."""
+    from elvis.core.files.output import check_folder_place, check_places
+    from elvis.renderer.film_files import FILMS, check_film
+
+    films = [path for path in outputs if path.suffix.lower() in FILMS]
+    folders = [path for path in outputs if path not in films]
+    if len(folders) > 1 or any(path.suffix and not path.is_dir() for path in folders):
+        found = next((path for path in folders if path.suffix), folders[-1])
+        raise ElvisError(f"expected films, .webp or .mp4, and one folder for frames, found {found}")
+    for path in films:
+        check_film(path)
+    check_places(films, data, overwrite)
+    folder = folders[0] if folders else films[0].with_name(f"{films[0].stem}-frames")
+    check_folder_place(folder)
+    return folder, films
+
+
+def _moments(film: Film, times: tuple[float, float, int] | None, frames: int | None, moves: bool) -> list[Moment]:
+    """The moment of each frame."""
+    import numpy as np
+
+    from elvis.core.moments import Moment
+
+    if times is not None and frames is not None:
+        raise click.UsageError("expected --times A:B:N or --frames N, found both", click.get_current_context())
+    if times is not None:
+        return [Moment(time=float(time)) for time in np.linspace(*times)]
+    if film.series is not None and frames is None:
+        return [Moment(step=number) for number in film.series.readable()]
+    if film.series is not None and not moves:
+        own = film.series.times
+        return [Moment(time=float(time)) for time in np.linspace(own[0], own[-1], frames or FRAMES)]
+    if not moves:
+        raise ElvisError("expected something that moves: a series, --key, --path or --orbit; found one state")
+    return [Moment()] * (frames or FRAMES)
+
+
+def _filmed(film: Film, scenes: list[Scene], orbit: float | None, path: tuple[Camera | str, ...]) -> list[Scene]:
+    """The scenes, seen by a camera that goes around, or along a path through others; fitted ones are of the first."""
+    from dataclasses import replace
+
+    from elvis.renderer.animation import orbited
+    from elvis.scene.camera_path import CameraPath
+
+    def fitted(camera: Camera | str) -> Camera:
+        if isinstance(camera, str) or (camera.fov is None and camera.height is None):
+            return film.draw(replace(scenes[0], camera=camera)).view.camera
+        return camera
+
+    count = len(scenes)
+    if orbit:
+        start = fitted(scenes[0].camera)
+        cameras = [orbited(start, orbit * number / count) for number in range(count)]
+    elif path:
+        whole = CameraPath.of([fitted(camera) for camera in path])
+        cameras = [whole.at(number / max(1, count - 1)) for number in range(count)]
+    else:
+        return scenes
+    return [replace(scene, camera=camera) for scene, camera in zip(scenes, cameras, strict=True)]
+
+
+def _draw(film: Film, scenes: list[Scene], folder: Path) -> FrameFolder:
+    """Draw the frames that are missing."""
+    from dataclasses import replace
+    from itertools import pairwise
+
+    from elvis.core.terminal import track
+    from elvis.renderer.film_files import FrameFolder
+    from elvis.scene.tables import table_of
+
+    frames = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files)
+    missing = frames.begin()
+    after = dict(pairwise(missing))
+    for number in track(missing, f"drawing {len(missing)} of {len(scenes)} frames"):
+        path, following = frames.path(number), scenes[after[number]] if number in after else None
+        film.draw(replace(scenes[number], outputs=(str(path),)), following).save(path, plain=scenes[number].plain)
+    return frames

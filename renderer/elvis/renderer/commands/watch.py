@@ -1,0 +1,126 @@
+"""``elvis watch``: a picture of the newest step of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from elvis.core.arguments import cache_option
+from elvis.scene.commandline.command import SceneCommand, setting_option
+
+if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
+    from elvis.scene import Scene
+
+EPILOG = """\b
+Examples:
+  elvis watch run/ --field p -o latest.png
+  elvis watch wing.xml 'wing_*.chk' --field p --plane 0,0,0.2:0,0,1 -o latest.png
+  elvis watch wing.toml run/ --every 10 --idle 3600 -o latest.png
+"""
+
+
+@click.command(
+    cls=SceneCommand,
+    leaving=("stats", "panels", "scenes", "time", "step", "between", "plugin"),
+    epilog=EPILOG,
+    short_help="Follow a run: a picture of its newest step, again and again.",
+)
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
+@setting_option
+@click.option(
+    "--every", type=click.FloatRange(0.05), default=2.0, show_default=True, metavar="SECONDS", help="Between looks."
+)
+@click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="End once nothing new has come for so long.")
+@cache_option
+def watch(
+    data: tuple[Path, ...],
+    settings: tuple[tuple[str, str], ...],
+    every: float,
+    idle: float | None,
+    no_cache: bool,
+    **options: Any,
+) -> None:
+    """Draw the newest step of DATA whenever there is one: a folder in which a solver writes, or names with * in them.
+
+    A step counts once its files are whole and no longer change; a picture takes the place of the one before in one
+    move.  The folder may be empty at first.  Ctrl-C ends it.
+    """
+    from time import monotonic, sleep
+
+    from elvis.core.errors import ElvisError
+    from elvis.core.terminal import note, say
+    from elvis.plugins.series.following import Following
+    from elvis.renderer.rendering import Pictures
+    from elvis.renderer.request import reading_of
+    from elvis.scene.commandline.composing import composed
+    from elvis.scene.errors import SceneError
+
+    scene = composed(data, options, settings, unused=("stats", "panels", "scenes"))
+    _check(scene)
+    following = Following([Path(file) for file in scene.data], reading_of(scene, not no_cache))
+    pictures: Pictures | None = None
+    last, told = monotonic(), ""
+    try:
+        while idle is None or monotonic() - last <= idle:
+            found = following.look()
+            if found is not None:
+                pictures = _shown(pictures, found, scene)
+                try:
+                    say(_draw(pictures, scene, found))
+                except SceneError:
+                    raise
+                except ElvisError as error:
+                    note(str(error))
+                last = monotonic()
+            if following.waiting not in ("", told):
+                note(following.waiting)
+            told = following.waiting
+            sleep(every)
+    finally:
+        if pictures is not None:
+            pictures.close()
+
+
+def _check(scene: Scene) -> None:
+    """ElvisError for what can't be drawn or written, before anything is waited for."""
+    from elvis.core.files.output import check_places
+    from elvis.scene.errors import SceneError
+    from elvis.scene.saving import check_suffix
+
+    if not scene.data:
+        raise SceneError("the scene names no data: give the folder of a run, or its mesh and field files")
+    if not scene.outputs:
+        raise SceneError("expected -o, the picture that is to be drawn again and again")
+    if scene.range == "series":
+        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
+    for output in scene.outputs:
+        check_suffix(Path(output))
+    check_places(scene.outputs, [Path(file) for file in scene.data if Path(file).is_file()])
+    for file in map(Path, scene.data):
+        if not file.exists() and "*" not in file.name:
+            raise SceneError(f"{file}: there is no such file or folder")
+
+
+def _shown(pictures: Any, found: Dataset, scene: Scene) -> Any:
+    """Pictures of a dataset, by the device that is open already."""
+    from elvis.renderer.rendering import Pictures
+
+    if pictures is None:
+        return Pictures(found, scene.device)
+    pictures.show(found)
+    return pictures
+
+
+def _draw(pictures: Any, scene: Scene, found: Dataset) -> str:
+    """Write the picture in all files; what is said of it."""
+    from elvis.core.files.output import Outputs
+
+    frame = pictures.draw(scene)
+    with Outputs() as together:
+        for name in scene.outputs:
+            frame.save(name, plain=scene.plain, outputs=together)
+    place = "" if found.time is None else f"time {found.time:.10g}"
+    return f"{', '.join(scene.outputs)}: {place or 'the data as they are'}"

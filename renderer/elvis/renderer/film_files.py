@@ -1,0 +1,119 @@
+"""Frames and films on disk: frames are kept where they are still what would be drawn, films are made of all of them.
+
+A folder of frames has a record, ``film.json``, of what each shows.  A frame is kept where the record says the same of
+it and it is newer than the data: so a run that was killed goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import Outputs, write_text
+from elvis.core.needing import require_module
+
+RECORD = "film.json"
+#: how films end
+FILMS = (".webp", ".mp4")
+#: of WebP, of 100
+_QUALITY = 90
+
+
+def check_film(path: Path) -> None:
+    """ElvisError where a film can't be written, before any long work."""
+    if path.suffix.lower() == ".mp4":
+        require_module("av", "MP4", "video")
+
+
+class FrameFolder:
+    """The frames of a film in a folder, by number.
+
+    scenes  plain data of the scene of each frame
+    """
+
+    def __init__(self, folder: Path, scenes: Sequence[Any], inputs: Sequence[Path]) -> None:
+        self.folder, self.scenes = folder, json.loads(json.dumps(list(scenes)))
+        self._newest = max((path.stat().st_mtime_ns for path in inputs if path.exists()), default=0)
+
+    def path(self, number: int) -> Path:
+        """The file of a frame."""
+        return self.folder / f"frame-{number:05d}.png"
+
+    def begin(self) -> list[int]:
+        """The numbers of the frames that are to be drawn; others that are there and can't be kept are removed."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        known = self._known()
+        there = sorted(self.folder.glob("frame-*.png"))
+        if there and known is None:
+            raise ElvisError(f"{self.folder}: expected frames of a film, found {there[0].name} without {RECORD}")
+        kept = [number for number, scene in enumerate(self.scenes) if self._is_good(number, scene, known or [])]
+        names = {self.path(number) for number in kept}
+        for path in there:
+            if path not in names:
+                path.unlink()
+        with Outputs() as outputs:
+            write_text(self.folder / RECORD, json.dumps({"frames": self.scenes}, indent=1) + "\n", outputs)
+        return [number for number in range(len(self.scenes)) if number not in kept]
+
+    def _known(self) -> list[Any] | None:
+        """What the record says of the frames; None where there is none."""
+        try:
+            found = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))["frames"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return found if isinstance(found, list) else None
+
+    def _is_good(self, number: int, scene: Any, known: Sequence[Any]) -> bool:
+        path = self.path(number)
+        is_same = number < len(known) and known[number] == scene
+        return is_same and path.exists() and path.stat().st_mtime_ns > self._newest
+
+    def images(self) -> Iterator[Image.Image]:
+        """The frames in order, all of one size, over white: some are larger where numbers on their bars are longer."""
+        paths = [self.path(number) for number in range(len(self.scenes))]
+        sizes = []
+        for path in paths:
+            with Image.open(path) as image:
+                sizes.append(image.size)
+        width, height = np.max(sizes, axis=0).tolist()
+        for path in paths:
+            with Image.open(path) as image:
+                page = Image.new("RGB", (width, height), "white")
+                page.paste(image, (0, 0), image if image.mode == "RGBA" else None)
+            yield page
+
+
+def write_film(frames: FrameFolder, path: Path, rate: float) -> None:
+    """All frames as one film, by the suffix of its name.
+
+    rate  frames a second
+    """
+    with Outputs() as outputs, outputs.file(path) as new:
+        if path.suffix.lower() == ".mp4":
+            _write_mp4(frames, new, rate)
+        else:
+            first, *rest = list(frames.images())
+            duration = max(1, round(1000 / rate))
+            first.save(new, "WEBP", save_all=True, append_images=rest, duration=duration, loop=0, quality=_QUALITY)
+
+
+def _write_mp4(frames: FrameFolder, path: Path, rate: float) -> None:
+    """H.264 with half the resolution of colours, which every player shows; sides must be even then."""
+    av = require_module("av", "MP4", "video")
+    with av.open(str(path), "w", format="mp4") as film:
+        stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001), options={"crf": "16"})
+        stream.pix_fmt = "yuv420p"
+        for number, image in enumerate(frames.images()):
+            if number == 0:
+                stream.width, stream.height = (side + side % 2 for side in image.size)
+            page = Image.new("RGB", (stream.width, stream.height), "white")
+            page.paste(image)
+            film.mux(stream.encode(av.VideoFrame.from_image(page)))
+        film.mux(stream.encode())

@@ -1,0 +1,106 @@
+"""Memory of a device, kept from frame to frame: what nobody refers to any more serves the next buffer of its kind."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
+
+from elvis.renderer.device_errors import DeviceError
+
+if TYPE_CHECKING:
+    import slangpy
+
+#: bytes that are kept free at most
+MOST_FREE = 256 << 20
+#: elements up to which lengths are rounded up to powers of two, so that lists of any length find memory that is free
+_DOUBLED = 1 << 16
+#: message of the error where a closed device is used
+CLOSED = "the device is closed: open another one"
+#: bytes of an element, and number of elements
+Kind: TypeAlias = tuple[int, int]
+
+
+class Pool:
+    """Memory that is free, by kind.
+
+    create   makes memory of a kind
+    made     pieces of memory that were made so far
+    """
+
+    def __init__(self, create: Callable[[int, int], slangpy.Buffer], most: int = MOST_FREE) -> None:
+        self._create, self._most = create, most
+        self._free: defaultdict[Kind, list[slangpy.Buffer]] = defaultdict(list)
+        self._bytes, self.made = 0, 0
+
+    def take(self, itemsize: int, count: int) -> Buffer:
+        """A buffer of elements without content, which may be what an earlier one has left."""
+        kind = itemsize, rounded(count)
+        try:
+            memory = self._free[kind].pop()
+        except IndexError:
+            memory = self._make(kind)
+        else:
+            self._bytes -= memory.size
+        return Buffer(memory, itemsize * count, self)
+
+    def _make(self, kind: Kind) -> slangpy.Buffer:
+        """New memory; what is free is given back where there is no room otherwise."""
+        self.made += 1
+        try:
+            return self._create(*kind)
+        except RuntimeError:
+            if not self._bytes:
+                raise
+            self.clear()
+            return self._create(*kind)
+
+    def give(self, memory: slangpy.Buffer) -> None:
+        """Keep memory for later, unless too much of it is free."""
+        if self._bytes + memory.size <= self._most:
+            self._bytes += memory.size
+            self._free[memory.struct_size, memory.size // memory.struct_size].append(memory)
+
+    def clear(self) -> None:
+        """Give all that is free back to the device."""
+        self._free.clear()
+        self._bytes = 0
+
+    def close(self) -> None:
+        """The same, and keep nothing from now on."""
+        self._most = -1
+        self.clear()
+
+
+class Buffer:
+    """Memory of a device: free for other buffers with the last reference to it, given back when the device is closed.
+
+    size  bytes that were asked for; there may be more
+    """
+
+    def __init__(self, memory: slangpy.Buffer, size: int, pool: Pool) -> None:
+        self._memory: slangpy.Buffer | None = memory
+        self.size, self._pool = size, pool
+
+    @property
+    def memory(self) -> slangpy.Buffer:
+        """What slangpy knows it as; DeviceError where the device is closed."""
+        if self._memory is None:
+            raise DeviceError(CLOSED)
+        return self._memory
+
+    def release(self) -> None:
+        """Give the memory back, whoever still refers to the buffer."""
+        self._memory = None
+
+    def __del__(self) -> None:
+        memory, self._memory = self._memory, None
+        if memory is not None:
+            self._pool.give(memory)
+
+
+def rounded(count: int) -> int:
+    """Elements that memory for ``count`` of them has room for: at most twice as many, of long lists an eighth more."""
+    power = 1 << max(count - 1, 0).bit_length()
+    step = 1 if power <= _DOUBLED else power >> 4
+    return power if power <= _DOUBLED else -(-count // step) * step

@@ -1,0 +1,102 @@
+"""Runs that are followed: a step counts once it is whole and stands still."""
+
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from elvis.formats import ElvisError, sample
+from elvis.plugins.data import Reading
+from elvis.plugins.series.following import Following, files_of_run
+from elvis.plugins.testing.steps import polynomial, steps_of
+from elvis.renderer import render
+
+
+@pytest.fixture
+def made(tmp_path):
+    """A mesh and three steps, which a solver has yet to write."""
+    (folder := tmp_path / "made").mkdir()
+    return steps_of(folder, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1))
+
+
+@pytest.fixture
+def run(tmp_path):
+    (folder := tmp_path / "run").mkdir()
+    return folder
+
+
+def test_a_step_counts_once_it_is_whole_and_stands_still(made, run):
+    following = Following([run], Reading())
+    look = following.look
+
+    assert look() is None
+    assert following.waiting == f"waiting for files in {run}"
+    shutil.copy(made[0], run)
+    assert (look(), look()) == (None, None)
+    assert following.waiting == "waiting for a step: there is a mesh, and no field yet"
+    shutil.copy(made[1], run)
+    assert look() is None
+    assert look().time == 0.0
+    assert look() is None
+
+    # written in place, piece after piece: what stands still for a while need not be whole
+    whole = made[2].read_bytes()
+    for part in (40, len(whole) - 5, len(whole)):
+        (run / made[2].name).write_bytes(whole[:part])
+        assert look() is None
+        found = look()
+        assert (found is None) == (part < len(whole))
+    assert found.time == 0.5
+    assert np.allclose(sample(found, "u", [(0.3, 0.2, 0)])["u"], polynomial(np.array([(0.3, 0.2)]), 0.5, 1), atol=1e-13)
+
+    # a step written anew is news, on the mesh that is known; so is another mesh
+    for changed, has_old_mesh in ((made[2], True), (made[0], False)):
+        os.utime(run / changed.name, (1, 1))
+        assert look() is None
+        again = look()
+        assert again.time == 0.5
+        assert (again.mesh is found.mesh) == has_old_mesh
+
+
+def test_what_changes_while_it_is_read_does_not_count(made, run, monkeypatch):
+    for file in made[:3]:
+        shutil.copy(file, run)
+    following = Following([run / "mesh.xml", run / "run_*.chk"], Reading())
+    following.look()
+    at_moment = "elvis.plugins.series.series.Series.at_moment"
+    monkeypatch.setattr(at_moment, lambda self: os.utime(run / "run_1.chk", (2, 2)) or self[1])
+    assert following.look() is None
+    monkeypatch.undo()
+    assert [following.look().time for _ in range(2)] == [0.0, 0.5]
+
+
+def test_files_of_a_run_are_told_from_what_lies_beside_them(tmp_path):
+    names = [*(f"flow-{n}.pyfrs" for n in range(3)), "flow.pyfrm", "run.log", "latest.png", ".hidden"]
+    for name in names:
+        (tmp_path / name).write_text("")
+    assert [path.name for path in files_of_run(tmp_path)] == ["flow.pyfrm", *names[:3]]
+    (tmp_path / "flow.pvd").write_text("")
+    assert files_of_run(tmp_path) == [tmp_path / "flow.pvd"]
+
+
+def test_the_picture_of_the_newest_step_is_that_of_render(made, run, tmp_path, elvis):
+    for file in made:
+        shutil.copy(file, run)
+    options = ["--size", "12x9", "--device", "reference", "--plain"]
+    told = elvis("watch", run, *options, "--every", "0.05", "--idle", "0.2", "-o", tmp_path / "latest.png")
+    assert told == f"{tmp_path}/latest.png: time 1\n"
+    render(*made, size=(12, 9), device="reference", plain=True, output=str(tmp_path / "still.png"))
+    assert (tmp_path / "latest.png").read_bytes() == (tmp_path / "still.png").read_bytes()
+
+
+def test_what_cannot_be_watched_is_said_at_once(run, tmp_path, elvis):
+    for given, sentence in (
+        ([run], "expected -o, the picture that is to be drawn again and again"),
+        ([run / "none", "-o", tmp_path / "x.png"], "none: there is no such file or folder"),
+        ([run, "-o", tmp_path / "x.gif"], r"x\.gif: expected a name that ends in"),
+        ([run, "-o", tmp_path / "none" / "x.png"], "cannot be written: there is no folder"),
+        ([run, "--range", "series", "-o", tmp_path / "x.png"], "range: the steps to come are not known"),
+    ):
+        with pytest.raises(ElvisError, match=sentence):
+            elvis("watch", *given)

@@ -1,0 +1,105 @@
+"""Statistics of series: means and covariances."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.core.shapes import Shape
+from elvis.core.testing.fields import approximated
+from elvis.core.testing.meshes import grid, mixed_volume
+from elvis.formats import Dataset, ElvisError, open_series, read, sample, write
+from elvis.plugins.series.series import Series
+from elvis.plugins.series.statistics import average
+from elvis.plugins.testing.steps import polynomial, steps_of
+
+POINTS = np.array([[0.31, 0.22, 0.0], [0.55, 0.71, 0.0], [0.83, 0.4, 0.0]])
+
+
+def chaos(points, number):
+    """Fields of degree 2 whose coefficients are those of a fixed series of random numbers."""
+    a, b, c = np.random.default_rng(number).normal(size=3)
+    x, y, z = points.T
+    return {"u": 5 + a * x + b * y * z, "v": b - c * x * y + a * z**2}
+
+
+@pytest.fixture
+def chaotic(tmp_path):
+    """Seven steps on all shapes of volumes, pyramids among them; the times."""
+    dataset = Dataset(mixed_volume(seed=2))
+    times = [0.0, 0.5, 1.0, 1.5, 2.5, 3.0, 4.0]
+    for number, time in enumerate(times):
+        made = [approximated(dataset, name, lambda p, name=name, n=number: chaos(p, n)[name], 3) for name in "uv"]
+        write(replace(dataset, fields=tuple(made), time=time), tmp_path / "m.xml", tmp_path / f"m_{number}.fld")
+    return tmp_path, times
+
+
+def test_means_and_covariances_are_those_of_values(chaotic, elvis):
+    folder, times = chaotic
+    elvis("average", folder / "m.xml", folder / "m_*.fld", "--covariances", "-o", folder / "mean.fld")
+    found = read(folder / "m.xml", folder / "mean.fld")
+    assert list(found) == ["u", "v", "u_u", "u_v", "v_v"]
+    points = np.random.default_rng(4).uniform(0.02, 0.98, (40, 3))
+    values = sample(found, list(found), points)
+    inside = values.location.status == 1
+    assert inside.sum() > 10
+    steps = [chaos(points[inside], number) for number in range(len(times))]
+    own = {name: np.array([step[name] for step in steps]) for name in "uv"}
+    for name in "uv":
+        assert np.abs(values[name][inside] - own[name].mean(axis=0)).max() < 1e-12
+    for pair in ("u_u", "u_v", "v_v"):
+        a, b = (own[name] - own[name].mean(axis=0) for name in pair.split("_"))
+        assert np.abs(values[pair][inside] - (a * b).mean(axis=0)).max() < 1e-12
+    assert found.metadata["AveragedSteps"] == "7"
+    assert found.time is None
+
+
+def test_means_over_time_are_integrals(tmp_path, elvis):
+    times = [0.0, 0.3, 1.0, 1.2, 2.0]
+    files = steps_of(tmp_path, times, lambda p, t: polynomial(p, t, 1))
+    elvis("average", *files, "--over", "time", "--covariances", "-o", tmp_path / "mean.fld")
+    found = sample(read(files[0], tmp_path / "mean.fld"), ["u", "u_u"], POINTS)
+    assert np.abs(found["u"] - polynomial(POINTS, 1.0, 1)).max() < 1e-12
+    slope = polynomial(POINTS, 1.0, 1) - polynomial(POINTS, 0.0, 1)
+    assert np.abs(found["u_u"] - slope**2 * 2.0**2 / 12).max() < 1e-12  # that of a line over [0, 2]
+
+
+def test_what_has_no_mean_is_refused(tmp_path, squares, elvis):
+    steps = squares(True)
+    with pytest.raises(ElvisError, match=r"expected one mesh at all steps, found another at time 0\.25"):
+        elvis("average", steps, "--no-cache", "-o", tmp_path / "mean.xml")
+    with pytest.raises(ElvisError, match=r"expected a name ending in \.xml, as the mesh is converted"):
+        elvis("average", steps, "-o", tmp_path / "mean.fld")
+    assert not list(tmp_path.glob("mean*"))
+
+
+def test_each_step_is_read_once(chaotic, monkeypatch):
+    folder, times = chaotic
+    series = open_series(folder / "m.xml", folder / "m_*.fld")
+    found = []
+    read_step = Series._read
+    monkeypatch.setattr(Series, "_read", lambda self, step: found.append(step.name) or read_step(self, step))
+    for over in ("steps", "time"):
+        found.clear()
+        average(series, over, with_covariances=True)
+        series = open_series(folder / "m.xml", folder / "m_*.fld")
+        assert found == [f"m_{number}.fld" for number in range(len(times))]
+
+
+def test_covariances_of_a_lower_degree_tell_their_error(tmp_path):
+    # the covariance is s^4 times a number; 35 s^4 = 8 P4 + 20 P2 + 7: without P4 the ends are off by most
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
+    for number in range(4):
+        field = approximated(dataset, "u", lambda p, n=number: (2 * p[:, 0] - 1) ** 2 * np.sin(n), 3)
+        write(replace(dataset, fields=(field,), time=float(number)), tmp_path / "m.xml", tmp_path / f"m_{number}.fld")
+    series = open_series(tmp_path / "m.xml", tmp_path / "m_*.fld")
+    whole, lower = (average(series, with_covariances=True, order=order) for order in (None, 2))
+    assert whole.errors["u_u"] < 1e-14
+    greatest = np.polynomial.legendre.leggauss(6)[0].max() ** 4  # of the samples, parts of which errors are
+    assert lower.errors["u_u"] == pytest.approx(8 / 35 / greatest, rel=1e-9)
+    points = np.array([[0.9, 0.4, 0.0], [0.3, 0.7, 0.0]])
+    ours, best = (sample(own.dataset, "u_u", points)["u_u"] for own in (whole, lower))
+    s = 2 * points[:, 0] - 1
+    variance = np.var(np.sin(range(4)))
+    assert np.allclose(ours, s**4 * variance, rtol=0, atol=1e-14)
+    assert np.allclose(best, (6 * s**2 / 7 - 3 / 35) * variance, rtol=0, atol=1e-14)

@@ -1,0 +1,203 @@
+"""Films: frames are what render draws, kept ones are not drawn again, films hold all of them."""
+
+import json
+import os
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from click import UsageError
+from click.testing import CliRunner
+from PIL import Image
+
+from elvis.core.shapes import Shape
+from elvis.core.testing.fields import approximated
+from elvis.core.testing.meshes import grid
+from elvis.formats import Dataset, ElvisError, write
+from elvis.plugins.command import elvis as group
+from elvis.plugins.series.series import Series
+from elvis.renderer import Camera, Scene, render
+from elvis.renderer.animation import Film, Key, orbited
+from elvis.scene.errors import SceneError
+
+SIZE = ("--size", "8x6", "--plain")
+FAST = (*SIZE, "--device", "reference")
+
+
+def run(*arguments):
+    outcome = CliRunner().invoke(group, [str(argument) for argument in arguments], standalone_mode=False)
+    if outcome.exception:
+        raise outcome.exception
+
+
+def moving(time, points):
+    return (1 + time) * points[:, 0] - time * points[:, 1] ** 2
+
+
+@pytest.fixture
+def files(tmp_path):
+    mesh = grid(Shape.QUADRILATERAL, 1)
+    for number, time in enumerate((0.0, 1.0, 3.0)):
+        field = approximated(Dataset(mesh), "u", partial(moving, time), 3)
+        write(Dataset(mesh, (field,), time), tmp_path / "m.xml", tmp_path / f"m_{number}.chk")
+    for path in tmp_path.iterdir():
+        os.utime(path, (1e9, 1e9))
+    return [tmp_path / "m.xml", *(tmp_path / f"m_{number}.chk" for number in range(3))]
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The scenes that were drawn, in place of pictures: one grey for each zoom."""
+    scenes = []
+
+    class Sketch:
+        def __init__(self, scene):
+            self.scene = scene
+
+        def save(self, path, plain):
+            Image.new("RGB", (int(9 + self.scene.zoom), 7), (int(40 * self.scene.zoom),) * 3).save(path)
+
+    def draw(_, scene):
+        scenes.append(scene)
+        return Sketch(scene)
+
+    monkeypatch.setattr("elvis.renderer.animation.Pictures.draw", draw)
+    return scenes
+
+
+def pictures(folder):
+    return [path.read_bytes() for path in sorted(folder.glob("frame-*.png"))]
+
+
+def test_the_next_step_is_read_while_one_is_drawn(files, drawn, monkeypatch):
+    """By a thread of its own, once; a step that is asked for out of turn is read all the same."""
+    asked, at_moment = [], Series.at_moment
+    monkeypatch.setattr(Series, "at_moment", lambda own, moment: asked.append(moment.step) or at_moment(own, moment))
+    scene = Scene("u", data=tuple(map(str, files)), step=0, device="reference")
+    steps = [replace(scene, step=step) for step in range(3)]
+    with Film(scene, is_kept=False) as film:
+        film.draw(steps[0], steps[1])
+        film._next[1].result()
+        assert asked == [0, 1]
+        film.draw(steps[1])
+        assert asked == [0, 1]
+        film.draw(steps[0], steps[1])
+        film.draw(steps[2])
+    assert asked[:3] == [0, 1, 0]
+    assert asked[-1] == 2
+    assert [own.step for own in drawn] == [0, 1, 0, 2]
+
+
+def still(files, path, **options):
+    render(*files, size=(8, 6), plain=True, output=str(path), **options)
+    return path.read_bytes()
+
+
+def test_frames_are_stills_byte_for_byte(files, tmp_path):
+    run("animate", *files, *SIZE, "--times", "0:3:3", "-o", tmp_path / "frames")
+    found = pictures(tmp_path / "frames")
+    assert found == [still(files, tmp_path / f"{t}.png", time=t) for t in (0.0, 1.5, 3.0)]
+    assert len(set(found)) == 3
+    # without --times they go from the first step to the last
+    run("animate", *files, *SIZE, "--frames", "3", "-o", tmp_path / "frames")
+    assert pictures(tmp_path / "frames") == found
+
+
+def test_every_step_is_a_frame_of_a_film_in_one_range(files, tmp_path):
+    run("animate", *files, *FAST, "--range", "series", "-o", tmp_path / "film.webp")
+    found = pictures(tmp_path / "film-frames")
+    # u = (1 + t) x - t y^2 on the unit square: from -3 to 4 over all steps, which quadratic coefficients bound tightly
+    tables = json.loads((tmp_path / "film-frames" / "film.json").read_text())["frames"]
+    assert all(np.allclose(table["range"], (-3, 4), rtol=0, atol=1e-9) for table in tables)
+    assert found[1] == still(files, tmp_path / "1.png", step=1, range="series", device="reference")
+    with Image.open(tmp_path / "film.webp") as film:
+        assert (film.n_frames, film.size) == (3, (8, 6))
+
+
+def test_frames_that_are_good_are_kept(files, tmp_path, drawn):
+    folder = tmp_path / "frames"
+
+    def steps(*more):
+        drawn.clear()
+        run("animate", *files, "-o", folder, *more)
+        return [scene.step for scene in drawn]
+
+    assert steps() == [0, 1, 2]
+    assert steps() == []
+    (folder / "frame-00001.png").unlink()  # as if it had been killed
+    assert steps() == [1]
+    assert steps("--zoom", "2") == [0, 1, 2]
+    os.utime(files[2])
+    assert steps("--zoom", "2") == [0, 1, 2]
+    assert steps("--zoom", "2", "--times", "0:3:2") == [None, None]
+    assert len(pictures(folder)) == 2
+    (folder / "film.json").unlink()
+    with pytest.raises(ElvisError, match=r"found frame-00000\.png without film\.json"):
+        steps()
+    assert len(pictures(folder)) == 2
+
+
+def test_keys_of_the_scene_move(files, tmp_path, drawn):
+    run("animate", *files[:2], "--key", "zoom=1:3:1", "--frames", "5", "-o", tmp_path / "zoomed.webp")
+    assert [scene.zoom for scene in drawn] == [1.0, 2.0, 3.0, 2.0, 1.0]
+    with Image.open(tmp_path / "zoomed.webp") as film:
+        assert (film.n_frames, film.size) == (5, (12, 7))
+    key = Key.of("camera.eye", "[0,0,1]:[2,4,1]")
+    assert json.loads(key.at(0.25)[1]) == [0.5, 1.0, 1.0]
+    for text in ("1", "a:b", "1:[1,2]", "0:inf"):
+        with pytest.raises(SceneError, match="--key zoom: expected two or more numbers with colons between them"):
+            Key.of("zoom", text)
+    with pytest.raises(SceneError, match=r"--key objects\[3\]\.style\.opacity: the scene has no such place"):
+        run("animate", *files[:2], "--key", "objects[3].style.opacity=0:1", "-o", tmp_path / "none")
+
+
+def test_the_camera_goes_through_all_of_a_path(files, tmp_path):
+    path = ["--path", "iso", "--path", "2,2,2:0.5,0.5,0:0,0,1:30", "--camera", "iso"]
+    with pytest.raises(SceneError, match="all in perspective, or none"):
+        run("animate", *files[:2], *FAST, *path, "-o", tmp_path / "none")
+    path = ["--path", "iso", "--path", "top", "--path", "iso"]
+    run("animate", *files[:2], *FAST, *path, "--frames", "5", "-o", tmp_path / "frames")
+    found = pictures(tmp_path / "frames")
+    assert found[0] == found[4] != found[1]
+    cameras = [one["camera"] for one in json.loads((tmp_path / "frames" / "film.json").read_text())["frames"]]
+    assert cameras[1]["eye"] == pytest.approx(cameras[3]["eye"], abs=1e-12)
+    with pytest.raises(UsageError, match="expected --orbit or --path, found both"):
+        run("animate", *files[:2], *FAST, *path, "--orbit", "90", "-o", tmp_path / "none")
+
+
+def test_orbits_turn_the_eye_about_what_is_upwards():
+    camera = Camera((3.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 2.0))
+    assert np.allclose(orbited(camera, 90).eye, (1.0, 2.0, 1.0), rtol=0, atol=1e-15)
+    assert np.allclose(orbited(camera, 360).eye, camera.eye, rtol=0, atol=1e-15)
+    assert orbited(camera, 40).at == camera.at
+
+
+def test_mp4_has_all_frames(files, tmp_path, drawn):
+    av = pytest.importorskip("av")
+    run("animate", *files[:2], "--key", "zoom=1:3", "--frames", "3", "-o", tmp_path / "film.mp4")
+    with av.open(str(tmp_path / "film.mp4")) as film:
+        images = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    assert [image.shape for image in images] == [(8, 12, 3)] * 3
+    for number, image in enumerate(images):
+        assert np.abs(image[1:6, 1:8] - 40.0 * (number + 1)).max() < 8
+
+
+def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch):
+    with pytest.raises(ElvisError, match=r"expected something that moves: a series, --key, --path or --orbit"):
+        run("animate", *files[:2], *FAST, "-o", tmp_path / "none.webp")
+    with pytest.raises(ElvisError, match=r"expected films, \.webp or \.mp4, and one folder for frames, found .*x\.gif"):
+        run("animate", *files, *FAST, "-o", tmp_path / "x.gif")
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(ElvisError, match="taken: cannot be written: it is a file, and a folder is to be written"):
+        run("animate", *files, *FAST, "-o", tmp_path / "taken")
+    with pytest.raises(ElvisError, match="nowhere/frames: cannot be written: there is no folder"):
+        run("animate", *files, *FAST, "-o", tmp_path / "nowhere" / "frames")
+    with pytest.raises(ElvisError, match="expected a time from 0 to 3, found 4"):
+        run("animate", *files, *FAST, "--times", "0:4:2", "-o", tmp_path / "late")
+    with pytest.raises(SceneError, match="range: expected several steps of a series, found one state"):
+        render(*files[:2], range="series")
+    monkeypatch.setitem(__import__("sys").modules, "av", None)
+    with pytest.raises(ElvisError, match=r"MP4 needs av, which is not installed; pip install 'elvis-viz\[video\]'"):
+        run("animate", *files, *FAST, "-o", tmp_path / "none.mp4")
+    assert not (tmp_path / "none-frames").exists()
