@@ -1,0 +1,39 @@
+"""How a streamline ends."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class End(IntEnum):
+    """Numbers of ends; further numbers, from ``len(End)`` on, are boundaries through which lines leave the domain."""
+
+    GOING = 0
+    LEFT = 1
+    LENGTH = 2
+    DURATION = 3
+    SPEED = 4
+    STEPS = 5
+    STAGNATION = 6
+    JUMP = 7
+    OUTSIDE = 8
+    NAN = 9
+    INVERTED = 10
+    FAILED = 11
+
+
+#: what the ends are called, and what that means
+WORDS = {
+    End.GOING: ("going", "under way"),
+    End.LEFT: ("left", "left the domain"),
+    End.LENGTH: ("length", "has the length asked for"),
+    End.DURATION: ("duration", "has the duration asked for"),
+    End.SPEED: ("speed", "became slower than asked for"),
+    End.STEPS: ("steps", "took the greatest number of steps"),
+    End.STAGNATION: ("stagnation", "came to rest"),
+    End.JUMP: ("jump", "met a jump of the velocity that sends it back"),
+    End.OUTSIDE: ("outside", "seeded where there is no element"),
+    End.NAN: ("nan", "met a velocity that is no number"),
+    End.INVERTED: ("inverted", "met an element that is turned inside out"),
+    End.FAILED: ("failed", "could not be followed to the tolerance"),
+}

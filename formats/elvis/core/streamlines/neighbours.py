@@ -1,0 +1,185 @@
+"""What lies beyond the sides of elements: the faces of volumes, the edges of plane elements.
+
+Reference coordinates on a side are affine in those of the element beyond, because both see the side's vertices, and
+triangles that are shared collapse at the same vertex (format notes 2.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import boundaries
+from elvis.core.mapping.margins import facets
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.patch import Patch
+from elvis.core.shapes import Shape
+
+_SHAPES = tuple(Shape)
+#: sides and vertices of an element at most
+_SIDES, _VERTICES = 6, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """Where points on sides of elements are in the elements beyond.
+
+    patch, row, side  (n,)    -1 where there is none
+    reference         (n, d)  coordinates there
+    """
+
+    patch: Ints
+    row: Ints
+    side: Ints
+    reference: Floats
+
+    def part(self, chosen: Ints) -> Crossing:
+        """Some of them."""
+        return Crossing(self.patch[chosen], self.row[chosen], self.side[chosen], self.reference[chosen])
+
+
+class Neighbours:
+    """The sides of all elements of some patches of a dataset, which has two or three dimensions.
+
+    names  of the boundaries that a side may belong to
+    """
+
+    def __init__(self, dataset: Dataset, patches: Sequence[Patch]) -> None:
+        mesh = dataset.mesh
+        self._patches = patches
+        self._starts = np.cumsum([0, *map(len, patches)])
+        self._shape = np.concatenate([np.full(len(p), _SHAPES.index(p.shape)) for p in patches])
+        self._vertices = np.full((len(self._shape), _VERTICES), -1)
+        self._side = np.full((len(self._shape), _SIDES), -1)
+        for first, patch in zip(self._starts, patches, strict=False):
+            rows = mesh.of(patch.shape).rows_of(patch.element_ids)
+            own, members = local_vertices(mesh, patch.shape)[rows], mesh.of(patch.shape).members[rows]
+            here = slice(first, first + len(patch))
+            self._vertices[here, : own.shape[1]] = own
+            self._side[here, : members.shape[1]] = members
+        self._beyond = _pairs(self._side)
+        self.names, self._boundary = _named(dataset, int(self._side.max(initial=-1)) + 1)
+        self._tables = [_Sides.of(shape) if shape.dimension == mesh.dimension else None for shape in _SHAPES]
+
+    def facets(self, patch: int) -> tuple[Floats, Floats]:
+        """Normals (k, d) and offsets (k,) of the sides of a patch's elements, in the order of the mesh's members."""
+        table = self._tables[_SHAPES.index(self._patches[patch].shape)]
+        assert table is not None
+        return table.normals, table.offsets
+
+    def is_outer(self, patch: Ints, row: Ints, side: Ints) -> Ints:
+        """(n,) whether nothing lies beyond sides of elements."""
+        return np.asarray(self._beyond[self._starts[patch] + row, side] < 0)
+
+    def boundary(self, patch: Ints, row: Ints, side: Ints) -> Ints:
+        """(n,) numbers of the boundaries that sides belong to, among ``names``; -1 for none."""
+        return np.asarray(self._boundary[self._side[self._starts[patch] + row, side]])
+
+    def cross(self, patch: Ints, row: Ints, side: Ints, points: Floats) -> Crossing:
+        """Where points (n, d) on sides (n,) of elements are in the elements beyond."""
+        element = self._starts[patch] + row
+        beyond = self._beyond[element, side]
+        other, across = np.divmod(beyond, _SIDES)
+        number = np.searchsorted(self._starts, other, side="right") - 1
+        reference = np.full(points.shape, np.nan)
+        inner = np.flatnonzero(beyond >= 0)
+        own = self._shape[element[inner]]
+        for kind in np.unique(own):
+            here = inner[own == kind]
+            table = self._tables[kind]
+            assert table is not None
+            weights = table.weights(side[here], points[here])
+            corners = self._vertices[element[here, None], table.corners[side[here]]]
+            reference[here] = self._at_vertices(other[here], corners, weights)
+        number, place, across = (
+            np.where(beyond >= 0, found, -1) for found in (number, other - self._starts[number], across)
+        )
+        return Crossing(number, place, across, reference)
+
+    def _at_vertices(self, element: Ints, corners: Ints, weights: Floats) -> Floats:
+        """(n, d) reference coordinates in elements, from weights (n, k) of the mesh's vertices (n, k)."""
+        local = (self._vertices[element][:, :, None] == corners[:, None, :]).argmax(axis=1)
+        places = _PLACES[self._shape[element][:, None], local]
+        found: Floats = np.einsum("nk,nkd->nd", weights, places)
+        dimension = _SHAPES[self._shape[element[0]]].dimension
+        return found[:, :dimension]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """The sides of a shape, in the order of the mesh's members.
+
+    corners   (k, c)     local vertices: the first, the next one and, of faces, the last one
+    origins   (k, d)     place of the first
+    duals     (k, d, c-1)  of the steps to the others
+    normals   (k, d), offsets (k,)  so that the height over a side is normal . xi + offset, 0 on it, 1 at the far end
+    """
+
+    corners: Ints
+    origins: Floats
+    duals: Floats
+    normals: Floats
+    offsets: Floats
+
+    @staticmethod
+    def of(shape: Shape) -> _Sides:
+        """Those of a shape of two or three dimensions."""
+        sides = shape.edges if shape.dimension == 2 else shape.faces
+        corners = np.array([side if len(side) == 2 else (side[0], side[1], side[-1]) for side in sides])
+        places = shape.vertices[corners]
+        steps = places[:, 1:] - places[:, :1]
+        duals = np.linalg.pinv(steps)
+        normals, offsets = facets(shape)
+        heights = np.abs(places @ normals.T + offsets).sum(axis=1)
+        which = heights.argmin(axis=1)
+        return _Sides(corners, places[:, 0], duals, normals[which], offsets[which])
+
+    def weights(self, side: Ints, points: Floats) -> Floats:
+        """(n, c) weights of the corners at points (n, d) of sides (n,)."""
+        offsets = points[:, : self.origins.shape[1]] - self.origins[side]
+        others = np.einsum("nd,ndc->nc", offsets, self.duals[side])
+        return np.column_stack([1 - others.sum(axis=1), others])
+
+
+def _places() -> Floats:
+    """(7, 8, 3) reference coordinates of the vertices of all shapes."""
+    table = np.zeros((len(_SHAPES), _VERTICES, 3))
+    for number, shape in enumerate(_SHAPES):
+        table[number, : len(shape.vertices), : shape.dimension] = shape.vertices
+    return table
+
+
+_PLACES = _places()
+
+
+def _pairs(side: Ints) -> Ints:
+    """(n, 6) for each side of each element _SIDES times the element beyond plus its own side; -1 where there is none.
+
+    Where three elements or more have a side it is an outer one.
+    """
+    place = np.flatnonzero(side.reshape(-1) >= 0)
+    entity = side.reshape(-1)[place]
+    order = np.argsort(entity, kind="stable")
+    place, entity = place[order], entity[order]
+    owners = np.bincount(entity)
+    first = np.flatnonzero(owners[entity[:-1]] == 2) if len(entity) else np.empty(0, np.int64)
+    first = first[entity[first] == entity[first + 1]]
+    found = np.full(side.size, -1)
+    found[place[first]], found[place[first + 1]] = place[first + 1], place[first]
+    return found.reshape(side.shape)
+
+
+def _named(dataset: Dataset, count: int) -> tuple[tuple[str, ...], Ints]:
+    """Names of boundaries, and for each of the mesh's sides (count,) the number of one that it belongs to."""
+    known = boundaries(dataset.mesh)
+    titles = {str(own.id): own.name or own.label for own in dataset.mesh.composites}
+    names = tuple(name for name in known if not titles.get(name) or titles[name] == name)
+    found = np.full(count, -1)
+    for number, name in enumerate(names):
+        sides = known[name]
+        found[sides[sides < count]] = number
+    return names, found

@@ -1,0 +1,173 @@
+"""Where streamlines begin: points, or texts that stand for many.
+
+point:X,Y,Z                  a point
+line:P:Q:N                   N points from P to Q, both included
+disc:C:NORMAL:R:N            N points over a disc, evenly
+grid:LOW:HIGH:NX,NY,NZ       a lattice over a box, ends included
+boundary:NAME:N              on each face of a boundary a lattice of N points each way, N of each edge in 2D
+random:N, random:N:LOW:HIGH  N points drawn evenly over the elements, or over what of them lies in a box
+a name of a file             the points of a table with columns x, y, z
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import ALL
+from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
+from elvis.core.integrals.reference_cells import Piece
+from elvis.core.integrals.targets import Places
+from elvis.core.mapping import pointwise
+from elvis.core.mapping.inverse import Status
+from elvis.core.mapping.locate import Locator
+from elvis.core.quantities.names import Names
+from elvis.core.queries import points_in_table, points_on_line
+from elvis.core.sampling import world_points
+
+_Parts = Sequence[str]
+#: seeds of a text at most, and how often random ones are drawn until enough lie in elements
+_MOST, _DRAWS = 1_000_000, 100
+
+
+def seed_points(dataset: Dataset, locator: Locator, seeds: Any, random: int = 0) -> Floats:
+    """(n, 3) seeds from points (n, d), a text or several (see above); ElvisError for what they can't be.
+
+    random  number that random points are drawn with: the same points each time
+    """
+    dimension = Names.of(dataset).dimension
+    if isinstance(seeds, (str, Path)):
+        seeds = [seeds]
+    if isinstance(seeds, Sequence) and seeds and all(isinstance(seed, (str, Path)) for seed in seeds):
+        found = np.concatenate([_Reader(dataset, locator, random).points(str(seed)) for seed in seeds])
+    else:
+        found = world_points(seeds, dimension)
+    if not len(found):
+        raise ElvisError("expected at least one seed, found none")
+    return found
+
+
+class _Reader:
+    """What texts stand for in a dataset."""
+
+    def __init__(self, dataset: Dataset, locator: Locator, random: int) -> None:
+        self.dataset, self.locator = dataset, locator
+        self._draw = np.random.default_rng(random)
+        self._kinds: Mapping[str, tuple[str, tuple[int, ...], Callable[[_Parts], Floats]]] = {
+            "point": ("point:X,Y,Z", (1,), self._point),
+            "line": ("line:P:Q:N", (3,), self._line),
+            "disc": ("disc:CENTRE:NORMAL:RADIUS:N", (4,), self._disc),
+            "grid": ("grid:LOW:HIGH:NX,NY,NZ", (3,), self._grid),
+            "boundary": ("boundary:NAME:N", (1, 2), self._boundary),
+            "random": ("random:N or random:N:LOW:HIGH", (1, 3), self._random),
+        }
+
+    def points(self, text: str) -> Floats:
+        """(n, 3) the points of one text."""
+        kind, colon, rest = text.partition(":")
+        if kind not in self._kinds:
+            if not colon or Path(text).exists() or "." in Path(kind).suffix:
+                return points_in_table(text)
+            known = ", ".join(form for form, _, _ in self._kinds.values())
+            hint = perhaps(kind, self._kinds)
+            raise ElvisError(f"expected seeds as one of {known}, or a file of points, found {text!r}{hint}")
+        form, counts, make = self._kinds[kind]
+        parts = rest.split(":")
+        try:
+            if len(parts) not in counts:
+                raise ValueError
+            return make(parts)
+        except ValueError:
+            raise ElvisError(f"expected seeds as {form}, found {text!r}") from None
+
+    def _point(self, parts: _Parts) -> Floats:
+        return _triple(parts[0])[None]
+
+    def _line(self, parts: _Parts) -> Floats:
+        return points_on_line(_triple(parts[0]), _triple(parts[1]), _count(parts[2]))  # type: ignore[arg-type]
+
+    def _disc(self, parts: _Parts) -> Floats:
+        """Vogel's spiral (Mathematical Biosciences 44, 1979): each point has the same area of the disc."""
+        centre, normal, count = _triple(parts[0]), _triple(parts[1]), _count(parts[3])
+        size = float(np.linalg.norm(normal))
+        if not 0 < size < np.inf:
+            raise ValueError
+        axes = np.linalg.svd(normal[None] / size)[2][1:]
+        order = np.arange(count)
+        radius = float(parts[2]) * np.sqrt((order + 0.5) / count)
+        angle = order * np.pi * (3 - np.sqrt(5))
+        plane = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+        found: Floats = centre + plane @ axes
+        return found
+
+    def _grid(self, parts: _Parts) -> Floats:
+        low, high = _triple(parts[0]), _triple(parts[1])
+        counts = [_count(part) for part in parts[2].split(",")]
+        counts += [1] * (3 - len(counts))
+        if len(counts) != 3 or np.prod(counts) > _MOST:
+            raise ValueError
+        lines = [
+            np.linspace(a, b, count) if count > 1 else np.array([(a + b) / 2])
+            for a, b, count in zip(low, high, counts, strict=True)
+        ]
+        return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def _boundary(self, parts: _Parts) -> Floats:
+        """The middles of equal parts of each side, in its collapsed coordinates."""
+        count = _count(parts[1]) if len(parts) > 1 else 1
+        middles = (2 * np.arange(count) + 1) / count - 1
+        places_by_name = Places(self.dataset, tuple(self.locator.patches), {})
+        known = (ALL, *places_by_name.boundaries)
+        if parts[0] not in known:
+            hint = perhaps(parts[0], known)
+            raise ElvisError(f"there is no boundary {parts[0]!r}{hint}; there are {', '.join(known)}")
+        found = []
+        for target in places_by_name.named(parts[0]).rows:
+            for piece in target.pieces:
+                assert isinstance(piece, Piece)
+                lattice = np.stack(np.meshgrid(*[middles] * piece.dimension, indexing="ij"), axis=-1)
+                places = piece.points(lattice.reshape(-1, piece.dimension))
+                rows = np.repeat(piece.rows, len(places))
+                found.append(pointwise.positions(piece.patch, rows, np.tile(places, (len(piece), 1))))
+        return np.concatenate(found)
+
+    def _random(self, parts: _Parts) -> Floats:
+        """Points of the box of all elements, those that none holds left out."""
+        count = _count(parts[0])
+        box = np.asarray(self.locator.tree.nodes[0], np.float64)
+        low, high = box[:3], box[3:]
+        dimension = Names.of(self.dataset).dimension
+        low[dimension:], high[dimension:] = 0.0, 0.0
+        if len(parts) > 1:
+            low, high = np.maximum(low, _triple(parts[1])), np.minimum(high, _triple(parts[2]))
+        found, held = [np.empty((0, 3))], 0
+        for _ in range(_DRAWS):
+            drawn = low + (high - low) * self._draw.random((count, 3))
+            inside = drawn[self.locator.locate(drawn).status == Status.INSIDE] if (high >= low).all() else drawn[:0]
+            found.append(inside)
+            held += len(inside)
+            if held >= count:
+                return np.concatenate(found)[:count]
+        raise ElvisError(f"random:{':'.join(parts)}: expected elements in the box, found {held} of {count} seeds")
+
+
+def _triple(text: str) -> Floats:
+    """``0,0.5`` or ``0,0.5,1`` as (3,); ValueError for another text."""
+    found = np.array([float(part) for part in text.split(",")])
+    if len(found) not in (2, 3) or not np.isfinite(found).all():
+        raise ValueError
+    return np.pad(found, (0, 3 - len(found)))
+
+
+def _count(text: str) -> int:
+    """A number of points; ValueError for another text."""
+    found = int(text)
+    if not 1 <= found <= _MOST:
+        raise ValueError
+    return found

@@ -1,0 +1,287 @@
+"""Streamlines of a dataset as numbers, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from elvis.core import describing
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.files.columns import Columns
+from elvis.core.mapping.locate import Location, Locator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.neighbours import Neighbours
+from elvis.core.streamlines.seeds import seed_points
+from elvis.core.streamlines.tracer import Limits, Piece, Tracer, points_within
+from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+
+#: directions: signs of the velocity
+DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
+#: where nothing is said, in parts of the box's diagonal: error of a step, length of lines, points along them
+TOLERANCE, LENGTH, SPACING = 1e-12, 10.0, 0.005
+#: a speed that counts as rest, in parts of the greatest speed at the seeds and in the elements' middles
+_REST = 1e-10
+#: what is known at every point
+_AT_POINTS = ("time", "length", "element", "velocity")
+#: names of columns and arrays, which no quantity may have
+_TAKEN = (
+    *_AT_POINTS,
+    "line",
+    "seed",
+    "offsets",
+    "end",
+    "ends",
+    "points",
+    *(f"velocity_{axis}" for axis in "xyz"),
+    *"xyz",
+)
+#: points of all lines at most
+_MOST_POINTS = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Streamlines:
+    """Lines along a velocity.
+
+    offsets   (n+1,)  line i has the points offsets[i] to offsets[i+1]; none where its seed is outside
+    seed      (n,)    the number of its seed
+    end       (n,)    how it ends, a place in ``ends``
+    ends      words for ends: those of `endings`, then the names of boundaries by which lines left
+    points    (m, 3)  world coordinates; the first of a line is its seed
+    time      (m,)    since the seed, negative against the stream
+    length    (m,)    along the line from the seed
+    element   (m,)    ids of elements in the file
+    velocity  (m, 3)
+    values    further quantities (m,) by name
+    """
+
+    offsets: Ints
+    seed: Ints
+    end: Ints
+    ends: tuple[str, ...]
+    points: Floats
+    time: Floats
+    length: Floats
+    element: Ints
+    velocity: Floats
+    values: Mapping[str, Floats]
+
+    def __len__(self) -> int:
+        return len(self.seed)
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{count} {name}" for name, count in self.counts().items())
+        return f"<Streamlines: {len(self)} lines, {len(self.points)} points; {found or 'none'}>"
+
+    def _repr_html_(self) -> str:
+        """The points of the first and last lines as notebooks show them."""
+        return describing.table_of_columns(self.columns(), repr(self))
+
+    def __getitem__(self, line: int) -> Floats:
+        """(k, 3) the points of a line."""
+        if not -len(self) <= line < len(self):
+            raise IndexError(f"expected the number of one of {len(self)} lines, found {line}")
+        line %= len(self)
+        return self.points[self.offsets[line] : self.offsets[line + 1]]
+
+    def counts(self) -> dict[str, int]:
+        """How many lines end in each way, those that occur."""
+        numbers = np.bincount(self.end, minlength=len(self.ends))
+        return {name: int(number) for name, number in zip(self.ends, numbers, strict=True) if number}
+
+    def table(self) -> Iterator[tuple[str, str, int]]:
+        """For each way that lines end its name, what it means and how many do."""
+        meanings = dict(WORDS.values())
+        for name, count in self.counts().items():
+            yield name, meanings.get(name, "left the domain through this boundary"), count
+
+    def columns(self) -> Columns:
+        """Arrays (m,) by name, a row a point: line, seed, x, y, z, time, length, element, velocity_x, …, quantities."""
+        line = np.repeat(np.arange(len(self)), np.diff(self.offsets))
+        places = dict(zip("xyz", self.points.T, strict=True))
+        parts = {f"velocity_{axis}": own for axis, own in zip("xyz", self.velocity.T, strict=True)}
+        along = {"time": self.time, "length": self.length, "element": self.element}
+        return {"line": line, "seed": self.seed[line], **places, **along, **parts, **self.values}
+
+    def at_points(self) -> Columns:
+        """Arrays (m,) and (m, 3) by name: time, length, element, velocity, quantities."""
+        return {**{name: getattr(self, name) for name in _AT_POINTS}, **self.values}
+
+    def arrays(self) -> Columns:
+        """What an archive holds: all arrays by name, the words for ends, and quantities by their names."""
+        own = {name: getattr(self, name) for name in ("offsets", "seed", "end", "points")}
+        return {**own, **self.at_points(), "ends": np.array(self.ends)}
+
+
+def trace(
+    dataset: Dataset,
+    seeds: Any,
+    velocity: Sequence[str] | str | None = None,
+    *,
+    direction: str = "forward",
+    length: float | None = None,
+    duration: float | None = None,
+    speed: float = 0.0,
+    steps: int = 10_000,
+    tolerance: float | None = None,
+    spacing: float | None = None,
+    fields: Sequence[str] = (),
+    random: int = 0,
+) -> Streamlines:
+    """Streamlines through seeds, integrated exactly in the curved elements (see `tracer`).
+
+    seeds      points (n, d), or texts as `seeds` describes them, such as ``line:0,0:0,1:20``
+    velocity   its components, as texts or one with commas; None: what is customary in the data, u, v, w or rhou/rho, …
+    direction  forward, backward, or both: then lines against the stream follow those with it
+    length     of lines in the world at most; None: ten diagonals of the box, where no duration is given
+    duration   in time at most
+    speed      lines that become slower end
+    steps      at most, each within one element
+    tolerance  error of a step in the world; None: 1e-12 of the diagonal of the box
+    spacing    of points along a line at most; None: 1/200 of the diagonal
+    fields     further quantities at the points
+    random     number that random seeds are drawn with
+
+    ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
+    """
+    if dataset.mesh.dimension < 2:
+        raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+    if direction not in DIRECTIONS:
+        raise ElvisError(f"expected a direction, one of {', '.join(DIRECTIONS)}, found {direction!r}")
+    texts = [part.strip() for part in velocity.split(",")] if isinstance(velocity, str) else velocity
+    names = Names.of(dataset)
+    others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
+    taken = [each.text for each in others if each.text in _TAKEN]
+    if taken:
+        raise ElvisError(f"the field {taken[0]!r} has the name of a column; an expression such as 1*{taken[0]} has not")
+    moving = Velocity(dataset, velocity_expressions(dataset, texts), others)
+    locator = Locator(moving.patches)
+    neighbours = Neighbours(dataset, moving.patches)
+    location = locator.locate(seed_points(dataset, locator, seeds, random))
+    limits = _limits(locator, moving, location, length, duration, speed, steps, tolerance)
+    diagonal = _diagonal(locator)
+    apart = _positive("spacing", SPACING * diagonal if spacing is None else spacing)
+    parts = []
+    for sign in DIRECTIONS[direction]:
+        tracer = Tracer(moving, neighbours, locator, limits, sign)
+        tracer.place(location.patch, location.row, location.reference)
+        parts.append(_collected(tracer, apart))
+    return _joined(parts, moving, (*(WORDS[end][0] for end in End), *neighbours.names))
+
+
+def _diagonal(locator: Locator) -> float:
+    """Of the box of all elements."""
+    box = np.asarray(locator.tree.nodes[0], np.float64)
+    return float(np.linalg.norm(box[3:] - box[:3]))
+
+
+def _limits(
+    locator: Locator,
+    moving: Velocity,
+    location: Location,
+    length: float | None,
+    duration: float | None,
+    speed: float,
+    steps: int,
+    tolerance: float | None,
+) -> Limits:
+    """The limits, as given or as they follow from the size of the data."""
+    diagonal = _diagonal(locator)
+    if length is None:
+        length = LENGTH * diagonal if duration is None else np.inf
+    if not speed >= 0:
+        raise ElvisError(f"speed: expected a number that is not negative, found {speed}")
+    if steps < 1:
+        raise ElvisError(f"steps: expected at least 1, found {steps}")
+    return Limits(
+        _positive("length", length),
+        _positive("duration", np.inf if duration is None else duration),
+        speed,
+        _REST * _fastest(moving, location),
+        steps,
+        _positive("tolerance", TOLERANCE * diagonal if tolerance is None else tolerance),
+    )
+
+
+def _positive(name: str, value: float) -> float:
+    """A number that is positive; ElvisError for another."""
+    if not value > 0:
+        raise ElvisError(f"{name}: expected a positive number, found {value}")
+    return float(value)
+
+
+def _fastest(moving: Velocity, location: Location) -> float:
+    """The greatest speed at the seeds and in the middles of elements."""
+    inside = np.flatnonzero(location.patch >= 0)
+    speeds = [moving.motion(location.patch[inside], location.row[inside], location.reference[inside]).speed]
+    for number, patch in enumerate(moving.patches):
+        middle = np.zeros(patch.dimension)
+        middle[: patch.shape.dimension] = patch.shape.vertices.mean(axis=0)
+        rows = np.arange(len(patch))
+        speeds.append(moving.motion(np.full(len(rows), number), rows, np.tile(middle, (len(rows), 1))).speed)
+    every = np.concatenate(speeds)
+    return float(every[np.isfinite(every)].max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """The points of lines: line (m,), patch (m,), row (m,), time (m,), state (m, s); ends (n,) of lines."""
+
+    line: Ints
+    patch: Ints
+    row: Ints
+    time: Floats
+    state: Floats
+    end: Ints
+
+
+def _collected(tracer: Tracer, spacing: float) -> _Points:
+    """Run lines to their ends; ElvisError where that makes too many points."""
+    inside = np.flatnonzero(tracer.end != End.OUTSIDE)
+    parts = [(inside, tracer.patch[inside], tracer.row[inside], np.zeros(len(inside)), tracer.state[inside])]
+    count = len(inside)
+    for piece in tracer.run():
+        parts.append(_points_of(piece, spacing, tracer.sign))
+        count += len(parts[-1][0])
+        if count > _MOST_POINTS:
+            raise ElvisError(f"expected lines of {_MOST_POINTS} points in all at most; a greater spacing makes fewer")
+    line, patch, row, time, state = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(line, kind="stable")
+    return _Points(line[order], patch[order], row[order], time[order], state[order], tracer.end)
+
+
+def _points_of(piece: Piece, spacing: float, sign: int) -> tuple[Ints, Ints, Ints, Floats, Floats]:
+    """Line, patch, row, time and state of the points of a step."""
+    which, fraction, states = points_within(piece, spacing)
+    time = sign * (piece.time[which] + fraction * piece.lasts[which])
+    return piece.line[which], piece.patch[which], piece.row[which], time, states
+
+
+def _joined(parts: Sequence[_Points], moving: Velocity, ends: tuple[str, ...]) -> Streamlines:
+    """Lines of all directions, one direction after the other, with what is known at their points."""
+    seeds = [np.arange(len(part.end)) for part in parts]
+    counts = np.concatenate([np.bincount(part.line, minlength=len(part.end)) for part in parts])
+    patch, row, time = (np.concatenate([getattr(part, name) for part in parts]) for name in ("patch", "row", "time"))
+    state = np.concatenate([part.state for part in parts])
+    reference = state[:, :-1]
+    ids = np.concatenate([np.empty(0, np.int64), *(own.element_ids for own in moving.patches)])
+    starts = np.cumsum([0, *map(len, moving.patches)])
+    return Streamlines(
+        np.concatenate([[0], np.cumsum(counts)]),
+        np.concatenate(seeds),
+        np.concatenate([part.end for part in parts]),
+        ends,
+        moving.positions(patch, row, reference),
+        time,
+        state[:, -1],
+        ids[starts[patch] + row],
+        moving.motion(patch, row, reference).velocity,
+        {each.text: moving.values(each, patch, row, reference) for each in moving.others},
+    )

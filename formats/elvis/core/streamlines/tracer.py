@@ -1,0 +1,439 @@
+"""Streamlines through curved elements of high order, integrated in the elements' own coordinates.
+
+In an element with the map x(xi) a line follows dxi/dt = J^-1 v, with J = dx/dxi: no point is ever looked for.  A step
+is that of DOP853, its error measured in the world.  Heights over the sides of an element are linear in xi, so along the
+dense output they are polynomials of time, whose first root is where the line leaves.  It is stepped again up to there,
+put on the side, and handed over to the element beyond: no step integrates across a border, where fields are rough.  The
+length is integrated with the coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping import tangents
+from elvis.core.mapping.inverse import Status, invert
+from elvis.core.mapping.locate import Locator
+from elvis.core.streamlines.dop853 import Step, step
+from elvis.core.streamlines.endings import End
+from elvis.core.streamlines.first_roots import bernstein_at, first_roots
+from elvis.core.streamlines.neighbours import Crossing, Neighbours
+from elvis.core.streamlines.velocity import Motion, Velocity
+
+#: how far a line may be beyond a side that it runs along: inner sides, where it is handed over, and outer ones
+_BESIDE, _BESIDE_OUTER = 1e-13, 1e-10
+#: a step's length in reference coordinates at most: elements are 2 wide, and fields hold little beyond
+_REACH = 1.0
+#: changes of a step's width: least, greatest, and part of what the error allows
+_SHRINK, _GROW, _SAFETY = 0.2, 5.0, 0.9
+#: sides that a line may cross in succession without coming farther, as it does around a vertex
+_TURNS = 64
+#: a velocity across a side, as part of its size, that is rounding
+_ALONG = 1e-9
+#: the shortest step, in reference coordinates
+_SHORTEST = 1e-14
+#: gaps between elements at a side, in parts of the box, that are rounding
+_GAP = 1e-12
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where lines end.
+
+    length, duration  in the world and in time, inf where they don't
+    speed             a line that is slower ends
+    rest              a speed that counts as none
+    steps             at most, accepted ones
+    tolerance         error of a step, in the world
+    """
+
+    length: float
+    duration: float
+    speed: float
+    rest: float
+    steps: int
+    tolerance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A step of k lines, as it is kept.
+
+    line         (k,)       its number
+    patch, row   (k,)       the element
+    time, lasts  (k,)       at the start, and how long it takes
+    nets         (k, 8, s)  Bernstein coefficients of reference coordinates and length, to beyond the end
+    part         (k,)       up to where in them the line goes
+    end          (k, s)     the state there
+    """
+
+    line: Ints
+    patch: Ints
+    row: Ints
+    time: Floats
+    lasts: Floats
+    nets: Floats
+    part: Floats
+    end: Floats
+
+
+class Tracer:
+    """Lines under way; arrays are by line.
+
+    patch, row  (n,)    the element, -1 outside
+    state       (n, s)  reference coordinates in it, then the length so far
+    time        (n,)    since the seed
+    end         (n,)    numbers of ends (`endings`)
+    """
+
+    def __init__(
+        self, velocity: Velocity, neighbours: Neighbours, locator: Locator, limits: Limits, sign: int = 1
+    ) -> None:
+        self.velocity, self.neighbours, self.locator = velocity, neighbours, locator
+        self.limits, self.sign = limits, sign
+        box = np.asarray(locator.tree.nodes[0], np.float64)
+        self._size = float(np.linalg.norm(box[3:] - box[:3]))
+
+    def place(self, patch: Ints, row: Ints, reference: Floats) -> None:
+        """Begin lines at reference coordinates (n, D) of elements (n,); -1 where there is none."""
+        count = len(patch)
+        self.patch, self.row = patch.copy(), row.copy()
+        self.state = np.column_stack([reference, np.zeros(count)])
+        self.time, self._width = np.zeros(count), np.full(count, np.nan)
+        self.end = np.where(patch < 0, End.OUTSIDE, End.GOING).astype(np.int64)
+        self._slope = np.zeros_like(self.state)
+        self._steps, self._turns = np.zeros((2, count), np.int64)
+        self._orientation = np.zeros(count)
+        self._jacobians = np.zeros((count, 3, reference.shape[1]))
+        self._enter(np.flatnonzero(patch >= 0))
+
+    def run(self) -> Iterator[Piece]:
+        """The steps of all lines until each has ended, many lines at a time."""
+        while True:
+            active = np.flatnonzero(self.end == End.GOING)
+            if not len(active):
+                return
+            # stages far beyond an element may be no numbers: such steps are not accepted
+            with np.errstate(all="ignore"):
+                piece = self._advance(active)
+            if piece is not None:
+                yield piece
+
+    def _derivative(self, active: Ints, states: Floats) -> Floats:
+        """(k, s) derivatives in time of states (k, s) of some lines, wherever in their elements."""
+        motion = self.velocity.motion(self.patch[active], self.row[active], states[:, :-1])
+        return self._slopes(motion)
+
+    def _slopes(self, motion: Motion) -> Floats:
+        return np.column_stack([self.sign * motion.reference, motion.speed])
+
+    def _enter(self, lines: Ints) -> None:
+        """Take in what moves where lines now are; those end that meet no number, rest or an inverted element."""
+        motion = self.velocity.motion(self.patch[lines], self.row[lines], self.state[lines, :-1])
+        self._slope[lines], self._jacobians[lines] = self._slopes(motion), motion.jacobians
+        self._end_slow(lines, motion)
+        self._orientation[lines] = _orientations(motion.jacobians)
+
+    def _end_slow(self, lines: Ints, motion: Motion) -> None:
+        """End the lines that move no more."""
+        limits, speed = self.limits, motion.speed
+        is_number = np.isfinite(motion.velocity).all(axis=1)
+        sound = np.isfinite(motion.reference).all(axis=1)
+        cases = [~is_number, speed <= limits.rest, speed < limits.speed, ~sound]
+        self._finish(lines, np.select(cases, [End.NAN, End.STAGNATION, End.SPEED, End.INVERTED], End.GOING))
+
+    def _finish(self, lines: Ints, ends: Ints) -> None:
+        """Note ends of lines that are still going."""
+        still = self.end[lines] == End.GOING
+        self.end[lines[still]] = ends[still]
+
+    def _advance(self, active: Ints) -> Piece | None:
+        """A step of each line, kept where its error is within the tolerance."""
+        width = self._first_width(active)
+        taken = step(lambda states: self._derivative(active, states), self.state[active], self._slope[active], width)
+        error = self._error(active, taken)
+        with np.errstate(divide="ignore", over="ignore"):
+            factor = np.clip(_SAFETY * error**-0.125, _SHRINK, _GROW)
+        accepted = error <= 1
+        self._width[active] = width * np.where(accepted, factor, np.minimum(factor, 1.0))
+
+        # what can't be followed however short the steps: where a map folds the derivative has a pole
+        stuck = active[~accepted & (width * np.abs(self._slope[active, :-1]).max(axis=1) < _SHORTEST)]
+        self._finish(stuck, np.where(_is_folding(self._jacobians[stuck]), End.INVERTED, End.FAILED))
+        kept = np.flatnonzero(accepted)
+        return self._keep(active[kept], taken.part(kept)) if len(kept) else None
+
+    def _first_width(self, active: Ints) -> Floats:
+        """(k,) widths to be tried: what the last step suggests, within an element's reach and the duration."""
+        speed = np.abs(self._slope[active, :-1]).max(axis=1)
+        with np.errstate(divide="ignore"):
+            reach = _REACH / speed
+        width = np.fmin(self._width[active], reach)
+        left = self.limits.duration - self.time[active]
+        return np.asarray(np.minimum(width, left))
+
+    def _error(self, active: Ints, taken: Step) -> Floats:
+        """(k,) the error of steps in parts of the tolerance, with reference coordinates mapped to the world.
+
+        The combination of both embedded methods is that of DOP853.
+        """
+        with np.errstate(all="ignore"):
+            sizes = []
+            for error in taken.errors():
+                world = np.einsum("nci,ni->nc", self._jacobians[active], error[:, :-1])
+                sizes.append((world**2).sum(axis=1) + error[:, -1] ** 2)
+            fifth, third = sizes
+            found = fifth / np.sqrt(fifth + 0.01 * third) / self.limits.tolerance
+        found[(fifth == 0) & (third == 0)] = 0.0
+        return np.where(np.isfinite(found), found, np.inf)
+
+    def _keep(self, lines: Ints, taken: Step) -> Piece:
+        """Go to the end of steps, or to where they leave their elements or reach the length."""
+        nets = taken.dense(lambda states: self._derivative(lines, states))
+        place, event = self._first_event(lines, nets)
+        stopped = np.flatnonzero(np.isfinite(place))
+        ends, slopes, widths = taken.end.copy(), taken.slopes[:, -1].copy(), taken.width.copy()
+        if len(stopped):
+            widths[stopped] *= place[stopped]
+            self._restep(lines[stopped], taken, stopped, event[stopped], ends, slopes, widths)
+        part = np.where(np.isfinite(place), place, 1.0)
+        piece = Piece(lines, self.patch[lines], self.row[lines], self.time[lines], widths, nets, part, ends)
+
+        # those that go on in their elements have their derivative already
+        progress = ends[:, -1] - self.state[lines, -1]
+        idle = progress <= _GAP * self._size
+        self._turns[lines] = np.where(idle, self._turns[lines] + (event >= 0), 0)
+        self.state[lines], self._slope[lines] = ends, slopes
+        self.time[lines] += widths
+        self._steps[lines] += 1
+        self._end_by_limits(lines, event)
+        through = np.flatnonzero(event >= 0)
+        through = through[self.end[lines[through]] == End.GOING]
+        self._leave(lines[through], event[through])
+        on = lines[event < 0]
+        self._inspect(on[self.end[on] == End.GOING])
+        return piece
+
+    def _first_event(self, lines: Ints, nets: Floats) -> tuple[Floats, Ints]:
+        """Where in their steps (k,) lines first leave or are long enough, inf where they don't, and what it is.
+
+        Sides count from 0; -1 is nothing, -2 the length.
+        """
+        place, event = np.full(len(lines), np.inf), np.full(len(lines), -1)
+        patch = self.patch[lines]
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            normals, offsets = self.neighbours.facets(int(number))
+            d = normals.shape[1]
+            heights = np.moveaxis(nets[here][:, :, :d] @ normals.T + offsets, 2, 1)
+            heights = heights + self._room(lines[here], heights[:, :, 0], normals)[:, :, None]
+            roots = first_roots(heights.reshape(-1, heights.shape[2])).reshape(heights.shape[:2])
+            event[here] = np.where(np.isfinite(roots.min(axis=1)), roots.argmin(axis=1), -1)
+            place[here] = roots.min(axis=1)
+        if np.isfinite(self.limits.length):
+            root = first_roots(self.limits.length - nets[:, :, -1])
+            event[root < place] = -2
+            place = np.minimum(place, root)
+        return place, event
+
+    def _room(self, lines: Ints, heights: Floats, normals: Floats) -> Floats:
+        """(k, sides) how far beyond sides lines may go: nothing, unless they begin on them.
+
+        Only a line that runs along an outer side may wander off it by more than rounding of one step.
+        """
+        sides = np.arange(heights.shape[1])
+        outer = self.neighbours.is_outer(self.patch[lines, None], self.row[lines, None], sides[None])
+        slope = self._slope[lines, : normals.shape[1]]
+        along = slope @ normals.T >= -_ALONG * np.abs(slope).max(axis=1, keepdims=True)
+        beside = np.where(outer & along, _BESIDE_OUTER, _BESIDE)
+        return np.where(heights <= beside, beside, 0.0)
+
+    def _restep(
+        self, lines: Ints, taken: Step, rows: Ints, event: Ints, ends: Floats, slopes: Floats, widths: Floats
+    ) -> None:
+        """Step again, just to the event, with the full order, and one Newton step towards it.
+
+        The dense output tells the place to one order less.  Written are ``rows`` of ``ends``, ``slopes``, ``widths``.
+        """
+        again = step(
+            lambda states: self._derivative(lines, states), taken.start[rows], taken.slopes[rows, 0], widths[rows]
+        )
+        state, slope = again.end.copy(), again.slopes[:, -1].copy()
+        gradient = np.zeros_like(state)
+        missing = np.zeros(len(rows))
+        for number in np.unique(self.patch[lines]):
+            normals, offsets = self.neighbours.facets(int(number))
+            here = np.flatnonzero((self.patch[lines] == number) & (event >= 0))
+            d = normals.shape[1]
+            gradient[here, :d] = normals[event[here]]
+            missing[here] = -(np.einsum("ni,ni->n", gradient[here], state[here]) + offsets[event[here]])
+        by_length = event == -2
+        gradient[by_length, -1] = 1.0
+        missing[by_length] = self.limits.length - state[by_length, -1]
+
+        # along the line, as far as that is a matter of rounding; then straight onto the side
+        rate = np.einsum("ni,ni->n", gradient, slope)
+        with np.errstate(all="ignore"):
+            shift = missing / rate
+        shift[~(np.abs(shift) <= 0.01 * widths[rows])] = 0.0
+        state += shift[:, None] * slope
+        left = missing - shift * rate
+        state += (left / np.einsum("ni,ni->n", gradient, gradient))[:, None] * gradient
+        ends[rows], slopes[rows] = state, slope
+        widths[rows] += shift
+
+    def _end_by_limits(self, lines: Ints, event: Ints) -> None:
+        """End lines by length, duration and number of steps."""
+        limits = self.limits
+        done = self.time[lines] >= limits.duration * (1 - 1e-15)
+        cases = [event == -2, done, self._steps[lines] >= limits.steps]
+        self._finish(lines, np.select(cases, [End.LENGTH, End.DURATION, End.STEPS], End.GOING))
+
+    def _inspect(self, lines: Ints) -> None:
+        """End lines inside their elements that are at rest, or where the element is folded."""
+        if not len(lines):
+            return
+        motion = self.velocity.motion(self.patch[lines], self.row[lines], self.state[lines, :-1])
+        self._jacobians[lines] = motion.jacobians
+        self._end_slow(lines, motion)
+        folded = _orientations(motion.jacobians) != self._orientation[lines]
+        self._finish(lines, np.where(folded, End.INVERTED, End.GOING))
+
+    def _leave(self, lines: Ints, side: Ints) -> None:
+        """Hand lines over to the elements beyond the sides that they are on."""
+        if not len(lines):
+            return
+        patch, row, reference = self.patch[lines], self.row[lines], self.state[lines, :-1]
+        own = reference[:, : self._plane(patch[0])]
+        beyond = self.neighbours.cross(patch, row, side, own)
+        points = self.velocity.positions(patch, row, reference)
+        turned = self._turns[lines] > _TURNS
+        self._finish(lines, np.where(turned, End.JUMP, End.GOING))
+
+        # what ends here keeps its place in the last element
+        outer = beyond.patch < 0
+        self._go_out(lines[outer], side[outer], points[outer])
+        inner = np.flatnonzero(~outer & ~turned)
+        if len(inner):
+            self._go_in(lines[inner], beyond.part(inner), points[inner])
+
+    def _plane(self, patch: int) -> int:
+        """Reference coordinates of the shape, without those of Fourier directions."""
+        return self.velocity.patches[patch].shape.dimension
+
+    def _go_in(self, lines: Ints, to: Crossing, points: Floats) -> None:
+        """Put lines, which are at world points (k, 3), into elements."""
+        before = self.patch[lines].copy(), self.row[lines].copy(), self.state[lines].copy()
+        orientation = self._orientation[lines].copy()
+        self.patch[lines], self.row[lines] = to.patch, to.row
+        self.state[lines, : to.reference.shape[1]] = to.reference
+        self._mend(lines, points)
+        self._enter(lines)
+        turned = self._orientation[lines] != orientation
+        self._finish(lines, np.where(turned, End.INVERTED, End.GOING))
+        back = self._is_sent_back(lines, to.side)
+        self._finish(lines, np.where(back, End.JUMP, End.GOING))
+
+        # a line that ends at the side belongs to the element that it came from
+        ended = np.isin(self.end[lines], (End.JUMP, End.INVERTED, End.NAN))
+        which = lines[ended]
+        self.patch[which], self.row[which] = before[0][ended], before[1][ended]
+        self.state[which] = before[2][ended]
+
+    def _mend(self, lines: Ints, points: Floats) -> None:
+        """Look for world points where an element's side isn't quite that of the one before."""
+        found = self.velocity.positions(self.patch[lines], self.row[lines], self.state[lines, :-1])
+        apart = np.linalg.norm(found - points, axis=1) > _GAP * self._size
+        for number in np.unique(self.patch[lines[apart]]):
+            here = np.flatnonzero(apart & (self.patch[lines] == number))
+            patch = self.velocity.patches[int(number)]
+            own = points[here].copy()
+            for axis, _ in patch.periods:
+                own[:, axis] = 0.0
+            roots = invert(patch, self.row[lines[here]], own)
+            inside = roots.status == Status.INSIDE
+            self.state[lines[here[inside]], : roots.reference.shape[1]] = roots.reference[inside]
+
+    def _is_sent_back(self, lines: Ints, side: Ints) -> Bools:
+        """(k,) whether the velocity points out again through the sides (k,) by which lines came in, -1 for none."""
+        found = np.zeros(len(lines), bool)
+        for number in np.unique(self.patch[lines]):
+            here = np.flatnonzero((self.patch[lines] == number) & (side >= 0))
+            normals, _ = self.neighbours.facets(int(number))
+            slope = self._slope[lines[here], : normals.shape[1]]
+            across = np.einsum("ni,ni->n", slope, normals[side[here]])
+            found[here] = across < -_ALONG * np.abs(slope).max(axis=1)
+        return found
+
+    def _go_out(self, lines: Ints, side: Ints, points: Floats) -> None:
+        """End lines at outer sides, but for those behind which another element lies that doesn't share the side."""
+        if not len(lines):
+            return
+        boundary = self.neighbours.boundary(self.patch[lines], self.row[lines], side)
+        ends = np.where(boundary >= 0, len(End) + boundary, End.LEFT)
+        unnamed = np.flatnonzero((boundary < 0) & (self.end[lines] == End.GOING))
+        going_on = self._find(lines[unnamed], points[unnamed])
+        ends[unnamed[going_on]] = End.GOING
+        self._finish(lines, ends)
+
+    def _find(self, lines: Ints, points: Floats) -> Bools:
+        """(k,) whether lines go on in elements found at their points, which they then are in."""
+        found = np.zeros(len(lines), bool)
+        if not len(lines):
+            return found
+        location = self.locator.locate(points, all=True)
+        for candidate in np.flatnonzero(location.status == Status.INSIDE):
+            number = location.point[candidate]
+            line = lines[number : number + 1]
+            patch, row = location.patch[candidate : candidate + 1], location.row[candidate : candidate + 1]
+            same = (patch[0], row[0]) == (self.patch[line[0]], self.row[line[0]])
+            if found[number] or same:
+                continue
+            reference = location.reference[candidate : candidate + 1, : self._plane(int(patch[0]))]
+            slope = self.velocity.motion(patch, row, self._with_waves(line, reference)).reference
+            normals, offsets = self.neighbours.facets(int(patch[0]))
+            heights = reference @ normals.T + offsets
+            onwards = self.sign * slope[:, : normals.shape[1]] @ normals.T
+            if np.isfinite(onwards).all() and not ((heights <= 1e-9) & (onwards <= 0)).any():
+                found[number] = True
+                self._go_in(line, Crossing(patch, row, np.array([-1]), reference), points[number : number + 1])
+        return found
+
+    def _with_waves(self, lines: Ints, reference: Floats) -> Floats:
+        """(k, D) reference coordinates with those of Fourier directions that lines have."""
+        return np.concatenate([reference, self.state[lines, reference.shape[1] : -1]], axis=1)
+
+
+def points_within(piece: Piece, spacing: float) -> tuple[Ints, Floats, Floats]:
+    """Points of a piece's steps so close that no two are farther apart than the spacing along the line.
+
+    The step of each point (m,), where in it, and the states there (m, s); ends of steps are among them, starts are not.
+    """
+    length = piece.end[:, -1] - piece.nets[:, 0, -1]
+    counts = np.maximum(1, np.ceil(length / spacing)).astype(np.int64)
+    which = np.repeat(np.arange(len(counts)), counts)
+    order = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    fraction = (order + 1) / counts[which]
+    states = bernstein_at(piece.nets[which], fraction * piece.part[which])
+    last = fraction == 1
+    states[last] = piece.end[which[last]]
+    return which, fraction, states
+
+
+def _orientations(jacobians: Floats) -> Floats:
+    """(n,) the sign of the map's determinant, 0 where it is no number; 1 on surfaces in space."""
+    if jacobians.shape[2] == 2 and not jacobians[:, 2].any():
+        found = np.linalg.det(jacobians[:, :2])
+    else:
+        found = tangents.determinants(jacobians)
+    return np.asarray(np.nan_to_num(np.sign(found)))
+
+
+def _is_folding(jacobians: Floats) -> Bools:
+    """(n,) whether maps are so close to flat that an element folds nearby."""
+    sizes = np.linalg.svd(jacobians, compute_uv=False)
+    return np.asarray(sizes[:, -1] < 1e-3 * sizes[:, 0])

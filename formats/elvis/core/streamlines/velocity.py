@@ -1,0 +1,142 @@
+"""A velocity of a dataset at reference points: in the world, and in the elements' own coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping import pointwise, tangents
+from elvis.core.patch import Patch
+from elvis.core.polynomials.expansion import dimension, values, values_and_gradients
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+from elvis.core.quantities.tree import AXES
+from elvis.core.shapes import Shape
+
+_SIMPLICES = (Shape.TRIANGLE, Shape.TETRAHEDRON)
+
+
+def velocity_expressions(dataset: Dataset, texts: Sequence[str] | None) -> list[Expression]:
+    """The components of a velocity: given as texts, or what is customary in the data.
+
+    ElvisError where the data have none, and for another number of components than the data have coordinates.
+    """
+    names = Names.of(dataset)
+    if texts is None:
+        nodes = names.flow.velocity()
+        return [Expression(text, node) for text, node in zip("uvw", nodes, strict=False)]
+    if len(texts) != names.dimension:
+        axes = ", ".join(AXES[: names.dimension])
+        expected = f"a velocity of {names.dimension} components, as the data have the coordinates {axes}"
+        raise ElvisError(f"expected {expected}, found {len(texts)}: {', '.join(texts) or 'none'}")
+    return [Expression.parse(text, names) for text in texts]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What moves at n points.
+
+    velocity   (n, 3)     in the world, tangential on surfaces in space
+    reference  (n, D)     derivatives of reference coordinates in time
+    jacobians  (n, 3, D)  of the map
+    """
+
+    velocity: Floats
+    reference: Floats
+    jacobians: Floats
+
+    @property
+    def speed(self) -> Floats:
+        """(n,) length of the velocity."""
+        return np.asarray(np.linalg.norm(self.velocity, axis=1))
+
+
+class Velocity:
+    """A velocity, ready to be evaluated on the elements of a dataset.
+
+    patches  the elements, in the order of ``evaluator``
+    others   further quantities that `values` is asked for
+    """
+
+    def __init__(self, dataset: Dataset, expressions: Sequence[Expression], others: Sequence[Expression] = ()) -> None:
+        self.evaluator = Evaluator(dataset, [*expressions, *others])
+        self.expressions, self.others = tuple(expressions), tuple(others)
+        self.patches = self.evaluator.patches
+        self._constant = [_constant_gradients(patch) for patch in self.patches]
+        self._fields = [self._own_fields(patch) for patch in self.patches]
+
+    def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
+        """At reference points (n, D) of elements: patches (n,) and rows in them (n,)."""
+        count, d = points.shape
+        found = Motion(np.zeros((count, 3)), np.empty((count, d)), np.empty((count, 3, d)))
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            velocity, jacobians = self._at(int(number), row[here], points[here])
+            with np.errstate(all="ignore"):
+                reference = np.einsum("nci,nc->ni", tangents.duals(jacobians), velocity)
+            if d < 3:
+                velocity = np.einsum("nci,ni->nc", jacobians, reference)
+            found.velocity[here], found.reference[here], found.jacobians[here] = velocity, reference, jacobians
+        return found
+
+    def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
+        """(n, 3) world coordinates."""
+        found = np.empty((len(points), 3))
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            found[here] = pointwise.positions(self.patches[number], row[here], points[here])
+        return found
+
+    def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
+        """(n,) values of one of the evaluator's expressions."""
+        found = np.empty(len(points))
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            found[here] = self.evaluator.values(expression, self.patches[number], row[here], points[here])
+        return found
+
+    def _at(self, number: int, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
+        """World velocity (n, 3) and Jacobians (n, 3, D) on elements of one patch."""
+        patch, fields = self.patches[number], self._fields[number]
+        constant = self._constant[number]
+        velocity = np.zeros((len(rows), 3))
+        if fields is None:
+            places = ElementPoints(patch, rows, points)
+            for axis, value in enumerate(self.evaluator.values_at(self.expressions, places)):
+                velocity[:, axis] = value
+            return velocity, places.jacobians
+
+        # components that share an expansion share its table
+        expansion = patch.fields[fields[0]]
+        assert expansion is not None
+        modes = values(expansion, points[:, : dimension(expansion)])
+        for axis, field in enumerate(fields):
+            coefficients = patch.coefficients[field]
+            assert coefficients is not None
+            velocity[:, axis] = np.einsum("nm,nm->n", coefficients[rows], modes)
+        if constant is None:
+            return velocity, pointwise.jacobians(patch, rows, points)
+        return velocity, patch.geometry_coefficients[rows] @ constant
+
+    def _own_fields(self, patch: Patch) -> tuple[int, ...] | None:
+        """The numbers of the fields that are the components, where they are that and share an expansion."""
+        if not all(each.is_field for each in self.expressions):
+            return None
+        fields = tuple(self.evaluator.names.index(each.root.name) for each in self.expressions)
+        spaces = {patch.fields[number] for number in fields}
+        return fields if len(spaces) == 1 and None not in spaces else None
+
+
+def _constant_gradients(patch: Patch) -> Floats | None:
+    """(m, d) gradients of the map's modes where they are the same all over the elements: on straight simplices."""
+    if patch.shape not in _SIMPLICES or max(patch.geometry.modes) > 2 or patch.periods:
+        return None
+    centre = patch.shape.vertices.mean(axis=0)[None]
+    return np.ascontiguousarray(values_and_gradients(patch.geometry, centre)[1][0].T)

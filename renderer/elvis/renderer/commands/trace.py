@@ -1,0 +1,138 @@
+"""``elvis trace``: streamlines as numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from elvis.core.arguments import field_option, json_option, overwrite_option
+from elvis.core.errors import ElvisError
+from elvis.renderer.commands.sources import Data, data_options
+
+if TYPE_CHECKING:
+    from elvis.core.streamlines import Streamlines
+
+EPILOG = """\b
+Examples:
+  elvis trace wing.xml wing.fld --seeds line:0.1,0.5,0.1:0.1,0.5,0.9:20 -o lines.vtp
+  elvis trace wing.xml wing.fld --seeds random:200 --direction both --length 2 -o lines.npz
+  elvis trace bend.xml bend.fld --seeds boundary:inlet:4 --field p -o lines.csv
+  elvis trace jet.xml jet.fld --seeds seeds.csv --velocity rhou/rho,rhov/rho --duration 5
+"""
+
+
+@click.command("trace", epilog=EPILOG, short_help="Follow streamlines through curved elements, exactly.")
+@click.option(
+    "--seeds",
+    multiple=True,
+    required=True,
+    metavar="WHAT",
+    help="Where lines begin: point:X,Y,Z; line:P:Q:N; disc:CENTRE:NORMAL:RADIUS:N; grid:LOW:HIGH:NX,NY,NZ; "
+    "boundary:NAME:N, N each way on every face; random:N or random:N:LOW:HIGH; or a table of points, - for standard "
+    "input.  Repeatable.",
+)
+@click.option("--random", type=int, default=0, show_default=True, help="Number that random seeds are drawn with.")
+@click.option("--velocity", metavar="U,V,W", help="Components, any quantities.  [default: u,v,w, rhou/rho, … as named]")
+@click.option(
+    "--direction", type=click.Choice(("forward", "backward", "both")), default="forward", show_default=True
+)  # fmt: skip
+@click.option("--length", type=float, help="Greatest length of a line.  [default: 10 diagonals of the box]")
+@click.option("--duration", type=float, help="Greatest time along a line.")
+@click.option("--speed", type=float, default=0.0, help="Lines that become slower end.  [default: those at rest]")
+@click.option("--steps", type=int, default=10_000, show_default=True, help="Steps of a line at most.")
+@click.option("--tolerance", type=float, help="Error of a step in units of length.  [default: 1e-12 diagonals]")
+@click.option("--spacing", type=float, help="Greatest distance of points along a line.  [default: 1/200 diagonal]")
+@field_option
+@json_option
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .vtp (ParaView).")
+@overwrite_option
+@data_options
+def trace(
+    data: Data,
+    seeds: tuple[str, ...],
+    random: int,
+    velocity: str | None,
+    direction: str,
+    length: float | None,
+    duration: float | None,
+    speed: float,
+    steps: int,
+    tolerance: float | None,
+    spacing: float | None,
+    quantities: tuple[str, ...],
+    as_json: bool,
+    output: Path | None,
+    overwrite: bool,
+) -> None:
+    """Follow streamlines from seeds, and print how they end.
+
+    Lines are integrated in the elements' own coordinates by a method of order 8, one element at a time, so that curved
+    elements, high orders and jumps cost no accuracy. Each line ends in a way that has a name: left or the name of the
+    boundary it left through, length, duration, speed, steps, stagnation, jump, outside, nan, inverted, failed. With
+    --direction both, lines against the stream follow the others. A file has the points of all lines with time, length,
+    element, velocity and the quantities of --field.
+    """
+    from elvis.core.arguments import texts_of
+    from elvis.core.files.output import check_places
+    from elvis.core.terminal import print_json, print_table, stage
+
+    if output is not None:
+        _check_suffix(output)
+        check_places([output], [*data.inputs(), *(Path(seed) for seed in seeds if Path(seed).is_file())], overwrite)
+    source = data.source()
+    with stage("following lines"):
+        found: Streamlines = source.trace(
+            list(seeds),
+            texts_of(velocity),
+            direction=direction,
+            length=length,
+            duration=duration,
+            speed=speed,
+            steps=steps,
+            tolerance=tolerance,
+            spacing=spacing,
+            fields=quantities,
+            random=random,
+        )
+    _warn_of_seeds(found)
+    if output is not None:
+        _write(output, found)
+    if as_json:
+        print_json({"lines": len(found), "points": len(found.points), "ends": found.counts()})
+    else:
+        print_table(("end", "meaning", "lines"), found.table())
+
+
+def _check_suffix(output: Path) -> None:
+    """ElvisError where the suffix names no format that is written."""
+    if output.suffix.lower() not in (".csv", ".npz", ".vtp"):
+        found = output.suffix or "no suffix"
+        raise ElvisError(f"{output}: expected a name that ends in .csv, .npz or .vtp, found {found}")
+
+
+def _write(output: Path, found: Streamlines) -> None:
+    """Write lines in the form that the suffix names."""
+    from elvis.core.files.columns import write_columns
+    from elvis.core.files.polydata import write_polylines
+
+    suffix = output.suffix.lower()
+    if suffix == ".vtp":
+        write_polylines(output, found.points, found.offsets, found.at_points(), {"seed": found.seed, "end": found.end})
+    else:
+        write_columns(output, found.arrays() if suffix == ".npz" else found.columns())
+
+
+def _warn_of_seeds(found: Streamlines) -> None:
+    """Say how many seeds lie in no element; ElvisError where all do."""
+    import numpy as np
+
+    from elvis.core.terminal import warn
+
+    outside = found.seed[found.end == found.ends.index("outside")]
+    count, total = len(np.unique(outside)), len(np.unique(found.seed))
+    if count == total:
+        raise ElvisError(f"expected seeds in the elements, found all {total} outside")
+    if count:
+        warn(f"{count} of {total} seeds lie outside of all elements")

@@ -1,0 +1,73 @@
+import csv
+
+import numpy as np
+import pytest
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+from elvis.core.dataset import Dataset
+from elvis.core.testing import approximated, mixed_plane
+from elvis.formats import ElvisError, trace, write
+
+
+@pytest.fixture
+def shear(tmp_path):
+    """Two quadrilaterals and two triangles that fill [0, 3] x [0, 1], with u = 1 + y, v = 0, p = x."""
+    bare = Dataset(mixed_plane(1))
+    functions = {"u": lambda p: 1 + p[:, 1], "v": lambda p: 0 * p[:, 0], "p": lambda p: p[:, 0]}
+    dataset = Dataset(bare.mesh, tuple(approximated(bare, name, own, 3) for name, own in functions.items()))
+    write(dataset, tmp_path / "shear.xml", tmp_path / "shear.fld")
+    return dataset, (tmp_path / "shear.xml", tmp_path / "shear.fld")
+
+
+SEEDS = ("--seeds", "line:1,0.25:1,0.75:2", "--seeds", "point:7,7")
+
+
+def test_files_of_all_kinds_hold_the_same_lines(shear, elvis, tmp_path):
+    dataset, files = shear
+    found = trace(dataset, SEEDS[1::2], direction="both", fields=["2*p"])
+    for suffix in ("csv", "npz", "vtp"):
+        elvis("trace", *files, *SEEDS, "--direction", "both", "--field", "2*p", "-o", tmp_path / f"lines.{suffix}")
+    archive = np.load(tmp_path / "lines.npz")
+    assert list(archive) == ["offsets", "seed", "end", "points", "time", "length", "element", "velocity", "2*p", "ends"]
+    assert (archive["points"] == found.points).all()
+    assert [archive["ends"][end] for end in archive["end"]] == ["boundary", "boundary", "outside"] * 2
+    assert archive["seed"].tolist() == [0, 1, 2] * 2
+    with (tmp_path / "lines.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["2*p"]) for row in rows] == found.values["2*p"].tolist()
+    assert [int(row["line"]) for row in rows] == np.repeat(np.arange(6), np.diff(found.offsets)).tolist()
+
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(tmp_path / "lines.vtp"))
+    reader.Update()
+    drawn = reader.GetOutput()
+    assert (drawn.GetNumberOfLines(), drawn.GetNumberOfPoints()) == (6, len(found.points))
+    assert [drawn.GetPoint(k) for k in (0, 7)] == [tuple(found.points[k]) for k in (0, 7)]
+    assert drawn.GetPointData().GetArray("velocity").GetTuple3(0) == pytest.approx((1.25, 0, 0))
+    assert drawn.GetCell(1).GetNumberOfPoints() == len(found[1])
+
+
+def test_what_is_printed(shear, elvis, elvis_json, monkeypatch):
+    told = []
+    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    rows = elvis("trace", *shear[1], *SEEDS, "--velocity", "u,0.1", "--duration", "1e-3").splitlines()
+    assert [row.split()[0] for row in rows] == ["end", "duration", "outside"]
+    assert told == ["1 of 3 seeds lie outside of all elements"]
+    found = elvis_json("trace", *shear[1], "--seeds", "random:5")
+    assert (found["lines"], found["ends"]) == (5, {"boundary": 5})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("--seeds", "point:7,7"), "expected seeds in the elements, found all 1 outside"),
+        (("--seeds", "point:1,0.5", "--velocity", "u"), "expected a velocity of 2 components"),
+        (("--seeds", "point:1,0.5", "-o", "lines.vtk"), "expected a name that ends in .csv, .npz or .vtp, found .vtk"),
+        (("--seeds", "point:1,0.5", "--field", "time"), "there is no 'time'"),
+        ((), "Missing parameter: seeds"),
+    ],
+)
+def test_what_is_refused(shear, elvis, arguments, match):
+    with pytest.raises(Exception, match=match) as caught:
+        elvis("trace", *shear[1], *arguments)
+    assert isinstance(caught.value, ElvisError) or match.startswith("Missing")

@@ -1,0 +1,157 @@
+"""Critical points of velocities: none missed and none invented, beside brute force; kinds; walls; index sums."""
+
+import numpy as np
+import pytest
+
+from elvis.core.critical_points import critical_points
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
+
+SHAPES = [shape for shape in Shape if shape.dimension > 1]
+
+
+def data(mesh, functions, modes=3, names="uvw"):
+    bare = Dataset(mesh)
+    return Dataset(
+        mesh, tuple(approximated(bare, name, own, modes) for name, own in zip(names, functions, strict=False))
+    )
+
+
+def random_field(dimension, degree, seed):
+    """Components of a random polynomial of total degree ``degree``, of points (n, 3 or more), complex ones too."""
+    powers = np.indices((degree + 1,) * dimension).reshape(dimension, -1).T
+    powers = powers[powers.sum(axis=1) <= degree]
+    weights = np.random.default_rng(seed).normal(size=(dimension, len(powers)))
+
+    def component(own):
+        return lambda p: ((2 * p[:, None, :dimension] - 1) ** powers).prod(axis=2) @ own
+
+    return [component(own) for own in weights]
+
+
+def brute_force(functions, dimension, starts=400):
+    """All zeros in the unit box that Newton's method finds from many starts; derivatives by complex steps."""
+    places = np.random.default_rng(0).uniform(0, 1, (starts, dimension))
+    for _ in range(40):
+        values = np.stack([own(places) for own in functions], axis=1)
+        steps = 1e-30j * np.eye(dimension)
+        slopes = np.stack(
+            [np.stack([own(places + step).imag for own in functions], axis=1) / 1e-30 for step in steps], axis=2
+        )
+        places = np.clip(places - np.linalg.solve(slopes, values[:, :, None])[:, :, 0], -2, 3)
+    sizes = np.abs(np.stack([own(places) for own in functions], axis=1)).max(axis=1)
+    found = []
+    for place in places[(sizes < 1e-12) & (places > 0).all(axis=1) & (places < 1).all(axis=1)]:
+        if all(np.abs(place - other).max() > 1e-7 for other in found):
+            found.append(place)
+    return np.array(found).reshape(-1, dimension)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("bend", [0.0, 0.04])
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.sampled(least=10, free=("seed",))
+def test_none_is_missed_and_none_invented(shape, bend, seed):
+    d, degree = shape.dimension, 2 if shape.dimension == 3 else 3
+    functions = random_field(d, degree, seed)
+    mesh = curved(grid(shape, 1), ripple(bend), 2)
+    found = critical_points(data(mesh, functions, 2 * degree + 1 if bend else degree + 1))
+    places = np.array([point.place[:d] for point in found.points]).reshape(-1, d)
+    truth = brute_force(functions, d)
+    assert found.undecided == ()
+    values = np.stack([own(places) for own in functions], axis=1)
+    assert np.abs(values).max(initial=0) < 1e-11
+    if not bend:
+        assert len(places) == len(truth)
+        assert all(np.abs(places - own).max(axis=1).min() < 1e-10 for own in truth)
+    inner = truth[(np.abs(truth - 0.5) < 0.4).all(axis=1)]
+    assert all(np.abs(places - own).max(axis=1).min() < 1e-10 for own in inner)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_indices_add_up_to_the_winding_number(seed):
+    functions = random_field(2, 4, seed)
+    found = critical_points(data(grid(Shape.TRIANGLE, 2), functions, 5))
+    s = np.linspace(0, 1, 4001)
+    border = np.concatenate(
+        [np.stack(side, axis=1) for side in ((s, 0 * s), (1 + 0 * s, s), (s[::-1], 1 + 0 * s), (0 * s, s[::-1]))]
+    )
+    angles = np.unwrap(np.arctan2(functions[1](border), functions[0](border)))
+    assert sum(point.index for point in found.points) == round((angles[-1] - angles[0]) / (2 * np.pi))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_zero_at_a_vertex_is_found_once(shape):
+    d = shape.dimension
+    functions = [lambda p, a=a: (1 + a) * (p[:, a] - 0.5) + 0.3 * (p[:, (a + 1) % d] - 0.5) for a in range(d)]
+    found = critical_points(data(grid(shape, 2), functions))
+    assert [(point.kind, point.index) for point in found.points] == [("node out", 1)]
+    assert found.points[0].place[:d] == pytest.approx([0.5] * d, abs=1e-12)
+    assert found.undecided == found.beside == ()
+
+
+@pytest.mark.parametrize(
+    ("matrix", "kind", "index"),
+    [
+        ([[1, 0], [0, 2]], "node out", 1),
+        ([[-1, 0.5], [0, -2]], "node in", 1),
+        ([[1, 0], [0, -2]], "saddle", -1),
+        ([[-1, 3], [-3, -1]], "spiral in", 1),
+        ([[1, 3], [-3, 1]], "spiral out", 1),
+        ([[0, 3], [-1, 0]], "centre", 1),
+        ([[1, 3, 0], [-3, 1, 0], [0, 0, -1]], "spiral saddle", -1),
+        ([[1, 0, 0], [0, 1, 0.5], [0, 0, -1]], "saddle", -1),
+        ([[-1, 3, 0], [-3, -1, 0], [0, 0, -1]], "spiral in", -1),
+    ],
+)
+def test_kinds(matrix, kind, index):
+    d = len(matrix)
+    centre = np.array([0.41, 0.37, 0.29])[:d]
+    functions = [lambda p, row=row: (p[:, :d] - centre) @ np.array(row, float) for row in matrix]
+    mesh = curved(grid(Shape.TRIANGLE if d == 2 else Shape.PRISM, 1), ripple(0.02), 2)
+    (point,) = critical_points(data(mesh, functions, 4)).points
+    assert (point.kind, point.index) == (kind, index)
+    assert point.place[:d] == pytest.approx(centre, abs=1e-12)
+    order = [
+        sorted(own, key=lambda z: np.round([z.imag, z.real], 6).tolist())
+        for own in (point.eigenvalues, np.linalg.eigvals(matrix))
+    ]
+    assert order[0] == pytest.approx(order[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.TRIANGLE])
+def test_a_cavity_with_walls_has_one_centre(shape):
+    """From the stream function (x(1-x)y(1-y))^2, whose velocity is zero on all walls."""
+
+    def bump(s):
+        return (s * (1 - s)) ** 2
+
+    def slope(s):
+        return 2 * s * (1 - s) * (1 - 2 * s)
+
+    functions = [lambda p: bump(p[:, 0]) * slope(p[:, 1]), lambda p: -slope(p[:, 0]) * bump(p[:, 1])]
+    found = critical_points(data(grid(shape, 1), functions, 8))
+    assert [(point.kind, point.index) for point in found.points] == [("centre", 1)]
+    assert found.points[0].place == pytest.approx((0.5, 0.5, 0), abs=1e-10)
+    assert found.undecided == ()
+
+
+def test_a_line_of_zeros_is_undecided():
+    found = critical_points(data(grid(Shape.QUADRILATERAL, 3), [lambda p: p[:, 0] - 0.47, lambda p: 0.47 - p[:, 0]]))
+    assert found.points == ()
+    assert found.undecided == (1, 4, 7)
+
+
+def test_momenta_and_components_that_are_given():
+    functions = [lambda p: 2 + p[:, 0], lambda p: p[:, 0] - 0.3, lambda p: 0.2 - p[:, 1]]
+    dataset = data(mixed_plane(1), functions, names=("rho", "rhou", "rhov"))
+    for velocity in (None, ["rhou", "rhov"]):
+        (point,) = critical_points(dataset, velocity).points
+        assert point.place == pytest.approx((0.3, 0.2, 0), abs=1e-13)
+        assert point.eigenvalues == pytest.approx(
+            [-1 / (1 if velocity else 2.3), 1 / (1 if velocity else 2.3)], abs=1e-11
+        )
+    with pytest.raises(ElvisError, match="expected a component that is zero where a polynomial"):
+        critical_points(dataset, ["sin(rhou)", "rhov"])

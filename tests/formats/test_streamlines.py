@@ -1,0 +1,297 @@
+"""Streamlines against closed forms and another library's integrator; how they end; where they begin."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.integrate._ivp import dop853_coefficients
+
+from elvis.core.dataset import Dataset, Field, Homogeneous
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.shapes import Shape
+from elvis.core.streamlines import dop853
+from elvis.core.streamlines.first_roots import bernstein_at, first_roots
+from elvis.core.streamlines.streamlines import trace
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
+
+
+def data(mesh, functions, modes=3):
+    """A dataset with the fields u, v, …"""
+    bare = Dataset(mesh)
+    return Dataset(mesh, tuple(approximated(bare, name, own, modes) for name, own in functions.items()))
+
+
+def constant(value):
+    return lambda p: np.full(len(p), float(value))
+
+
+#: rigid rotation about (0.5, 0.5), a little way up each turn
+ROTATION = {"u": lambda p: 0.5 - p[:, 1], "v": lambda p: p[:, 0] - 0.5, "w": constant(0.001)}
+
+
+def of_dimension(functions, dimension):
+    return {name: functions[name] for name in "uvw"[:dimension]}
+
+
+def turned(seed, time):
+    """Where rotation takes a seed (3,)."""
+    x, y = seed[0] - 0.5, seed[1] - 0.5
+    c, s = np.cos(time), np.sin(time)
+    return np.array([0.5 + c * x - s * y, 0.5 + s * x + c * y, seed[2]])
+
+
+def test_coefficients_are_those_of_another_library():
+    assert (dop853_coefficients.A[1:] == dop853.STAGES).all()
+    assert (dop853.ERRORS[:, :13] == [dop853_coefficients.E5, dop853_coefficients.E3]).all()
+    assert (dop853.DENSE == dop853_coefficients.D).all()
+
+
+def test_dense_output_has_order_seven():
+    def errors(width):
+        def derivative(states):
+            return states[:, ::-1] * (-1, 1)
+
+        start = np.array([[1.0, 0.0]])
+        nets = dop853.step(derivative, start, derivative(start), np.array([width])).dense(derivative)
+        places = np.linspace(0, 1, 9)
+        found = np.array([bernstein_at(nets, np.array([t]))[0] for t in places])
+        return np.abs(found - np.stack([np.cos(width * places), np.sin(width * places)], axis=1)).max()
+
+    assert errors(0.4) < 1e-9
+    assert errors(0.4) > 120 * errors(0.2) > 0
+
+
+def test_first_roots_of_random_polynomials():
+    nets = np.random.default_rng(3).normal(0.4, 1, (300, 8))
+    nets[:, 0] = np.abs(nets[:, 0])
+    found = first_roots(nets)
+    assert 30 < np.isinf(found).sum() < 270
+    places = np.linspace(0, 1, 2001)
+    for net, root in zip(nets, found, strict=True):
+        values = bernstein_at(np.tile(net, (len(places), 1)), places)
+        below = np.flatnonzero(values < -1e-13)
+        assert (values[places < root] > -1e-13).all()
+        assert np.isinf(root) == (not len(below))
+        if len(below):
+            assert abs(bernstein_at(net[None], np.array([root]))[0]) < 1e-13
+            assert root <= places[below[0]]
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+@pytest.mark.parametrize(("tolerance", "bound"), [(None, 1e-9), (1e-13, 1e-12)])
+@pytest.mark.sampled(free=("shape", "tolerance", "bound"))
+def test_ten_turns_in_bent_elements(shape, tolerance, bound):
+    d = shape.dimension
+    mesh = curved(grid(shape, 2 if d == 2 else 1), ripple(0.05), 3)
+    seeds = np.array([[0.75, 0.5, 0.45], [0.55, 0.45, 0.55]])
+    found = trace(data(mesh, of_dimension(ROTATION, d), 5), seeds[:, :d], duration=20 * np.pi, tolerance=tolerance)
+    assert found.counts() == {"duration": 2}
+    for line, seed in enumerate(seeds):
+        climb = np.array([0, 0, 0.02 * np.pi]) if d == 3 else 0
+        assert np.linalg.norm(found[line][-1, :d] - (seed + climb)[:d]) < bound
+    length = 20 * np.pi * np.hypot(0.25, 0.001 * (d == 3))
+    assert found.length[found.offsets[1] - 1] == pytest.approx(length, rel=bound)
+
+
+@pytest.mark.parametrize("turns", range(3))
+@pytest.mark.sampled(free=("turns",))
+def test_a_helix_passes_through_elements_of_every_shape(turns):
+    mesh = curved(mixed_volume(turns), ripple(0.02), 3)
+    helix = {"u": constant(0.3), "v": lambda p: 0.5 - p[:, 2], "w": lambda p: p[:, 1] - 0.5}
+    seeds = np.array([[0.2, 0.8, 0.5], [0.2, 0.23, 0.4]])
+    time = 2.6 / 0.3
+    found = trace(data(mesh, helix, 5), seeds, duration=time, fields=["x*u"])
+    for line, seed in enumerate(seeds):
+        points = found[line]
+        ends = [seed[0] + 2.6, *turned([*seed[1:], 0], time)[:2]]
+        assert np.abs(points[-1] - ends).max() < 1e-11
+        assert np.abs(np.hypot(*(points[:, 1:] - 0.5).T) - np.hypot(*(seed[1:] - 0.5))).max() < 1e-11
+    shapes = {shape for shape, own in mesh.elements.items() if np.isin(own.ids, found.element).any()}
+    assert shapes == set(mesh.elements)
+    assert found.values["x*u"] == pytest.approx(0.3 * found.points[:, 0], abs=1e-11)
+    assert found.velocity[:, 0] == pytest.approx(0.3, abs=1e-12)
+
+
+def test_errors_fall_with_the_tolerance():
+    dataset = data(curved(grid(Shape.TRIANGLE, 1), ripple(0.05), 3), of_dimension(ROTATION, 2), 5)
+    errors = []
+    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
+        found = trace(dataset, [[0.6, 0.5]], duration=2 * np.pi, tolerance=tolerance)
+        errors.append(np.linalg.norm(found[0][-1, :2] - [0.6, 0.5]))
+    assert all(10 * later < earlier for earlier, later in pairwise(errors))
+    assert errors[-1] < 1e-9
+
+
+def hill(t, p):
+    """The inner flow of Hill's vortex (Philosophical Transactions A 185, 1894), about (0.5, 0.5, 0.5)."""
+    x, y, z = np.asarray(p).T - 0.5
+    return np.stack([x * z, y * z, 0.1 - 2 * (x * x + y * y) - z * z], axis=-1)
+
+
+def test_hills_vortex_as_another_integrator_has_it():
+    mesh = curved(grid(Shape.TETRAHEDRON, 1), ripple(0.03), 2)
+    fields = {name: lambda p, axis=axis: hill(0, p)[:, axis] for axis, name in enumerate("uvw")}
+    seed, time = [0.62, 0.53, 0.5], 12.0
+    found = trace(data(mesh, fields, 3), [seed], duration=time)
+    truth = solve_ivp(hill, (0, time), seed, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    assert found[0][-1] == pytest.approx(truth, abs=2e-11)
+
+
+def test_closed_orbits_of_a_stream_function_stay_closed():
+    def stream(p):
+        return p[:, 0] * (1 - p[:, 0]) * p[:, 1] * (1 - p[:, 1])
+
+    mesh = curved(grid(Shape.QUADRILATERAL, 1), lambda p: p, 2)
+    fields = {
+        "u": lambda p: p[:, 0] * (1 - p[:, 0]) * (1 - 2 * p[:, 1]),
+        "v": lambda p: -(1 - 2 * p[:, 0]) * p[:, 1] * (1 - p[:, 1]),
+    }
+    found = trace(data(mesh, fields), [[0.5, 0.6], [0.5, 0.8]], duration=25)
+    assert found.counts() == {"duration": 2}
+    for line in range(2):
+        values = stream(found[line])
+        assert np.abs(values - values[0]).max() < 1e-11
+
+
+def test_lines_against_the_stream_come_back():
+    dataset = data(curved(mixed_plane(1), ripple(0.05), 3), {"u": constant(1), "v": lambda p: 0.1 * p[:, 0]}, 4)
+    there = trace(dataset, [[0.2, 0.4]], length=1.5)
+    back = trace(dataset, there[0][-1:, :2], length=1.5, direction="backward")
+    assert back[0][-1] == pytest.approx([0.2, 0.4, 0], abs=1e-11)
+    assert back.time[-1] == pytest.approx(-there.time[-1], abs=1e-11)
+    both = trace(dataset, [[1.0, 0.4]], direction="both")
+    assert both.seed.tolist() == [0, 0]
+    assert (both.time.min(), both.time.max()) == (both[1][-1, 0] - 1, both[0][-1, 0] - 1) or both.time.min() < 0
+
+
+def altered(dataset, name, element, factor):
+    """The dataset with a field of one element multiplied."""
+    blocks = []
+    for block in dataset.field(name).blocks:
+        factors = np.where(block.element_ids == element, factor, 1.0)
+        blocks.append(replace(block, coefficients=block.coefficients * factors[:, None]))
+    others = (field for field in dataset.fields if field.name != name)
+    return replace(dataset, fields=(Field(name, tuple(blocks)), *others))
+
+
+RIGHT = {"u": constant(1), "v": constant(0)}
+
+
+@pytest.mark.parametrize(("factor", "end"), [(-1.0, "jump"), (np.nan, "nan"), (2.0, "boundary")])
+def test_jumps_and_what_is_no_number(factor, end):
+    found = trace(altered(data(mixed_plane(), RIGHT), "u", 1, factor), [[0.1, 0.3]])
+    assert found.counts() == {end: 1}
+    assert found[0][-1, 0] == pytest.approx(3 if end == "boundary" else 1, abs=1e-13)
+
+
+def test_lines_along_sides_and_through_vertices():
+    dataset = data(mixed_plane(1), RIGHT)
+    seeds = [[0, 0], [0, 1], [0, 0.5], [1, 0.5], [1.5, 0.5]]
+    found = trace(dataset, seeds)
+    assert found.counts() == {"boundary": 5}
+    assert all(found[line][-1] == pytest.approx([3, seed[1], 0], abs=1e-12) for line, seed in enumerate(seeds))
+    diagonal = trace(data(grid(Shape.TETRAHEDRON, 2), dict.fromkeys("uvw", constant(1))), [[0, 0, 0]])
+    assert diagonal[0][-1] == pytest.approx([1, 1, 1], abs=1e-12)
+
+
+def test_rest_focus_circle_and_limits():
+    square = grid(Shape.QUADRILATERAL, 1)
+    still = trace(data(square, dict.fromkeys("uv", constant(0))), [[0.3, 0.3], [7, 7]])
+    assert still.counts() == {"stagnation": 1, "outside": 1}
+    assert (still.offsets.tolist(), len(still[1])) == ([0, 1, 1], 0)
+    focus = {
+        "u": lambda p: 4 * (0.5 - p[:, 0]) - (p[:, 1] - 0.5),
+        "v": lambda p: 4 * (0.5 - p[:, 1]) + (p[:, 0] - 0.5),
+    }
+    dataset = data(square, focus)
+    slow = trace(dataset, [[0.8, 0.5]], speed=0.5)
+    assert slow.counts() == {"speed": 1}
+    assert trace(dataset, [[0.8, 0.5]]).counts() == {"stagnation": 1}
+    circle = data(square, of_dimension(ROTATION, 2))
+    assert trace(circle, [[0.8, 0.5]], steps=5).counts() == {"steps": 1}
+    arc = trace(circle, [[0.8, 0.5]], length=0.7)
+    assert arc.counts() == {"length": 1}
+    assert arc[0][-1] == pytest.approx(turned([0.8, 0.5, 0], 0.7 / 0.3), abs=1e-11)
+    assert arc.length[-1] == pytest.approx(0.7, abs=1e-14)
+    assert np.diff(arc.length).max() <= 0.005 * np.sqrt(2) * (1 + 1e-6)
+
+
+def test_an_inverted_element_ends_lines():
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    vertices = np.array(mesh.vertices)
+    vertices[4] = 1.2, 0.5, 0
+    found = trace(data(replace(mesh, vertices=vertices), RIGHT), [[0.1, 0.6], [0.1, 0.1]])
+    assert [found.ends[end] for end in found.end] == ["inverted", "boundary"]
+
+
+def test_quasi_3d_data_go_round_their_period():
+    mesh = curved(grid(Shape.QUADRILATERAL, 1), ripple(0.04), 3)
+    plane = data(mesh, of_dimension(ROTATION, 2), 5)
+    waves = Homogeneous((Basis.FOURIER,), (0.5,), (0, 1))
+    fields = []
+    for name, own, factor in (("u", "u", 1), ("v", "v", 1), ("w", "u", 0)):
+        (block,) = plane.field(own).blocks
+        first = factor * block.coefficients
+        both = np.hstack([first, 0 * first])
+        fields.append(
+            Field(name, (replace(block, expansion=replace(block.expansion, homogeneous=waves), coefficients=both),))
+        )
+    found = trace(Dataset(mesh, tuple(fields)), [[0.75, 0.5, 0.2]], ["u", "v", "0.3"], duration=np.pi)
+    assert found[0][-1] == pytest.approx([0.25, 0.5, 0.2 + 0.3 * np.pi], abs=1e-10)
+
+
+def test_velocities_that_are_guessed():
+    functions = {"rho": constant(2), "rhou": constant(3), "rhov": constant(0)}
+    found = trace(data(mixed_plane(), functions), [[0.1, 0.3]], duration=1)
+    assert found[0][-1] == pytest.approx([1.6, 0.3, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"velocity": "u,v,u"}, "expected a velocity of 2 components, as the data have the coordinates x, y, found 3"),
+        ({"velocity": "u,vel"}, "there is no 'vel'"),
+        ({"direction": "up"}, "expected a direction, one of forward, backward, both, found 'up'"),
+        ({"length": 0.0}, "length: expected a positive number, found 0"),
+        ({"tolerance": float("nan")}, "tolerance: expected a positive number"),
+        ({"steps": 0}, "steps: expected at least 1"),
+        ({"seeds": "line:0,0:1"}, "expected seeds as line:P:Q:N, found 'line:0,0:1'"),
+        ({"seeds": "lin:0,0:1,1:3"}, "expected seeds as one of .* found 'lin:0,0:1,1:3' .perhaps line."),
+        ({"seeds": "boundary:inlet"}, "there is no boundary 'inlet'; there are all, boundary"),
+        ({"seeds": "random:4:10,10:11,11"}, "expected elements in the box, found 0 of 4"),
+        ({"seeds": []}, "expected at least one seed"),
+    ],
+)
+def test_what_is_refused(arguments, match):
+    with pytest.raises(ElvisError, match=match):
+        trace(data(mixed_plane(), RIGHT), **{"seeds": [[0.1, 0.3]], **arguments})
+
+
+def test_there_is_no_velocity_and_no_way_in_1d():
+    with pytest.raises(ElvisError, match="the data lack a velocity: u, v, w"):
+        trace(data(mixed_plane(), {"p": constant(1)}), [[0.1, 0.3]])
+    with pytest.raises(ElvisError, match="expected 2D or 3D data"):
+        trace(Dataset(grid(Shape.SEGMENT, 1)), [[0.1]])
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [("point:1,0.5", 1), ("line:0.1,0.1:0.1,0.9:5", 5), ("disc:1,0.5:0,0,1:0.3:7", 7), ("grid:0,0:3,1:4,3", 12),
+     ("boundary:all:2", 16), ("random:10", 10), ("random:3:0,0:1,1", 3)],
+)  # fmt: skip
+def test_seeds_from_texts(text, count):
+    dataset = data(mixed_plane(), RIGHT)
+    first, again = (trace(dataset, text, length=1e-3) for _ in range(2))
+    assert len(first) == count
+    assert first.counts().get("outside", 0) == 0
+    assert (first.points == again.points).all()
+
+
+def test_seeds_from_tables(tmp_path):
+    (tmp_path / "seeds.csv").write_text("x,y\n0.1,0.2\n9,9\n", encoding="utf-8")
+    found = trace(data(mixed_plane(), RIGHT), [tmp_path / "seeds.csv", "point:1,0.5"])
+    assert found.counts() == {"outside": 1, "boundary": 2}
+    assert found.seed.tolist() == [0, 1, 2]
