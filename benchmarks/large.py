@@ -1,4 +1,4 @@
-"""Large pictures of few elements, whole processes: seconds and memory."""
+"""Large pictures of few elements, and first pictures of many, whole processes: seconds and memory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
-from cases import Case, mild
+from cases import Case, mild, million
 from tables import Table, mebibytes, seconds
 
 from elvis.formats import Shape, write
@@ -38,6 +38,38 @@ def measure(device: str, side: int, kinds: Sequence[str]) -> dict[str, Any]:
             file = (Path(folder) / "out.png").stat().st_size
             found["kinds"][kind] = {"small": small, "large": large, "file": file}
     return found
+
+
+def measure_loading(device: str, cells: int, rounds: int) -> dict[str, Any]:
+    """First pictures of 6 cells^3 straight tetrahedra from HDF5 files, kernels at hand: the quickest of some rounds."""
+    case = million(cells=cells)
+    found: dict[str, Any] = {"case": case.label, "elements": case.elements, "kinds": {}}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "million.xml"
+        written = write(case.dataset(), path, mesh_format="hdf5", field_format="hdf5")
+        found["files"] = sum(file.stat().st_size for file in written)
+        for kind in ("cut", "faces"):
+            options = [*KINDS[kind], "--device", device, "--size", "1000x1000"]
+            files = [str(path), str(path.with_suffix(".fld")), "-o", f"{folder}/out.png", "--overwrite"]
+            command = [*ELVIS, "render", *files, *options]
+            runs = [drawn(command) for _ in range(1 + rounds)][1:]
+            found["kinds"][kind] = {key: min(run[key] for run in runs) for key in runs[0]}
+    return found
+
+
+def loading_table(numbers: dict[str, Any]) -> Table:
+    """A row a kind."""
+    columns = ["", "s", "CPU s", "CPU us an element", "MiB"]
+    shown = Table(f"First picture of {numbers['elements']:,} tetrahedra", columns)
+    for kind, found in numbers["kinds"].items():
+        each = f"{1e6 * found['processor'] / numbers['elements']:.2f}"
+        costs = [seconds(found["seconds"]), seconds(found["processor"]), each, mebibytes(found["bytes"])]
+        shown.rows.append([kind, *costs])
+    shown.notes = [
+        f"{numbers['case']}; HDF5 files of {mebibytes(numbers['files'])} MiB; 1000 x 1000 pixels, whole processes. "
+        "CPU seconds include drawing where Vulkan is software."
+    ]
+    return shown
 
 
 def drawn(command: list[str]) -> dict[str, float]:

@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis.core.shapes import Shape
 from elvis.plugins.command import elvis as group
+from elvis.plugins.conversion import Converter, Elements, SourceField
+from elvis.plugins.discovery import Candidate
 from elvis.plugins.testing import positions_at, values_at, values_found
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers"
@@ -103,3 +106,38 @@ def near():
         return True
 
     return compare
+
+
+class Moving(Converter):
+    """A square whose right side may move; a field of its time."""
+
+    format = "squares"
+
+    @classmethod
+    def opens(cls, paths):
+        return len(paths) == 1
+
+    def __init__(self, paths):
+        self.width, self.time = map(float, paths[0].read_text().split())
+        self.blocks = [Elements(Shape.QUADRILATERAL, 1)]
+        self.fields = [SourceField("u", 1)]
+
+    def positions(self, block, points):
+        return ((1 + points) / 2 * [self.width, 1.0])[None]
+
+    def sample(self, block, field, points):
+        return np.full((1, len(points)), self.time)
+
+
+@pytest.fixture
+def squares(tmp_path, monkeypatch):
+    """Write three steps of squares, which move or stand still, at times 0, 0.25 and 0.5; the pattern of their names."""
+    for name in ("series.finding", "data"):
+        monkeypatch.setattr(f"elvis.plugins.{name}.installed_converters", lambda: [Candidate("squares", Moving)])
+
+    def written(moves):
+        for number in range(3):
+            (tmp_path / f"s{number}.square").write_text(f"{1 + moves * number} {number / 4}")
+        return tmp_path / "s*.square"
+
+    return written

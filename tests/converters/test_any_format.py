@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
+from elvis.converters.pyfr import PyFR
 from elvis.formats import ElvisError, FormatError
 from elvis.plugins import read
 from elvis.renderer import render
@@ -194,7 +195,8 @@ def test_roles_and_steps(solvers, nektar, tmp_path):
         read(solvers / "mfem" / "escher_p3.u.gf")
     steps = [solvers / "pyfr" / f"mixed3d_p3{name}" for name in (".pyfrm", "-00.pyfrs", "-01.pyfrs")]
     with pytest.raises(FormatError, match="found 1 and 2; of the steps of a series give one solution"):
-        read(*steps)
+        PyFR(steps)
+    assert read(*steps).time == read(steps[0], steps[2]).time
     chk = nektar / "hex_chk" / "Hex_channel_m3_0.chk"
     with pytest.raises(
         FormatError, match=r"where only fields are; give the mesh file too, perhaps .*Hex_channel_m3\.xml$"

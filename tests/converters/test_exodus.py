@@ -205,10 +205,11 @@ def test_sides_are_the_faces_of_the_shape(name):
 
 def test_earlier_steps(tmp_path):
     path = one_element(tmp_path / "one.e", "HEX20")
+    assert Exodus.times([path]) == [0.5, 1.5]
     source = Exodus([path], step="0")
     assert source.time == 0.5
     assert source.blocks[0].pyramid is PyramidSpace.RATIONAL
-    with pytest.raises(FormatError, match="step below 2"):
+    with pytest.raises(FormatError, match="expected a step from 0 to 1, found 5"):
         Exodus([path], step="5")
     with pytest.raises(ElvisError, match="a number"):
         Exodus([path], step="last")

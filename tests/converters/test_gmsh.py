@@ -236,9 +236,10 @@ def test_values_of_elements_and_of_two_files(session, tmp_path):
         assert done.dataset.time == time
         found = values_found(done.dataset, "part", places)
         assert np.nanmax(np.abs(found - sign * tags)) < 1e-9
+    assert Gmsh.times([mesh, data]) == [0.5, 1.5]
     with pytest.raises(FormatError, match="expected one file with a mesh, found 0"):
         Gmsh([data])
-    with pytest.raises(FormatError, match="expected a step 5, found 2 steps"):
+    with pytest.raises(FormatError, match="expected a step from 0 to 1, found 5"):
         Gmsh([mesh, data], step="5")
     with pytest.raises(ElvisError, match="expected a number for the option step"):
         Gmsh([mesh], step="first")

@@ -128,8 +128,9 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
         places = done.dataset.mesh.vertices
         wanted = 1 + places[:, 0] - 2 * places[:, 1]
         assert np.abs(values_found(done.dataset, "pressure", places) - wanted).max() < 1e-12
+    assert Nek.times([tmp_path / "run.nek5000"]) == [0.0, 1.0]
     assert not Nek([tmp_path / "run.nek5000"], step="0").fields
-    with pytest.raises(FormatError, match="expected a step 2, found 2 steps"):
+    with pytest.raises(FormatError, match="expected a step from 0 to 1, found 2"):
         Nek([tmp_path / "run.nek5000"], step="2")
     with pytest.raises(ElvisError, match="expected a number for the option step, found 'last'"):
         Nek([tmp_path / "run.nek5000"], step="last")

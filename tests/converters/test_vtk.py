@@ -1,5 +1,6 @@
 """VTK files: solvers' own values are reproduced; every kind of cell; the traps of the format."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, warped
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
+from elvis.formats import open_series
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
@@ -330,10 +332,19 @@ def test_a_series_of_parts(tmp_path):
         assert done.report.elements == {"tetrahedron": 4}
         places = x[:10].mean(axis=0)[None]
         assert np.isclose(values_found(done.dataset, "u", places)[0], 4 * time + linear(places)[0])
+    series = open_series(index, cache=False)
+    assert series.times.tolist() == [0.0, 0.25]
+    assert np.isclose(values_found(series.at(0.125), "u", places)[0], 0.5 + linear(places)[0])
+    listed = tmp_path / "all.vtu.series"
+    names = [{"name": f"s{s}p1.vtu", "time": s / 4} for s in range(2)]
+    listed.write_text(json.dumps({"file-series-version": "1.0", "files": names}))
+    series = open_series(listed, cache=False)
+    assert series.times.tolist() == [0.0, 0.25]
+    assert np.isclose(values_found(series.at(0.125), "u", places)[0], 0.5 + linear(places)[0])
     (tmp_path / "s1p1.vtu").unlink()
     with pytest.raises(FormatError, match=r"expected a VTK file s1p1\.vtu next to it, found none"):
         Vtk([index])
-    with pytest.raises(FormatError, match="expected a step 7, found 2 steps"):
+    with pytest.raises(FormatError, match="expected a step from 0 to 1, found 7"):
         Vtk([index], step="7")
     with pytest.raises(ElvisError, match="expected a number for the option step, found 'last'"):
         Vtk([index], step="last")

@@ -36,6 +36,11 @@ class Cgns(Gmsh):
         """Whether this is one CGNS file, in either container."""
         return len(paths) == 1 and (_is_adf(paths[0]) or holds(paths[0], "CGNSLibraryVersion"))
 
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """None: solutions are not read."""
+        return ()
+
     def __init__(self, paths: Sequence[Path]) -> None:
         path = single(paths)
         _check_sizes(path)

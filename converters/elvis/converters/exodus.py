@@ -14,6 +14,7 @@ from elvis.converters.inputs import STEP, single, step_number
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.core.moments import checked_step
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, space_size
@@ -35,6 +36,11 @@ class Exodus(NodalConverter):
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether this is one file of netCDF with blocks of elements."""
         return len(paths) == 1 and is_exodus(paths[0])
+
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """Those of its variables."""
+        return _times(Variables(single(paths)))
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         number = step_number(step)
@@ -133,12 +139,11 @@ class Exodus(NodalConverter):
         return vertices
 
     def _read_variables(self, number: int) -> None:
-        times = self._file.floats("time_whole") if "time_whole" in self._file else np.empty(0)
-        if not len(times):
+        times = _times(self._file)
+        if not times:
             return
-        if not -len(times) <= number < len(times):
-            raise FormatError(f"expected a step below {len(times)}, found {number}", file=self._file.path)
-        self.time = float(times[number])
+        number = checked_step(number, len(times), self._file.path)
+        self.time = times[number]
         nodal, own = self._file.texts("name_nod_var"), self._file.texts("name_elem_var")
         for i, name in enumerate(nodal):
             found = self._nodal(i, number)
@@ -194,3 +199,8 @@ class _Functions(NodalBasis):
             return [e for e in found if e[e > 1].sum() <= 2]
         inside = [e for e in found if e[0] + e[2] <= 2]
         return [e for e in inside if e[1] <= 1 or e[0] + e[2] <= 1]
+
+
+def _times(file: Variables) -> list[float]:
+    """The times of the steps, none where there are no variables."""
+    return [float(time) for time in file.floats("time_whole")] if "time_whole" in file else []

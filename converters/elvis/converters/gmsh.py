@@ -18,6 +18,7 @@ from elvis.converters.inputs import STEP, step_number
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import leading
+from elvis.core.moments import checked_step
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
@@ -37,6 +38,7 @@ class Gmsh(NodalConverter):
     loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
     needs = ("gmsh",)
     options: ClassVar[tuple[Option, ...]] = (STEP,)
+    joins = True
     beside = ()
 
     @classmethod
@@ -53,6 +55,15 @@ class Gmsh(NodalConverter):
         if re.search(rb"(?m)^\s*(SetFactory|Point|Line|Circle|Include|Merge)\s*(\(|\")", head):
             return "a script of Gmsh (.geo) without a mesh: mesh it (gmsh -3), and give the .msh file"
         return ""
+
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """Those of the field that has most."""
+        found: dict[tuple[str, str], set[tuple[float, int]]] = {}
+        for section in (section for path in paths for section in scan(path).sections):
+            found.setdefault((section.name, section.kind), set()).add((section.time, section.step))
+        longest = max((sorted(steps) for steps in found.values()), key=len, default=[])
+        return [time for time, _ in longest]
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         number = step_number(step)
@@ -179,14 +190,15 @@ def _series(sections: Sequence[Section], step: int) -> list[tuple[str, str, list
     result = []
     for (name, kind), steps in found.items():
         times = sorted(steps)
-        try:
-            own = steps[times[step]]
-        except IndexError:
-            raise _error(steps[times[0]][0], f"a step {step}", f"{len(times)} steps") from None
+        first = steps[times[0]][0]
+        own = steps[times[checked_step(step, len(times), first.path, _place(first))]]
         result.append((name if names.count(name) == 1 else f"{name}_{kind}", kind, own))
     return result
 
 
 def _error(section: Section, expected: str, found: str) -> FormatError:
-    place = f"${section.kind} {section.name!r}"
-    return FormatError(f"expected {expected}, found {found}", file=section.path, place=place)
+    return FormatError(f"expected {expected}, found {found}", file=section.path, place=_place(section))
+
+
+def _place(section: Section) -> str:
+    return f"${section.kind} {section.name!r}"

@@ -65,6 +65,15 @@ class Hopr(NodalConverter):
         """Other files of FLEXI's, such as wall distances."""
         return _other_kind(path)
 
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """That of the state."""
+        _, state = _roles(paths)
+        if state is None:
+            return ()
+        with reading(state) as file:
+            return [number(file, "Time")]
+
     def __init__(self, paths: Sequence[Path]) -> None:
         mesh, state = _roles(paths)
         self.beside = [mesh]

@@ -21,7 +21,9 @@ from elvis.converters.mfem_files import (
     check_space,
     is_field,
     is_mesh,
+    is_root,
     named_attributes,
+    read_root,
     rounding,
     values_after_header,
 )
@@ -50,18 +52,30 @@ _TOGETHER = 1e-10
 class Mfem(NodalConverter):
     """A mesh, with the grid functions that live on it."""
 
-    format = "MFEM meshes and grid functions (.mesh, .gf, .saved; pieces of parallel ones)"
+    format = "MFEM meshes and grid functions (.mesh, .gf, .saved; pieces of parallel ones; .mfem_root)"
     keeps = "elements of all shapes and orders, H1 and L2 fields exactly; NURBS, H(div), H(curl) with a measured error"
     loses = "hanging nodes make fields discontinuous; complex functions and functions at quadrature points are refused"
     needs = ("mfem",)
+    joins = True
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether every file is a mesh, a grid function, or a stream of both."""
+        if any(map(is_root, paths)):
+            return len(paths) == 1
         return bool(paths) and all(is_mesh(path) or is_field(path) or is_stream(path) for path in paths)
 
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """That which the index of a collection tells."""
+        time = read_root(paths[0])[0] if is_root(paths[0]) else None
+        return [] if time is None else [time]
+
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._take(pieces(paths))
+        files = paths
+        if is_root(paths[0]):
+            self.time, files = read_root(paths[0])
+        self._take(pieces(files))
 
     @classmethod
     def of(cls, found: Sequence[Piece]) -> Mfem:

@@ -6,8 +6,9 @@ and the ranges are checked before it reads.  Layout: MFEM documentation, mesh fo
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,34 @@ def is_mesh(path: Path) -> bool:
 def is_field(path: Path) -> bool:
     """Whether a file begins as grid functions do."""
     return first_line(path) in ("FiniteElementSpace", "MFEM FiniteElementSpace v1.0")
+
+
+def is_root(path: Path) -> bool:
+    """Whether a file is the index of a collection for VisIt, by its name."""
+    return path.suffix == ".mfem_root"
+
+
+def read_root(path: Path) -> tuple[float | None, list[Path]]:
+    """Time and files, of the mesh and of functions, that an index names; FormatError where it names none."""
+    try:
+        main = json.loads(content(path))["dsets"]["main"]
+        names = [main["mesh"]["path"], *(field["path"] for field in main["fields"].values())]
+        count, time = int(main["domains"]), main.get("time")
+        found = [member for name in names for member in _members(path, str(name), count)]
+        return None if time is None else float(time), found
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FormatError(f"expected an index of MFEM's mesh and functions, found none: {error}", file=path) from error
+
+
+def _members(path: Path, name: str, count: int) -> Iterator[Path]:
+    """The files of all processes; FormatError where one is not there, or not below the index."""
+    if Path(name).is_absolute() or ".." in Path(name).parts or name.count("%") != 1 or "%06d" not in name:
+        raise FormatError(f"expected a name below the index with %06d in it, found {name!r:.80}", file=path)
+    for number in range(count):
+        member = path.parent / name.replace("%06d", f"{number:06d}")
+        if not member.is_file():
+            raise FormatError(f"expected {count} files {name!r:.80}, found none of number {number}", file=path)
+        yield member
 
 
 def load(path: Path) -> str:

@@ -18,6 +18,7 @@ from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, other_file, rea
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, leading
+from elvis.core.moments import checked_step
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements
@@ -53,6 +54,15 @@ class Nek(NodalConverter):
     def hint(cls, path: Path) -> str:
         """The mesh, the partition and the case of a run, which hold no field."""
         return other_file(path)
+
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """Those of the files that an index names; of field files that of the last."""
+        indices = [path for path in paths if _kind(path) == "index"]
+        if indices:
+            count = _index(indices[0])[2]
+            return [read_header(_member(indices[0], number)).time for number in range(count)]
+        return [max(read_header(path).time for path in paths if _kind(path) == "field")]
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         number = step_number(step, may_be_negative=False)
@@ -167,20 +177,22 @@ def _kind(path: Path) -> str:
     return "index" if b"filetemplate:" in start else ""
 
 
+def _index(path: Path) -> tuple[str, int, int]:
+    """The template of the names of a series, the number of its first file, and how many there are."""
+    words = dict(re.findall(r"(\w+):\s*(\S+)", content(path).decode("utf-8", "replace")))
+    try:
+        template, first, count = words["filetemplate"], int(words["firsttimestep"]), int(words["numtimesteps"])
+        if _WIDE.search(template) or not template % (0, first):
+            raise ValueError
+    except (KeyError, ValueError, TypeError):
+        raise FormatError("expected filetemplate, firsttimestep and numtimesteps", file=path) from None
+    return template, first, count
+
+
 def _member(index: Path, step: int) -> Path:
     """The first file of a step of a series, -1 stands for the last."""
-    words = dict(re.findall(r"(\w+):\s*(\S+)", content(index).decode("utf-8", "replace")))
-    try:
-        first, count = int(words["firsttimestep"]), int(words["numtimesteps"])
-        number = count - 1 if step < 0 else step
-        template = words["filetemplate"]
-        if _WIDE.search(template):
-            raise ValueError
-        path = Path(index.parent, template % (0, first + number))
-    except (KeyError, ValueError, TypeError):
-        raise FormatError("expected filetemplate, firsttimestep and numtimesteps", file=index) from None
-    if not 0 <= number < count:
-        raise FormatError(f"expected a step {number}, found {count} steps", file=index)
+    template, first, count = _index(index)
+    path = Path(index.parent, template % (0, first + checked_step(step, count, index)))
     if not isfile(path):
         raise FormatError(f"expected {path.name} next to it, found none", file=index)
     return path

@@ -74,6 +74,16 @@ class PyFR(NodalConverter):
         """Whether every file is a PyFR mesh or solution."""
         return all(_is_mesh(path) or _is_solution(path) for path in paths)
 
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """That of the solution, where it has one."""
+        _, solution = _roles(paths)
+        if solution is None:
+            return ()
+        with reading(solution) as file:
+            time = _time(_ini(file, "stats"))
+        return () if time is None else [time]
+
     def __init__(self, paths: Sequence[Path], primitive: bool = False, subset: bool = False) -> None:
         mesh, solution = _roles(paths)
         # old ones are read with tables of PyFR's own
@@ -178,8 +188,7 @@ class PyFR(NodalConverter):
             orders = [None if own is None else own.order for own in values]
             self._gamma = config.getfloat("constants", "gamma", fallback=1.4)
             self.fields = [*self.fields, *_primitive(self._names, orders, file.filename)]
-        time = stats.get("solver-time-integrator", "tcurr", fallback=None)
-        self.time = None if time is None else float(time)
+        self.time = _time(stats)
         self.metadata = {"Program": _text(file, "creator") if "creator" in file else "PyFR"}
         self.metadata |= _constants(config)
         self.notes = [f"{missing} elements without a solution were left out"] if missing else []
@@ -273,6 +282,12 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
         meshes = meshes[:1]
     check_roles(len(meshes), len(solutions))
     return meshes[0], solutions[0] if solutions else None
+
+
+def _time(stats: configparser.ConfigParser) -> float | None:
+    """The time that the statistics of a solution tell."""
+    time = stats.get("solver-time-integrator", "tcurr", fallback=None)
+    return None if time is None else float(time)
 
 
 def _uuid(path: Path) -> str:

@@ -14,9 +14,10 @@ import numpy as np
 
 from elvis.converters.inputs import STEP, step_number
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
-from elvis.converters.vtk_files import Grid, kind_of, other_kind, read
+from elvis.converters.vtk_files import Grid, files_by_time, kind_of, other_kind, read
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
-from elvis.core.arrays import Floats, Ints
+from elvis.converters.vtk_times import time_in
+from elvis.core.arrays import Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
@@ -30,7 +31,7 @@ _ENOUGH, _OFF = 2000, 1e-5
 class Vtk(NodalConverter):
     """Grids of one step, as one mesh."""
 
-    format = "VTK unstructured grids (.vtu, .pvtu, .vtk, .vtm, .pvd)"
+    format = "VTK unstructured grids (.vtu, .pvtu, .vtk, .vtm, .pvd, .series)"
     keeps = "linear, quadratic, Lagrange and Bezier cells, point and cell data, blocks by name, time"
     loses = "cells of lower dimension, text arrays, slits between cells whose points coincide"
     needs = ("vtk",)
@@ -42,6 +43,7 @@ class Vtk(NodalConverter):
         ),
         STEP,
     )
+    joins = True
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -52,6 +54,15 @@ class Vtk(NodalConverter):
     def hint(cls, path: Path) -> str:
         """VTK's other data sets."""
         return other_kind(path)
+
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """Those of a collection; of files that of the first which tells one."""
+        series = [path for path in paths if kind_of(path) == "series"]
+        if series:
+            return sorted(files_by_time(series[0]))
+        found = (time_in(path) for path in paths)
+        return [time for time in found if time is not None][:1]
 
     def __init__(
         self,
@@ -218,9 +229,11 @@ def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
     degrees = np.zeros((len(counts), 3), np.int64) if grid.degrees is None else grid.degrees
     keys = np.column_stack([grid.types, counts, degrees])
     keys[~np.isin(grid.types, [*LAGRANGE, *BEZIER]), 2:] = 0
-    kinds, which = np.unique(keys, axis=0, return_inverse=True)
-    for number, (kind, count, *own) in enumerate(kinds.tolist()):
-        rows = np.flatnonzero((which.reshape(-1) == number) & (grid.ghosts == 0))
+    first_rows, which = distinct_bits(keys)
+    kinds = keys[first_rows]
+    for number in np.lexsort(kinds.T[::-1]).tolist():
+        kind, count, *own = kinds[number].tolist()
+        rows = np.flatnonzero((which == number) & (grid.ghosts == 0))
         shape = shape_of(kind, grid.file)
         if shape is None or shape.dimension != dimension:
             others += len(rows)

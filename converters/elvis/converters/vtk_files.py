@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import mmap
 import re
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from elvis.converters.apart import Apart, LibraryError
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import DEFLATE_RATIO, check_plain, content, leading
+from elvis.core.moments import checked_step
 from elvis.plugins.recognition import found_instead
 
 #: how much of a file tells what it is
@@ -39,6 +41,9 @@ _OTHERS = {
     b"TABLE": "a table of values without cells: give the grid",
     b"FIELD": "arrays without cells: give the grid",
 }
+
+#: how lists of files in JSON begin
+_SERIES = re.compile(rb"""\s*\{[^{}\[\]]*"file-series-version\"""")
 
 #: what XML declares a number of
 _COUNT = re.compile(rb"""\b(NumberOf\w+)\s*=\s*["']\s*(\d{1,400})""")
@@ -76,6 +81,8 @@ class Grid:
 def kind_of(path: Path) -> str:
     """``legacy``, ``grid``, ``parts``, ``blocks`` or ``series``, told by the first bytes; empty for other files."""
     start = leading(path, _START)
+    if _SERIES.match(start):
+        return "series"
     if start.startswith(b"# vtk DataFile"):
         return "legacy" if re.search(rb"(?i)DATASET\s+UNSTRUCTURED_GRID", start) else ""
     found = re.search(rb"<VTKFile[^>]*?\btype\s*=\s*[\"'](\w+)[\"']", start)
@@ -171,20 +178,29 @@ def _pieces(path: Path) -> list[Path]:
     return [each for each in found if isfile(each)]
 
 
-def _members(path: Path, step: int) -> tuple[float, list[Path]]:
-    """Time and files of one step of a series."""
+def files_by_time(path: Path) -> dict[float, list[str]]:
+    """The names of the files of each time of a series, which is a collection (.pvd) or a list in JSON (.series)."""
     from xml.etree import ElementTree
 
+    found: dict[float, list[str]] = {}
     try:
-        entries = [entry.attrib for entry in ElementTree.parse(path).iter("DataSet")]
-        times = sorted({float(entry.get("timestep", 0)) for entry in entries})
-        time = times[step]
-        names = [entry["file"] for entry in entries if float(entry.get("timestep", 0)) == time]
-    except IndexError:
-        raise FormatError(f"expected a step {step}, found {len(times)} steps", file=path) from None
-    except (ElementTree.ParseError, ValueError, KeyError) as error:
+        if _SERIES.match(leading(path, _START)):
+            entries = [(entry["time"], entry["name"]) for entry in json.loads(content(path))["files"]]
+        else:
+            listed = ElementTree.parse(path).iter("DataSet")
+            entries = [(entry.get("timestep", 0), entry.attrib["file"]) for entry in listed]
+        for time, name in entries:
+            found.setdefault(float(time), []).append(str(name))
+    except (ElementTree.ParseError, ValueError, KeyError, TypeError) as error:
         raise FormatError(f"expected a list of files with their times, found: {error}", file=path) from None
-    members = [path.parent / name for name in names]
+    return found
+
+
+def _members(path: Path, step: int) -> tuple[float, list[Path]]:
+    """Time and files of one step of a series."""
+    listed = files_by_time(path)
+    time = sorted(listed)[checked_step(step, len(listed), path)]
+    members = [path.parent / name for name in listed[time]]
     for member in members:
         if not kind_of(member):
             raise FormatError(f"expected a VTK file {member.name} next to it, found none", file=path)

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from elvis.converters.vtk_times import TIMES
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 
 #: arrays of the library's own, and those with a meaning of their own
 _DEGREES, _WEIGHTS, _GHOSTS = "HigherOrderDegrees", "RationalWeights", "vtkGhostType"
-_TIMES = ("TimeValue", "TIME", "time", "Time")
 
 #: bits of a ghost cell: it is another part's, or it is hidden
 _DUPLICATE, _HIDDEN = 1, 32
@@ -148,7 +148,7 @@ def _arrays(data: Any, count: int) -> dict[str, Floats]:
 
 
 def _time(data: Any) -> float | None:
-    for name in _TIMES:
+    for name in TIMES:
         array = data.GetArray(name)
         if array is not None and array.GetNumberOfTuples():
             return float(array.GetTuple1(0))

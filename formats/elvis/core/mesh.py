@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.core import describing
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
 from elvis.core.shapes import Shape
 
 
@@ -147,7 +147,7 @@ class Mesh:
     def domain_ids(self) -> Ints:
         """(n,) sorted ids of the elements in the domain; all elements where the mesh names no domain."""
         everything = [entities.ids for entities in self.elements.values()]
-        present = np.sort(np.concatenate(everything)) if everything else np.empty(0, np.int64)
+        present = distinct(np.concatenate(everything)) if everything else np.empty(0, np.int64)
         if not self.domains:
             return frozen_ints(present)
 
@@ -156,5 +156,7 @@ class Mesh:
         tags |= {"F"} if self.dimension == 2 else set()
         wanted = {c for composites in self.domains.values() for c in composites}
         parts = [ids for c in self.composites if c.id in wanted for tag, ids in c.parts if tag in tags]
-        chosen = np.unique(np.concatenate(parts)) if parts else np.empty(0, np.int64)
+        chosen = distinct(np.concatenate(parts)) if parts else np.empty(0, np.int64)
+        if np.array_equal(chosen, present):
+            return frozen_ints(present)
         return frozen_ints(np.intersect1d(chosen, present, assume_unique=True))

@@ -14,22 +14,28 @@ if TYPE_CHECKING:
     from elvis.converters.arrays import from_arrays
     from elvis.converters.handing import to_meshio, to_pyvista
     from elvis.converters.live import from_mfem, from_ngsolve
+    from elvis.core.critical_points import CriticalPoints, critical_points
     from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
+    from elvis.core.differences import diff
     from elvis.core.errors import ElvisError, FormatError
     from elvis.core.gridding import to_xarray
+    from elvis.core.integrals import integrate
     from elvis.core.mesh import Composite, Curves, Entities, Mesh
     from elvis.core.norms import norms
     from elvis.core.polynomials.bases import Basis
     from elvis.core.queries import points_on_line, points_on_plane
     from elvis.core.sampling import Samples, line, sample
     from elvis.core.shapes import Shape
+    from elvis.core.streamlines import Streamlines, trace
     from elvis.formats.writing import write
     from elvis.plugins.data import read
+    from elvis.plugins.series.series import open_series
 
 __all__ = [
     "Basis",
     "Block",
     "Composite",
+    "CriticalPoints",
     "Curves",
     "Dataset",
     "ElvisError",
@@ -42,11 +48,16 @@ __all__ = [
     "Mesh",
     "Samples",
     "Shape",
+    "Streamlines",
+    "critical_points",
+    "diff",
     "from_arrays",
     "from_mfem",
     "from_ngsolve",
+    "integrate",
     "line",
     "norms",
+    "open_series",
     "points_on_line",
     "points_on_plane",
     "read",
@@ -54,6 +65,7 @@ __all__ = [
     "to_meshio",
     "to_pyvista",
     "to_xarray",
+    "trace",
     "write",
 ]
 
@@ -63,17 +75,22 @@ __getattr__ = lazy_names(
         "elvis.converters.arrays": ("from_arrays",),
         "elvis.converters.handing": ("to_meshio", "to_pyvista"),
         "elvis.converters.live": ("from_mfem", "from_ngsolve"),
+        "elvis.core.critical_points": ("CriticalPoints", "critical_points"),
         "elvis.core.dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
+        "elvis.core.differences": ("diff",),
         "elvis.core.errors": ("ElvisError", "FormatError"),
         "elvis.core.gridding": ("to_xarray",),
+        "elvis.core.integrals": ("integrate",),
         "elvis.core.mesh": ("Composite", "Curves", "Entities", "Mesh"),
         "elvis.core.norms": ("norms",),
         "elvis.core.polynomials.bases": ("Basis",),
         "elvis.core.queries": ("points_on_line", "points_on_plane"),
         "elvis.core.sampling": ("Samples", "line", "sample"),
         "elvis.core.shapes": ("Shape",),
+        "elvis.core.streamlines": ("Streamlines", "trace"),
         "elvis.formats.writing": ("write",),
         "elvis.plugins.data": ("read",),
+        "elvis.plugins.series.series": ("open_series",),
     },
 )
 

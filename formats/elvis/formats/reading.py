@@ -7,6 +7,7 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from os.path import isfile
 from pathlib import Path
 
@@ -60,6 +61,21 @@ def read_data(paths: Iterable[str | Path]) -> Dataset:
     files = tuple(map(Path, paths))
     with stage(f"reading {', '.join(file.name for file in files)}"):
         return read(*files)
+
+
+def with_fields(dataset: Dataset, *paths: str | Path) -> tuple[Dataset, int]:
+    """The dataset with the fields, the time and the metadata of other field files; elements that the mesh lacks.
+
+    Its mesh is taken as it is, and not read again: so steps of a series share it.  Fields are left out on elements
+    that the mesh lacks, whose number comes second.  Raises as `read`.
+    """
+    reader = _Reader()
+    try:
+        for path in paths:
+            reader.add(Path(path))
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or paths[0]) from error
+    return reader.on_mesh_of(dataset)
 
 
 def is_native(path: Path) -> bool:
@@ -122,6 +138,12 @@ class _Reader:
         found = fields_input.assemble(self._sections, mesh)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         return Dataset(mesh, found, time_of(metadata), metadata, expansions.resolve(rules, mesh))
+
+    def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
+        """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""
+        fields = fields_input.assemble(self._sections, dataset.mesh)
+        found = replace(dataset, fields=fields, time=time_of(self._field_metadata), metadata=self._field_metadata)
+        return found, fields_input.lacking(self._sections, dataset.mesh)
 
     def _add_folder(self, folder: Path) -> None:
         names = sorted(entry.name for entry in folder.iterdir())

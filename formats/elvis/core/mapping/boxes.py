@@ -30,6 +30,8 @@ ROUNDINGS = 16
 _EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)
 #: numbers in an intermediate array
 _BATCH = 1 << 21
+#: and where several of them should stay in a processor's cache
+_SMALL_BATCH = 1 << 17
 
 
 def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
@@ -40,14 +42,28 @@ def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
     """
     result = np.empty((len(patch), 6), np.float32)
     count = 3 * bernstein_space(patch.geometry).count
-    for part in chunks(len(patch), max(1, _BATCH // count)):
-        with np.errstate(invalid="ignore", over="ignore"):
-            net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[part])
-        low, high = net.min(axis=2), net.max(axis=2)
+    for part in chunks(len(patch), max(1, _SMALL_BATCH // count)):
+        low, high = _extents(patch, part)
         for axis, length in patch.periods:
             low[:, axis], high[:, axis] = 0.0, length
         result[part] = outward(low, high, margin)
     return result
+
+
+def _extents(patch: Patch, part: slice) -> tuple[Floats, Floats]:
+    """(n, 3) the least and the greatest Bernstein coefficients of the maps of some elements of a patch."""
+    if patch.corners is None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[part])
+        return net.min(axis=2), net.max(axis=2)
+
+    # those of straight elements are their vertices
+    first, *others = (patch.corners.vertices[rows] for rows in patch.corners.rows[part].T)
+    low, high = first.copy(), first
+    for points in others:
+        np.minimum(low, points, out=low)
+        np.maximum(high, points, out=high)
+    return low, high
 
 
 def outward(low: Floats, high: Floats, margin: float) -> Boxes:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, distinct_rows, frozen_floats, frozen_ints
 from elvis.core.mapping.orientation import face_shape
 from elvis.core.mesh import Composite, Entities, Mesh
 from elvis.core.shapes import Shape
@@ -118,28 +118,17 @@ def _edges(polygons: Mapping[Shape, Ints]) -> tuple[Ints, dict[Shape, Ints], Int
     for rows in polygons.values():
         following = np.roll(rows, -1, axis=1)
         ends.append(np.stack([rows, following], axis=2).reshape(-1, 2))
-    stacked = np.sort(np.concatenate(ends), axis=1)
+    counts = [len(rows) for rows in ends]
+    stacked = np.concatenate(ends)
+    del ends
+    stacked.sort(axis=1)
     first, which = distinct_rows(stacked)
 
-    numbers = _split(which, [len(rows) for rows in ends])
+    numbers = _split(which, counts)
     edges_of = {}
     for (shape, rows), own in zip(polygons.items(), numbers, strict=True):
         edges_of[shape] = own.reshape(rows.shape)
     return stacked[first], edges_of, np.bincount(which)
-
-
-def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
-    """Rows (n, k) that hold the same numbers, in any order, are one.
-
-    The first row (m,) of each distinct one, and which distinct one each row is (n,).
-    """
-    key = np.sort(rows, axis=1)
-    order = np.lexsort(key.T[::-1])
-    is_new = np.ones(len(rows), bool)
-    is_new[1:] = (np.diff(key[order], axis=0) != 0).any(axis=1)
-    which = np.empty(len(rows), np.int64)
-    which[order] = np.cumsum(is_new) - 1
-    return order[is_new], which
 
 
 def _split(rows: Ints, lengths: list[int]) -> list[Ints]:

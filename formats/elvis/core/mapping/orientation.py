@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, sorted_columns
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 
 #: entities handled at once, so that intermediate arrays stay small
 CHUNK = 1 << 16
+#: and where several arrays of them should stay in a processor's cache
+_FEW = 1 << 14
 
 #: corners of a face's own frame, in the order of its vertices
 _CORNERS = Shape.QUADRILATERAL.vertices.astype(np.int64)
@@ -25,6 +28,16 @@ _CORNERS = Shape.QUADRILATERAL.vertices.astype(np.int64)
 def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
     """Slices that cover ``range(count)``, ``size`` at a time."""
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def even_chunks(count: int, least: int) -> Iterator[slice]:
+    """Slices of about one length that cover ``range(count)``: at least ``least`` each, unless there are fewer.
+
+    Products of matrices in such parts are those of the whole to the bit: a small rest would go another way in BLAS.
+    """
+    parts = max(1, count // max(1, least))
+    ends = [count * number // parts for number in range(parts + 1)]
+    return (slice(*pair) for pair in pairwise(ends))
 
 
 def local_vertices(mesh: Mesh, shape: Shape) -> Ints:
@@ -56,17 +69,26 @@ def label(mesh: Mesh, shape: Shape, row: int) -> str:
 
 
 def require(
-    holds: Bools, mesh: Mesh, shape: Shape, rows: slice | Ints, expected: str, found: str, facts: Ints | None = None
+    holds: Bools,
+    mesh: Mesh,
+    shape: Shape,
+    rows: slice | Ints,
+    expected: str,
+    found: str,
+    facts: Ints | None = None,
+    ids: Ints | None = None,
 ) -> None:
     """FormatError naming the first of the entities ``rows`` for which ``holds`` (n, …) is not all true.
 
-    ``found`` tells what is there instead; a ``{}`` in it stands for the fact (n, …) of that entity.
+    ``found`` tells what is there instead; a ``{}`` in it stands for the fact (n, …) of that entity; where there are
+    ``ids``, facts are rows among these.
     """
     if holds.all():
         return
     first = int(np.argmin(holds.reshape(len(holds), -1).all(axis=1)))
     row = rows.start + first if isinstance(rows, slice) else rows[first]
-    fact = "" if facts is None else " ".join(map(str, np.ravel(facts[first])))
+    own = np.empty(0, np.int64) if facts is None else np.ravel(facts[first])
+    fact = " ".join(map(str, own if ids is None else ids[own]))
     raise FormatError(f"expected {expected}, found {found.format(fact)}", place=label(mesh, shape, row))
 
 
@@ -74,24 +96,28 @@ def polygon_vertices(mesh: Mesh, shape: Shape) -> Ints:
     """(n, k) vertex rows of all triangles or quadrilaterals: `local_vertices`."""
     members = mesh.of(shape).members
     result = np.empty_like(members)
-    for part in chunks(len(members)):
-        result[part] = _free_ends(mesh, shape, part)
+    for part in chunks(len(members), _FEW):
+        result[part] = _free_ends(mesh, shape, part).T
     return result
 
 
+# In what follows entities run along the last axis: NumPy then compares many of them at once.
+
+
 def _free_ends(mesh: Mesh, shape: Shape, part: slice) -> Ints:
-    """(n, k) vertices: the end of edge j that isn't shared with edge j + 1 is local vertex j."""
-    ends = mesh.of(Shape.SEGMENT).members[mesh.of(shape).members[part]]
-    following = np.roll(ends, -1, axis=1)
-    shared = (ends[:, :, :, None] == following[:, :, None, :]).any(axis=3)
-    one_shared = shared[:, :, 0] != shared[:, :, 1]
-    vertices = np.where(shared[:, :, 0], ends[:, :, 1], ends[:, :, 0])
+    """(k, n) vertices: the end of edge j that isn't shared with edge j + 1 is local vertex j."""
+    ends = mesh.of(Shape.SEGMENT).members[mesh.of(shape).members[part].T]
+    start, end = np.ascontiguousarray(ends.transpose(2, 0, 1))
+    next_start, next_end = np.roll(start, -1, axis=0), np.roll(end, -1, axis=0)
+    is_start_shared = (start == next_start) | (start == next_end)
+    is_end_shared = (end == next_start) | (end == next_end)
+    vertices: Ints = np.where(is_start_shared, end, start)
 
     # the shared end must then be the next vertex, or the edges run away from one another
-    meeting = np.where(shared[:, :, 0], ends[:, :, 0], ends[:, :, 1])
-    closed = one_shared & (meeting == np.roll(vertices, -1, axis=1))
-    found = "edges from and to vertices {}"
-    require(closed, mesh, shape, part, "edges that form a closed polygon", found, mesh.vertex_ids[ends])
+    meeting = np.where(is_start_shared, start, end)
+    closed: Bools = (is_start_shared != is_end_shared) & (meeting == np.roll(vertices, -1, axis=0))
+    expected, found = "edges that form a closed polygon", "edges from and to vertices {}"
+    require(closed.all(axis=0), mesh, shape, part, expected, found, ends.transpose(1, 0, 2), mesh.vertex_ids)
     return vertices
 
 
@@ -101,36 +127,40 @@ def solid_vertices(mesh: Mesh, shape: Shape, polygons: Mapping[Shape, Ints]) -> 
     polygons  `polygon_vertices` of the triangles and of the quadrilaterals
     """
     result = np.empty((len(mesh.of(shape)), len(shape.vertices)), np.int64)
-    for part in chunks(len(result)):
+    for part in chunks(len(result), _FEW):
         faces = _solid_faces(mesh, shape, part, polygons)
-        result[part] = _corners(mesh, shape, part, faces)
-        _check_faces(mesh, shape, part, result[part], faces)
+        vertices = _corners(mesh, shape, part, faces)
+        _check_faces(mesh, shape, part, vertices, faces)
+        result[part] = vertices.T
     return result
 
 
 def _corners(mesh: Mesh, shape: Shape, part: slice, faces: list[Ints]) -> Ints:
-    """(n, n_vertices) vertices: local vertex j is what the faces around it have in common."""
-    result = np.empty((len(faces[0]), len(shape.vertices)), np.int64)
+    """(n_vertices, n) vertices: local vertex j is what the faces around it have in common."""
+    result = np.empty((len(shape.vertices), faces[0].shape[1]), np.int64)
     for j in range(len(shape.vertices)):
-        around = [face for face, local in zip(faces, shape.faces, strict=True) if j in local]
-        matches: list[Bools] = [(around[0][:, :, None] == face[:, None, :]).any(axis=2) for face in around]
-        common = np.logical_and.reduce(matches)
-        counts = common.sum(axis=1)
+        first, *others = (face for face, local in zip(faces, shape.faces, strict=True) if j in local)
+        common = np.ones(first.shape, bool)
+        for face in others:
+            common &= (first[:, None] == face[None]).any(axis=1)
+        counts: Ints = common.sum(axis=0)
         expected = f"faces that share one vertex as local vertex {j}"
         require(counts == 1, mesh, shape, part, expected, "{} shared", counts)
-        result[:, j] = around[0][common]
+        result[j] = first[0]
+        for is_common, vertex in zip(common[1:], first[1:], strict=True):
+            np.copyto(result[j], vertex, where=is_common)
     return result
 
 
 def _solid_faces(mesh: Mesh, shape: Shape, part: slice, polygons: Mapping[Shape, Ints]) -> list[Ints]:
-    """For each local face the (n, 3 or 4) vertices of the file's face, in the face's own order."""
+    """For each local face the (3 or 4, n) vertices of the file's face, in the face's own order."""
     faces: list[Ints] = []
     for local, rows in zip(shape.faces, mesh.of(shape).members[part].T, strict=True):
         kind, other = ("triangle", "quadrilateral") if len(local) == 3 else ("quadrilateral", "triangle")
         table, first = polygons[face_shape(local)], first_face_row(mesh, face_shape(local))
         fits = (rows >= first) & (rows < first + len(table))
         require(fits, mesh, shape, part, f"a {kind} as local face {len(faces)}", f"a {other}")
-        faces.append(table[rows - first])
+        faces.append(np.ascontiguousarray(table[rows - first].T))
     return faces
 
 
@@ -138,14 +168,14 @@ def _check_faces(mesh: Mesh, shape: Shape, part: slice, vertices: Ints, faces: l
     """FormatError unless every face has the vertices of its place, triangles with the same collapsed vertex."""
     ids = mesh.vertex_ids
     for number, (local, face) in enumerate(zip(shape.faces, faces, strict=True)):
-        wanted = vertices[:, list(local)]
-        same = np.sort(wanted, axis=1) == np.sort(face, axis=1)
+        wanted = vertices[list(local)]
+        same: Bools = sorted_columns(wanted) == sorted_columns(face)
         expected = f"local face {number} to hold local vertices {local}"
-        require(same, mesh, shape, part, expected, "one with vertices {}", ids[face])
+        require(same.all(axis=0), mesh, shape, part, expected, "one with vertices {}", face.T, ids)
         if len(local) == 3:
-            collapsed = wanted[:, 2] == face[:, 2]
+            collapsed = wanted[2] == face[2]
             expected = f"local face {number} to be collapsed at local vertex {local[2]}"
-            require(collapsed, mesh, shape, part, expected, "vertex {}", ids[face[:, 2]])
+            require(collapsed, mesh, shape, part, expected, "vertex {}", face[2], ids)
 
 
 def face_turns(vertices: Ints, face: Ints) -> Ints:

@@ -1,11 +1,12 @@
 """The edges and faces of a mesh as Modified modes: the first two steps of the geometry mapping (format notes 2.4).
 
-Coefficients of a face are kept by mode (p, q) in a square, flattened; zero where the face has no such mode.
+Coefficients of a face are kept by mode (p, q) in a square, flattened; zero where the face has no such mode.  Modes come
+first, so that each is one stretch of memory for many faces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -44,16 +45,17 @@ class Skeleton:
         self._read_faces()
 
     def _read_edges(self) -> None:
-        """Modes of the edge curves, by row of curve; a last row of zeros serves straight edges."""
+        """Modes (k, curves + 1, 3) of the edge curves; a last row of zeros serves straight edges."""
         mesh = self.mesh
         curves = mesh.edge_curves
         groups = list(_groups(mesh, Shape.SEGMENT, np.arange(len(curves))))
         most = max((n for _, n, _ in groups), default=2)
-        self._edge_modes = np.zeros((len(curves) + 1, 3, most))
+        self._edge_modes = np.zeros((most, len(curves) + 1, 3))
         orders = np.full(len(curves), 2)
         for family, n, which in groups:
             orders[which] = n
-            self._edge_modes[which, :, :n] = _interpolate(mesh, Shape.SEGMENT, family, n, which)
+            own = _interpolate(mesh, Shape.SEGMENT, family, n, which)
+            self._edge_modes[:n, which] = own.transpose(2, 0, 1)
 
         # where an edge has several curves, the last one holds
         edges = len(mesh.of(Shape.SEGMENT)) if self.curved else 0
@@ -95,8 +97,8 @@ class Skeleton:
     def edge_modes(self, rows: Ints, modes: int) -> Floats:
         """(n, 3, modes) coefficients of edges along their own direction, ``modes`` at least their order."""
         result = np.zeros((len(rows), 3, modes))
-        kept = min(modes, self._edge_modes.shape[2])
-        result[:, :, :kept] = self._edge_modes[self._edge_slots[rows], :, :kept]
+        kept = min(modes, len(self._edge_modes))
+        result[:, :, :kept] = self._edge_modes[:kept, self._edge_slots[rows]].transpose(1, 2, 0)
 
         # the first two modes are those of the ends
         ends = self.mesh.of(Shape.SEGMENT).members[rows]
@@ -104,40 +106,46 @@ class Skeleton:
         return result
 
     def face_modes(self, shape: Shape, rows: Ints, modes: int) -> Floats:
-        """(n, 3, modes^2) coefficients of faces in their own frame, ``modes`` at least their orders.
+        """(modes^2, n, 3) coefficients of faces in their own frame, ``modes`` at least their orders.
 
         The interpolated face first, then over it the edges, then the vertices.
         """
-        result = np.zeros((len(rows), 3, modes, modes))
+        result = np.zeros((modes, modes, len(rows), 3))
         slots = self._face_slots[shape][rows]
         curved = np.unique(slots[slots >= 0])
         for family, n, which in _groups(self.mesh, shape, curved):
             own = _interpolate(self.mesh, shape, family, n, which)
-            own = own.reshape(-1, 3, n, n)
+            own = own.reshape(-1, 3, n, n).transpose(2, 3, 0, 1)
             here = np.flatnonzero(np.isin(slots, which))
-            result[here, :, :n, :n] = own[np.searchsorted(which, slots[here])]
+            result[:n, :n, here] = own[:, :, np.searchsorted(which, slots[here])]
         self._put_edges(result, shape, rows)
-        return result.reshape(len(rows), 3, modes * modes)
+        return result.reshape(modes * modes, len(rows), 3)
 
     def _put_edges(self, faces: Floats, shape: Shape, rows: Ints) -> None:
-        """Overwrite vertex and edge modes of ``faces`` (n, 3, modes, modes) by those of the edges."""
-        modes = faces.shape[3]
-        k = np.arange(2, modes)
-        places: dict[str, Ints | int] = {"0": 0, "1": 1, "k": k, "j": k - 1}
+        """Overwrite vertex and edge modes of ``faces`` (modes, modes, n, 3) by those of the edges."""
+        modes = len(faces)
+        places: dict[str, Callable[[int], int]] = {
+            "0": lambda _: 0,
+            "1": lambda _: 1,
+            "k": lambda k: k,
+            "j": lambda k: k - 1,
+        }
         first_vertex = self.mesh.of(Shape.SEGMENT).members[:, 0]
         edges = self.mesh.of(shape).members[rows]
         vertices = self.faces[shape][rows]
         for edge, (start, p, q) in zip(edges.T, _EDGES[shape], strict=True):
+            slots = self._edge_slots[edge]
             # an edge that runs the other way has the odd modes with the other sign
             is_backwards = first_vertex[edge] != vertices[:, start]
-            signs = np.where(is_backwards[:, None], (-1.0) ** k, 1.0)
-            inner = self.edge_modes(edge, modes)[:, :, 2:]
-            faces[:, :, places[p], places[q]] = inner * signs[:, None, :]
+            sign = np.where(is_backwards, -1.0, 1.0)[:, None]
+            for k in range(2, modes):
+                inner = self._edge_modes[k][slots] if k < len(self._edge_modes) else np.zeros((len(rows), 3))
+                faces[places[p](k), places[q](k)] = inner * sign if k % 2 else inner
 
         # vertex modes stand where the vertices do: 0 at -1, 1 at +1
         corners = (shape.vertices > 0).astype(int)
         for vertex, (p, q) in zip(vertices.T, corners, strict=True):
-            faces[:, :, p, q] = self.vertices[vertex]
+            faces[p, q] = self.vertices[vertex]
 
 
 def _within(mesh: Mesh, points: Floats) -> Floats:

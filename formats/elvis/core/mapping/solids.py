@@ -74,23 +74,25 @@ def solid_modes(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: 
     numbers = np.full((modes,) * 3, -1)
     numbers[tuple(indices.T)] = np.arange(len(indices))
 
+    # modes first: each is one stretch of memory for many elements
     shape = expansion.shape
-    result = np.zeros((len(rows), 3, len(indices)))
+    result = np.zeros((len(indices), len(rows), 3))
     p, q = np.divmod(np.arange(modes * modes), modes)
     for number, (kind, faces, turns) in enumerate(_faces(skeleton, shape, rows, vertices)):
-        distinct, which = np.unique(faces, return_inverse=True)
-        own = skeleton.face_modes(kind, distinct, modes)
+        own = skeleton.face_modes(kind, faces, modes)
         targets = numbers[tuple(volume_modes(shape, number, p, q))]
         is_mode = (kind is Shape.QUADRILATERAL) | (p + q < modes)
         valid = np.flatnonzero((targets >= 0) & is_mode)
 
         # modes as the element sees them, for every way in which the face may be turned
-        for turn in np.unique(turns).tolist():
+        for turn in np.flatnonzero(np.bincount(turns)).tolist():
             here = np.flatnonzero(turns == turn)
+            is_all = len(here) == len(turns)
             index, sign = orientation_matrix(len(skeleton.faces[kind][0]), turn, modes)
-            seen = own[which[here]][:, :, index[valid]] * sign[valid]
-            result[here[:, None, None], np.arange(3)[:, None], targets[valid]] = seen
-    return result
+            for mode in valid:
+                seen = own[index[mode]] if is_all else own[index[mode]][here]
+                result[targets[mode], slice(None) if is_all else here] = seen * sign[mode]
+    return np.ascontiguousarray(result.transpose(1, 2, 0))
 
 
 def _faces(skeleton: Skeleton, shape: Shape, rows: Ints, vertices: Ints) -> Iterator[tuple[Shape, Ints, Ints]]:

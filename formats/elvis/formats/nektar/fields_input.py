@@ -137,7 +137,7 @@ def read_hdf5(path: Path) -> tuple[list[Section], dict[str, str]]:
             _hdf5_section(root, str(path), blocks[row, 6], _cut(columns, spans), meaning)
             for row, spans in enumerate(offsets)
         ]
-        return sections, _hdf5_metadata(root)
+        return sections, read_hdf5_metadata(root)
 
 
 def _column(root: h5py.Group, name: str) -> NDArray[Any]:
@@ -232,7 +232,8 @@ def _hdf5_modes(text: str, orders: Ints, elements: int, bases: int) -> Ints:
     return values.reshape(1, bases)
 
 
-def _hdf5_metadata(root: h5py.Group) -> dict[str, str]:
+def read_hdf5_metadata(root: h5py.Group) -> dict[str, str]:
+    """Key and text of each entry."""
     group = hdf5.group(root, "Metadata")
     if group is None:
         return {}
@@ -268,6 +269,15 @@ def assemble(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
         for name, coefficients in zip(piece.names, piece.coefficients, strict=True):
             blocks.setdefault(name, []).append(Block(piece.expansion, piece.element_ids, coefficients))
     return tuple(Field(name, _distinct_blocks(name, parts)) for name, parts in blocks.items())
+
+
+def lacking(sections: Sequence[Section], mesh: Mesh) -> int:
+    """How many elements of sections are not in the mesh."""
+    own = [section.element_ids for section in sections]
+    known = [entities.ids for entities in mesh.elements.values()]
+    if not own or not known:
+        return 0
+    return len(np.setdiff1d(np.concatenate(own), np.concatenate(known)))
 
 
 class _OnMesh:

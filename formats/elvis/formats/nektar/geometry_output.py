@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, distinct_bits
 from elvis.core.mesh import Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
@@ -47,10 +47,16 @@ def entity_ids(mesh: Mesh, dimension: int) -> Ints:
 
 
 def unique_points(points: Floats) -> tuple[Floats, Ints]:
-    """Distinct points, bit by bit, and the place of each point among them."""
-    rows = np.ascontiguousarray(points).view("V24").reshape(-1)
-    distinct, places = np.unique(rows, return_inverse=True)
-    return distinct.view(np.float64).reshape(-1, 3), places.reshape(-1).astype(np.int64)
+    """Distinct points, bit by bit, and the place of each point among them.
+
+    In the order of their bytes, which is that of their bits as whole numbers whose first byte is the greatest.
+    """
+    first, which = distinct_bits(points)
+    distinct = np.ascontiguousarray(points[first], "<f8")
+    order = np.lexsort(distinct.view(">u8").T[::-1])
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return distinct[order], place[which]
 
 
 def _composites(writer: Writer, mesh: Mesh) -> None:

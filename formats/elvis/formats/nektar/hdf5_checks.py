@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -151,8 +152,17 @@ _HEAP_HEADER, _LEAST_HEAP, _HEAP_STEP = 16, 4096, 1 << 20
 
 
 def check_heaps(path: Path) -> None:
-    """FormatError where a global heap of the file isn't filled exactly by its objects."""
-    size = path.stat().st_size
+    """FormatError where a global heap of the file isn't filled exactly by its objects.
+
+    A file that was sound is looked through again only when it has changed.
+    """
+    stat = path.stat()
+    _check_heaps(path, stat.st_size, (stat.st_dev, stat.st_ino, stat.st_mtime_ns, stat.st_ctime_ns))
+
+
+@lru_cache(maxsize=256)
+def _check_heaps(path: Path, size: int, mark: tuple[int, ...]) -> None:
+    """As `check_heaps`; ``mark`` tells versions of the file apart."""
     with path.open("rb") as file:
         for start in list(_heap_starts(file)):
             file.seek(start + len(_HEAP_SIGNATURE))
