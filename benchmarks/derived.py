@@ -1,44 +1,67 @@
-"""Isosurfaces of the Q criterion on bent elements, those of a field beside them: what is certain, and seconds.
+"""Isosurfaces of quantities: what is certain, and seconds.  Of the Q criterion on bent elements, a field's beside them.
 
-python benchmarks/derived.py [--size 1000] [--rounds 3]
+python benchmarks/derived.py [--size 1000] [--rounds 3] [--data FILES QUANTITY=VALUE] [--pictures FOLDER]
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
+from machine import description, sentences
+from shown import DELTA
 from tables import Table, percent, seconds
 
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.formats import Dataset, Shape
-from elvis.renderer import Camera, Isosurface, Renderer, Scene
+from elvis.renderer import Camera, Isosurface, Renderer, Scene, read
+from elvis.renderer.rendering import completed
 
 CAMERA = Camera((2.5, -2.0, 1.9), (0.5, 0.5, 0.5), fov=30.0)
 #: cells of a grid each way, and modes of the fields: 27 hexahedra of order 4, 48 tetrahedra and 16 prisms of order 3
 CASES = {Shape.HEXAHEDRON: (3, 5), Shape.TETRAHEDRON: (2, 4), Shape.PRISM: (2, 4)}
 
 
-def drawn(dataset: Dataset, quantity: str, value: float, size: int, rounds: int) -> list[str]:
+def drawn(dataset: Dataset, scene: Scene, rounds: int, picture: Path | None) -> list[str]:
     """Shares of certain pixels and of certain hits among hits; seconds of the first frame and of later ones."""
-    surface = Isosurface(values=(value,), quantity=quantity)
-    scene = Scene(field="u", objects=(surface,), camera=CAMERA, size=(size, size))
+    (surface,) = scene.objects
     with Renderer("auto") as renderer:
-        renderer.load(dataset, "u", quantity)
-        start = perf_counter()
+        renderer.load(dataset, str(scene.field), str(surface.quantity))
+        start, started = perf_counter(), process_time()
         frame = renderer.render(scene)
-        first, best, busy = perf_counter() - start, np.inf, np.inf
+        first, cold = perf_counter() - start, process_time() - started
+        best, busy = first, cold
         for _ in range(rounds):
             start, started = perf_counter(), process_time()
             frame = renderer.render(scene)
             best, busy = min(best, perf_counter() - start), min(busy, process_time() - started)
+    if picture is not None:
+        frame.save(picture)
     counts = frame.counts()
     hits = np.isfinite(frame.depth)
     hit = (frame.status[hits] == 1).mean() if hits.any() else np.nan
-    sure = 1.0 - counts["ambiguous"] / size**2
-    return [percent(sure), percent(hit), str(int(hits.sum())), seconds(first), seconds(best), seconds(busy)]
+    sure = 1.0 - counts["ambiguous"] / frame.status.size
+    return [percent(sure), percent(hit), str(int(hits.sum())), *map(seconds, (first, cold, best, busy))]
+
+
+def made() -> Iterator[tuple[str, Dataset, list[tuple[str, float]], Camera | str]]:
+    """Names, data, quantities with values, cameras: bent elements, and the half delta wing, which has straight ones."""
+    for shape, (cells, modes) in CASES.items():
+        mesh = Dataset(curved(grid(shape, cells), swirled, 3))
+        fields = tuple(approximated(mesh, name, wave, modes) for name, wave in VORTICES.items())
+        yield shape.name.lower(), replace(mesh, fields=fields), [("u", 0.3), ("q_criterion", 3.0)], CAMERA
+    yield "delta wing", DELTA.whole(quick=False), [("q_criterion", 20.0)], "iso"
+
+
+def named(files: str, quantity: str) -> tuple[str, Dataset, list[tuple[str, float]], Camera | str]:
+    """The same of files, joined by commas, and QUANTITY=VALUE."""
+    paths = [Path(file) for file in files.split(",")]
+    name, value = quantity.rsplit("=", 1)
+    return paths[0].stem, read(*paths), [(name, float(value))], "iso"
 
 
 def main() -> None:
@@ -46,16 +69,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", type=int, default=1000, help="pixels each way")
     parser.add_argument("--rounds", type=int, default=3, help="frames after the first")
+    pair = {"nargs": 2, "action": "append", "metavar": ("FILES", "QUANTITY=VALUE")}
+    parser.add_argument("--data", **pair, help="files, joined by commas, instead of the cases made here")
+    parser.add_argument("--pictures", type=Path, help="a folder for the pictures")
     options = parser.parse_args()
-    columns = ["", "% certain", "% of hits", "hits", "first s", "s", "CPU s"]
-    table = Table(f"Isosurfaces on bent elements, {options.size} x {options.size} pixels", columns)
-    for shape, (cells, modes) in CASES.items():
-        mesh = Dataset(curved(grid(shape, cells), swirled, 3))
-        fields = tuple(approximated(mesh, name, wave, modes) for name, wave in VORTICES.items())
-        dataset = replace(mesh, fields=fields)
-        for quantity, value in (("u", 0.3), ("q_criterion", 3.0)):
-            row = drawn(dataset, quantity, value, options.size, options.rounds)
-            table.rows.append([f"{quantity}, {shape.name.lower()}", *row])
+    columns = ["", "% certain", "% of hits", "hits", "first s", "first CPU s", "s", "CPU s"]
+    table = Table(f"Isosurfaces of quantities, {options.size} x {options.size} pixels", columns)
+    print(sentences(description("auto")), flush=True)
+    cases = (named(*each) for each in options.data) if options.data else made()
+    for name, dataset, asked, camera in cases:
+        for quantity, value in asked:
+            surface = Isosurface(values=(value,), quantity=quantity)
+            field = dataset.fields[0].name
+            scene = Scene(field=field, objects=(surface,), camera=camera, size=(options.size, options.size))
+            picture = options.pictures and options.pictures / f"{len(table.rows)}.png"
+            row = drawn(dataset, completed(dataset, scene), options.rounds, picture)
+            table.rows.append([f"{quantity} = {value:g}, {name}", *row])
+            print(" | ".join(table.rows[-1]), flush=True)
     print(table.text())
 
 

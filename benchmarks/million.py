@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from cases import FIELD, cut, million
-from measuring import forget_peak, memory, once, peak_memory
+from measuring import ENVIRONMENT, forget_peak, memory, once, peak_memory
 from tables import Table, mebibytes, seconds
 
 from elvis.core.arrays import Floats
@@ -61,7 +61,7 @@ def measure(device: str, cells: int, side: int, points: int) -> dict[str, Any]:
         sizes = {name: (Path(folder) / name).stat().st_size for name in FILES}
         del made
         command = [sys.executable, __file__, folder, device, str(side), str(points)]
-        process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+        process = subprocess.run(command, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True, check=True)
     return {
         "case": case.label,
         "elements": case.elements,

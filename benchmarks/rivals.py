@@ -32,13 +32,13 @@ class Rivals:
     remarks: list[str] = field(default_factory=list)
 
     @staticmethod
-    def of(dataset: Dataset, frame: Frame, quick: bool) -> Rivals:
-        """LEVELS pictures, and more until one is RIGHT or would need too much room; with ``quick`` a few."""
+    def of(dataset: Dataset, frame: Frame, quick: bool, least: int = LEVELS) -> Rivals:
+        """``least`` pictures, and more until one is RIGHT or would need too much room; with ``quick`` a few."""
         missing = linear.why_not()
         if missing:
             return Rivals(remarks=[missing])
         made: list[Rival] = []
-        while len(made) < (QUICK if quick else LEVELS) or not (quick or made[-1].errors["wrong"] < RIGHT):
+        while len(made) < (QUICK if quick else least) or not (quick or made[-1].errors["wrong"] < RIGHT):
             need, room = size_of(made[0], len(made)) if made else 0, ROOM * free_memory()
             if need > room:
                 what = f"{len(made)} refinements would take about {need / 2**30:.1f} GiB"

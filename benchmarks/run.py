@@ -30,6 +30,8 @@ import scenes
 import sharing
 import shown
 import starting
+import steps
+import targets
 import viewing
 from tables import Table
 
@@ -104,6 +106,13 @@ def many(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [million.table(numbers)]
 
 
+def load(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """From the files of a million elements to the first picture."""
+    cells, rounds = (8, 1) if options.quick else (56, max(2, options.rounds // 3))
+    numbers = large.measure_loading(options.device, cells, rounds)
+    return numbers, [large.loading_table(numbers)]
+
+
 def convert(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """Files of other programs."""
     numbers = conversion.measure((2,) if options.quick else (10, 20, 33))
@@ -118,15 +127,16 @@ def start(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 def repeat(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """Many pictures in one process."""
-    numbers = repeating.measure(options.device, 2 if options.quick else 500)
-    return numbers, [repeating.table(numbers)]
+    numbers = repeating.measure(options.device, 1 if options.quick else 500)
+    numbers["steady"] = repeating.steady(options.device, 2 if options.quick else 60, options.quick)
+    return numbers, [repeating.table(numbers), repeating.steady_table(numbers["steady"])]
 
 
 def view(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     """Pictures while the mouse turns them."""
     side, duration = (100, 0.5) if options.quick else (1000, 5.0)
     numbers = viewing.measure(shown.DELTA, options.device, side, duration, options.quick)
-    return numbers, [viewing.table(numbers)]
+    return numbers, viewing.tables(numbers)
 
 
 def size(options: argparse.Namespace) -> tuple[Any, list[Table]]:
@@ -134,6 +144,21 @@ def size(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     side, kinds = (300, ["cut"]) if options.quick else (20000, list(large.KINDS))
     numbers = large.measure(options.device, side, kinds)
     return numbers, [large.table(numbers)]
+
+
+def promised(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """What was asked for, next to what it was and what it is."""
+    side, rounds = (60, 1) if options.quick else (1000, max(3, options.rounds // 2))
+    numbers = targets.measure(options.device, side, rounds, options.quick)
+    return numbers, [targets.table(numbers)]
+
+
+def series(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Steps of a series on one mesh."""
+    cells, count, side = (3, 5, 100) if options.quick else (23, 50, 1000)
+    kinds = ("surfaces",) if options.quick else tuple(steps.KINDS)
+    numbers = steps.measure(options.device, cells, count, side, kinds)
+    return numbers, [steps.table(numbers)]
 
 
 PARTS: dict[str, Part] = {
@@ -144,11 +169,14 @@ PARTS: dict[str, Part] = {
     "orders": order,
     "compile": compile,
     "million": many,
+    "load": load,
     "convert": convert,
     "start": start,
     "repeat": repeat,
     "view": view,
     "large": size,
+    "targets": promised,
+    "series": series,
 }
 
 

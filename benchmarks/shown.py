@@ -48,6 +48,11 @@ class Shown:
     field: str = "p"
 
     def dataset(self, quick: bool) -> Dataset:
+        """The data with the one field."""
+        dataset = self.whole(quick)
+        return replace(dataset, fields=tuple(field for field in dataset.fields if field.name == self.field))
+
+    def whole(self, quick: bool) -> Dataset:
         """The data, made where they aren't there yet."""
         folder = ROOT / "out" / ("quick-cases" if quick else "cases")
         files = [folder / f"{self.name}.xml", folder / f"{self.name}.fld"]
@@ -55,8 +60,7 @@ class Shown:
             option = ["--quick"] if quick else []
             command = [sys.executable, ROOT / "examples" / "cases.py", *option, folder, self.name]
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        dataset = read(*files)
-        return replace(dataset, fields=tuple(field for field in dataset.fields if field.name == self.field))
+        return read(*files)
 
     def scenes(self, kind: str, side: int) -> dict[str, Scene]:
         """The views of a kind of picture: ``cut``, ``faces``, ``isosurface``, ``volume`` or ``together``."""

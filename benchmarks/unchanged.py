@@ -109,11 +109,16 @@ def main() -> int:
         draw(folder / name, options)
     if arguments.against is None:
         return 0
-    different = [name for name, _ in chosen if not same(folder / name, arguments.against / name)]
+    drawn = [name for name, _ in chosen]
+    known = [name for name in drawn if Path(f"{arguments.against / name}.npz").exists()]
+    different = [name for name in known if not same(folder / name, arguments.against / name)]
+    for name in drawn:
+        if name not in known:
+            print(f"{name} is new")
     for name in different:
         print(f"{name} differs")
-    print(f"{len(chosen) - len(different)} of {len(chosen)} pictures are what they were, byte by byte")
-    return 1 if different or not chosen else 0
+    print(f"{len(known) - len(different)} of {len(known)} pictures are what they were, byte by byte")
+    return 1 if different or not known else 0
 
 
 def make_data() -> None:

@@ -46,20 +46,21 @@ NAMES = list(FUNCTIONS)
 
 @pytest.fixture(scope="module")
 def made(renderer):
-    """Random pairs of discs, and what the device makes of them: (n, 4) middle, radius, error and whether smooth."""
+    """Pairs of discs, and what becomes of them: (n, 8) middle, radius, error, whether smooth, slope and rest."""
     device = renderer("vulkan").device
     folders = list(device._folders)
     device.include(Path(__file__).parent / "shaders")
     kernel = device.kernel("discs_check")
     device.include(folders[-1])
 
-    def make(name, first, second):
+    def make(name, first, second, slopes=(0.0, 0.0)):
         pairs = np.zeros(len(first), kernel.dtype("pairs"))
         pairs["first"][:, :3], pairs["second"][:, :3] = first, second
+        pairs["first_slope"], pairs["second_slope"] = slopes
         pairs["function"] = NAMES.index(name)
-        found = device.empty(np.float64, 4 * len(first))
+        found = device.empty(np.float64, 8 * len(first))
         kernel(len(first), {"pairs": device.buffer(pairs), "found": found})
-        return device.read(found, np.float64)[: 4 * len(first)].reshape(-1, 4)
+        return device.read(found, np.float64)[: 8 * len(first)].reshape(-1, 8)
 
     return make
 
@@ -98,6 +99,26 @@ def test_complex_values_lie_in_the_discs_of_analytic_functions(made, name):
     with np.errstate(all="ignore"):
         values = FUNCTIONS[name](inside(rng, first, False).astype(complex), inside(rng, second, False).astype(complex))
     check(rows, values, smooth)
+
+
+@pytest.mark.parametrize("name", ["plus", "minus", "times", "over", "cube", "inverse square", "exp"])
+def test_linear_parts_are_those_of_values(made, name):
+    """Operands that depend on the same t, |t| <= 1, and on something small besides: so do values."""
+    rng = np.random.default_rng(300 + NAMES.index(name))
+    first, second = random_discs(rng), random_discs(rng)
+    slopes = 10.0 ** rng.uniform(-6.0, 0.0, (2, COUNT, 3)) * rng.choice([-1.0, 1.0], (2, COUNT, 3))
+    rows = made(name, first, second, slopes)
+    angle = rng.uniform(0.0, 2.0 * np.pi, (COUNT, POINTS, 3))
+    t = np.minimum(1.0, rng.uniform(0.0, 2.0, angle.shape)) * np.exp(1j * angle)
+    a, b = (np.einsum("npk,nk->np", t, slope) for slope in slopes)
+    with np.errstate(all="ignore"):
+        values = FUNCTIONS[name](inside(rng, first, False) + a, inside(rng, second, False) + b)
+        linear = np.einsum("npk,nk->np", t, rows[:, 4:7])
+    known = (rows[:, 3] != 0) & np.isfinite(rows[:, 1])
+    check(rows, values, known)
+    check(np.stack([rows[:, 0], rows[:, 7]], axis=1), values - linear, known)
+    if name in ("plus", "times"):
+        assert (np.abs(rows[:, 4:7]).sum(axis=1) > rows[:, 7]).mean() > 0.05
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in ("power",)])

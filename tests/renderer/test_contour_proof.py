@@ -100,11 +100,29 @@ def test_lines_that_samples_do_not_tell_apart_are_ambiguous(renderer):
     assert (touched.status[crossed] == Status.AMBIGUOUS).all()
 
 
-def test_nothing_is_proved_of_what_is_no_polynomial(renderer):
-    data = with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p[..., 1] - 0.47, 2)
-    proof, _ = proved(renderer, data, "straight on", [0.5], "1/u")
-    assert not proof.taken.any()
-    assert (proof.status == Status.AMBIGUOUS).any()
+def test_what_is_certain_of_contours_of_expressions_is_right(renderer):
+    """Of derivatives on bent elements and an exponential; nothing is proved in elements that hold a pole."""
+    data, text = with_field(curved(grid(Shape.HEXAHEDRON, 3), sheared, 3), tilted, 6), "d(u,y)*exp(u) + 0.01/(x - 0.21)"
+    proof, view = proved(renderer, data, "straight on", [1.3, 1.8, 2.3], text)
+
+    def field(points):
+        x = points[..., 0]
+        with np.errstate(divide="ignore"):
+            return (1 + 0.3 * x) * np.exp(tilted(points)) + 0.01 / (x - 0.21)
+
+    low, high = ranges(view, field)
+    certain, hit = proof.status == Status.CERTAIN, proof.status != Status.MISS
+    holds = np.logical_or.reduce([(low < level) & (level < high) for level in (1.3, 1.8, 2.3)])
+    rise = 0.1 * (high - low)
+    near = np.logical_or.reduce([(low - rise < level) & (level < high + rise) for level in (1.3, 1.8, 2.3)])
+    assert not (certain & holds & ~proof.taken).any()
+    assert not (hit & proof.taken & ~near).any()
+    assert (proof.taken & certain).sum() > 50
+    beside = view.points_of(*np.divmod(np.arange(view.count), view.width)[::-1])[:, 0] > 0.4
+    assert (hit & ~certain & beside).sum() < 0.06 * (hit & beside).sum()
+    pole = (low < -5) & (high > 5) & hit
+    assert pole.any()
+    assert (proof.status[pole] == Status.AMBIGUOUS).all()
 
 
 def test_statistics_count_what_is_proved_where_they_are_asked_for(draw):

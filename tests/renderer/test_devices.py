@@ -14,9 +14,9 @@ CARD = Adapter("vulkan:1", "a card", False)
 CUDA = Adapter("cuda:0", "a card", False)
 SOFT = Adapter("vulkan:2", "llvmpipe", True)
 CPU = Adapter("cpu", "slang's CPU target, one thread", True)
-ALL = {"double", "int64", "wave_ops", "half"}
+ALL = {"double", "pointer", "wave_ops", "half"}
 #: what a device has where it isn't everything
-FEATURES = {XE: {"int64", "wave_ops", "half"}}
+FEATURES = {XE: {"pointer", "wave_ops", "half"}}
 
 
 def open_made_up(adapter):
@@ -70,8 +70,8 @@ def test_what_can_not_draw_says_why_and_what_to_install(name, every, words):
 
 def test_everything_that_is_missing_is_named():
     assert lacking(ALL.__contains__) == ""
-    assert lacking({"double", "wave_ops"}.__contains__) == "has no 64-bit integers, which the kernels need"
-    assert lacking({"int64"}.__contains__) == (
+    assert lacking({"double", "wave_ops"}.__contains__) == "has no addresses of buffers, which the kernels need"
+    assert lacking({"pointer"}.__contains__) == (
         "has no 64-bit floats and no operations across a wave, which the kernels need"
     )
 

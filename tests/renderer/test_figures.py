@@ -16,7 +16,9 @@ from elvis.renderer import Camera, Contours, Faces, Isosurface, MeshLines, Scene
 from elvis.scene import ColorBar, Scene
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
+from elvis.scene.figure import save_figure
 from elvis.scene.palette import NOT_A_NUMBER, Palette
+from elvis.scene.picture import page
 from elvis.scene.rulers import aligned, box_edges, scale_bar, sides
 from elvis.scene.saving import save_panels
 from elvis.scene.strokes import SAME, STRAIGHT, borders, chain, simplify
@@ -142,6 +144,37 @@ def test_pixels_of_a_png_with_axes_are_exact(draw, plane, tmp_path, size):
     assert holds(np.asarray(Image.open(tmp_path / "a.png").convert("RGB")), frame.rgb)
 
 
+@pytest.mark.parametrize("position", [None, "right", "left", "bottom"])
+def test_a_layout_says_where_the_image_and_its_bar_lie(draw, plane, tmp_path, position):
+    """In figures, and in pictures without: there are the image's pixels, and at the bar's ends those of the map."""
+    path = tmp_path / "a.png"
+    frame = draw(plane, size=(150, 110), axes=position == "left", bar=position and ColorBar(position=position))
+    if position is None:
+        frame.save(path)
+        layout = page(frame).layout
+    else:
+        layout = save_figure([frame], path, ".png")
+    pixels = np.asarray(Image.open(path).convert("RGB"))
+    assert pixels.shape[1::-1] == layout.size
+    column, row = layout.corner
+    same = (pixels[row : row + 110, column : column + 150] == frame.rgb).all(axis=-1)
+    assert same[frame.seen].mean() > 0.9  # axes lie over some
+    assert (np.roll(frame.rgb, 1, axis=1) == frame.rgb).all(axis=-1)[frame.seen].mean() < 0.5
+
+    (bar,) = layout.bars
+    left, top, width, height = bar.box
+    low, high = frame.range
+    for share in (0.03, 0.5, 0.97):
+        x, y = (0.5, 1 - share) if bar.upright else (share, 0.5)
+        column, row = int(left + x * width), int(top + y * height)
+        # the middle of the pixel; matplotlib's bands have edges that lie over the next one, by two pixels at most
+        part = 1 - (row + 0.5 - top) / height if bar.upright else (column + 0.5 - left) / width
+        near = part + np.linspace(-2, 2, 41) / (height if bar.upright else width)
+        colors = 255 * frame.palette.colors(low + near * (high - low))
+        assert np.abs(pixels[row, column] - colors).max(axis=1).min() < 2
+    assert bar.upright == (position != "bottom")
+
+
 @pytest.mark.parametrize("bar", [ColorBar(scale="log"), ColorBar(scale="symlog", linear=0.5), ColorBar(bands=7)])
 def test_colours_are_spread_as_the_bar_says(draw, plane, bar):
     frame = draw(
@@ -200,7 +233,7 @@ def test_what_has_one_value_has_no_bar_but_a_sentence(draw, linear):
     several = draw(solid, size=(40, 30), objects=(Isosurface((0.1, 0.2)),), camera="+x")
     assert [legend.constant for legend in several.legends] == [None]
     assert several.range == (0.1, 0.2)
-    constant = draw(solid, field="3 + 0*u", size=(40, 30))
+    constant = render(solid, "3 + 0*u", size=(40, 30))
     assert any("is 3 wherever it is seen" in remark for remark in constant.stats["remarks"])
 
 

@@ -20,6 +20,7 @@ from elvis.plugins.nurbs.bezier import evaluated
 from elvis.plugins.nurbs.inversion import Solver
 from elvis.plugins.volume import Solution
 from elvis.renderer import Camera, Plane, Scene, gaps
+from elvis.renderer.drafts import drafted
 from elvis.renderer.gaps import Gaps
 from elvis.renderer.pixels import NOBODY, Pixels
 from elvis.scene.view import view_of
@@ -58,6 +59,23 @@ def test_probes_miss_nothing_either(renderer, linear, case_number):
     assert np.array_equal(places.element, truth.element_id)
     seen = places.element >= 0
     assert np.abs(places.field - points @ [1.0, 2.0, -3.0])[seen].max() < 1e-11
+
+
+def test_drafts_miss_what_only_proofs_find(renderer, linear):
+    """And pictures after them are what they would have been."""
+    dataset, scene = picture(linear, *BENT[0])
+    at, normal = scene["plane"].point, scene["plane"].normal
+    camera = Camera(tuple(np.add(at, normal)), at, (0.0, 1.0, 0.0), height=1.6)
+    device = renderer("vulkan")
+    device.load(dataset, "u")
+    frame = device.render(Scene("u", camera=camera, **scene))
+    with drafted():
+        draft = device.render(Scene("u", camera=camera, **scene))
+    after = device.render(Scene("u", camera=camera, **scene))
+    assert np.array_equal(after.rgb, frame.rgb)
+    assert draft.seen.sum() < frame.seen.sum()
+    assert not (draft.seen & ~frame.seen).any()
+    assert np.array_equal(draft.field[draft.seen], frame.field[draft.seen])
 
 
 def moved(shape, cells, amplitude, seed):

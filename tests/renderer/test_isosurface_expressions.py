@@ -14,7 +14,7 @@ from elvis.plugins.native import NativeVolume
 from elvis.renderer import Camera, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
-from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, Level
 from elvis.scene.view import View
 
 CAMERA = Camera((1.7, -1.2, 1.4), (0.5, 0.5, 0.5), fov=45.0)
@@ -22,10 +22,10 @@ CAMERA = Camera((1.7, -1.2, 1.4), (0.5, 0.5, 0.5), fov=45.0)
 COUNT, DEPTHS = 300, (0.9, 3.4)
 
 
-def flow(shape, cells=1):
+def flow(shape, cells=1, bent=True):
     """Velocities on bent elements, each with random coefficients of its own around waves."""
     rng = np.random.default_rng(7)
-    dataset = Dataset(curved(grid(shape, cells), swirled, 3))
+    dataset = Dataset(curved(grid(shape, cells), swirled, 3) if bent else grid(shape, cells))
     fields = []
     for name, wave in VORTICES.items():
         field = approximated(dataset, name, wave, 4)
@@ -102,6 +102,31 @@ def test_zeros_of_products_are_shown_where_they_count(iso):
     Edges, where both of two have the level, are ambiguous.
     """
     refute(iso, flow(Shape.HEXAHEDRON), "lambda2", -1.0, (20, 16), 0.9, replace(CAMERA, fov=5.0))
+
+
+def test_zeros_of_products_on_straight_tetrahedra_are_those_of_polynomials(iso):
+    """They are expanded, and so is what says which of them count."""
+    refute(iso, flow(Shape.TETRAHEDRON, bent=False), "lambda2", -1.0, (28, 22), 0.995)
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
+def test_values_at_nodes_are_those_of_the_quantity(renderer, shape):
+    """Sums over series of elements, one direction after the other, are what samples are: on a random part of each."""
+    dataset, rng = flow(shape), np.random.default_rng(3)
+    device = renderer("vulkan").device
+    drawer = IsosurfaceDrawer(DeviceVolume(device, NativeVolume.of(dataset, "q_criterion")))
+    part = drawer.loaded.parts[0]
+    level = Level(View.through(CAMERA, (8, 8)), 0, None, 1.0, drawer.loaded.bindings(0, None))
+    portion, elements = next(drawer.portions(level))
+    elements["centre"], elements["half"] = rng.uniform(-0.8, -0.5, (len(elements), 3)), 0.1
+    drawer.find_points(portion, device.buffer(elements), device.buffer(np.array([len(elements)], np.uint32)), 8)
+    points = device.read(portion.buffers["grid"], np.float64).reshape(-1, 8**3, 4)[: len(elements)]
+    for element, own in zip(elements["element"], points, strict=True):
+        alone = sample(dataset, ["q_criterion"], own[:, :3], all=True)
+        inside = alone.location.element_id == part.element_ids[element]
+        off = np.abs(alone.values[inside, 0] - own[alone.location.point[inside], 3])
+        assert inside.sum() > 20
+        assert off.max() < 1e-10 * np.abs(own[:, 3]).max()
 
 
 @pytest.mark.parametrize("degree", [3, 7])

@@ -137,5 +137,6 @@ def test_values_that_nothing_has_and_what_is_no_quotient_have_no_other_level():
         ("sin(u)", 0.1),
         ("exp(u)", -0.5),
         ("sqrt(u)*sqrt(v)", 1.0),
+        ("max(0.5, d(u,x))", 0.5),
     ):
         assert same_level(Expression.parse(text, names).root, value) is None

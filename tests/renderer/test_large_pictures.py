@@ -41,7 +41,8 @@ def noisy(height, width):
 @pytest.mark.parametrize("width", [1, 50])
 def test_png_files_have_the_pixels(tmp_path, step, width):
     pixels = noisy(61, width)
-    write_png(tmp_path / "a.png", width, 61, (pixels[first : first + step] for first in range(0, 61, step)))
+    with (tmp_path / "a.png").open("wb") as stream:
+        write_png(stream, width, 61, (pixels[first : first + step] for first in range(0, 61, step)))
     with Image.open(tmp_path / "a.png") as image:
         image.load()
         assert (image.mode, image.size) == ("RGB", (width, 61))

@@ -91,18 +91,18 @@ def test_time_limits(draw, cube):
 def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkeypatch, scene):
     """A device that fails whenever it has many pixels to draw at once."""
     renderer("vulkan")
-    made = device.Device._create
+    made = device.Device._filled
 
-    def fails(self, dtype, count, data):
-        if dtype == np.float64 and count in (80 * 90, 80 * 22, 3 * 80 * 90):
+    def fails(self, count, itemsize, data):
+        if itemsize == 8 and count in (80 * 90, 80 * 22, 3 * 80 * 90):
             raise DeviceLostError("the device failed: ERROR_DEVICE_LOST")
-        return made(self, dtype, count, data)
+        return made(self, count, itemsize, data)
 
     with Renderer("vulkan") as drawing:
         drawing.load(cube, "u")
         whole = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))
         first = drawing.device
-        monkeypatch.setattr(device.Device, "_create", fails)
+        monkeypatch.setattr(device.Device, "_filled", fails)
         monkeypatch.setattr(rendering, "BAND", 80 * 90 // 4)
         monkeypatch.setattr(rendering, "FEWEST", 80 * 90 // 40)
         again = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))

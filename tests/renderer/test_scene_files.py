@@ -76,7 +76,7 @@ scenes = st.builds(
     plane=st.none() | st.builds(Plane, vector, direction),
     camera=cameras,
     size=st.none() | st.tuples(st.integers(1, 32768), st.integers(1, 32768)),
-    range=st.sampled_from([None, "seen", "all"]) | ends,
+    range=st.sampled_from([None, "seen", "all", "series"]) | ends,
     objects=st.lists(objects, max_size=4).map(tuple),
     samples=st.integers(1, 16),
     lights=st.lists(st.builds(Light, st.none() | direction, part), max_size=2).map(tuple),
@@ -89,7 +89,7 @@ scenes = st.builds(
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @given(scene=scenes)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_scene_file_is_the_python_object(monkeypatch_here, suffix, scene):
     write_scene(scene, f"scene{suffix}")
     assert read_scene(f"scene{suffix}") == scene
@@ -104,7 +104,7 @@ def monkeypatch_here(tmp_path_factory):
 
 
 @given(scene=scenes)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_tables_and_scenes_are_the_same(scene):
     assert scene_of(table_of(scene)) == scene
 
@@ -149,7 +149,7 @@ CUT = 'objects = [{{kind = "cut", surface = {}}}]'
         ("samples = 0", "samples: expected 1 to 16, found 0"),
         ("samples = true", "samples: expected a whole number, found True"),
         ("plain = 1", "plain: expected true or false, found 1"),
-        ("range = 'al'", "range: expected seen or all, found 'al'"),
+        ("range = 'al'", "range: expected seen or all or series, found 'al'"),
         ("range = [2, 1]", "range: expected a colour range from a smaller to a greater value, found 2 to 1"),
         ("camera = 'aslant'", "unknown view 'aslant'"),
         ("camera = {eye = [0, 0, inf], at = [0, 0, 0]}", "camera.eye[2]: expected a finite number, found inf"),

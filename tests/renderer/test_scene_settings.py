@@ -78,7 +78,7 @@ def test_the_schema_has_names_bounds_and_sentences():
     assert style["additionalProperties"] is False
     assert style["properties"]["opacity"].items() >= {"type": "number", "exclusiveMinimum": 0, "maximum": 1}.items()
     assert found["properties"]["samples"].items() >= {"type": "integer", "minimum": 1, "maximum": 16}.items()
-    assert {"enum": ["seen", "all"], "type": "string"} in found["properties"]["range"]["anyOf"][0]["oneOf"]
+    assert {"enum": ["seen", "all", "series"], "type": "string"} in found["properties"]["range"]["anyOf"][0]["oneOf"]
     assert found["properties"]["objects"]["items"]["required"] == ["kind"]
     for name, definition in found["$defs"].items():
         told = [part.get("description") for key, part in definition["properties"].items() if key != "kind"]
@@ -132,7 +132,7 @@ def test_a_scene_shows_what_is_not_its_default():
         ("s.toml", "samples = 0x" + "f" * 5000, "samples: expected a finite number, found one of 20000 bits"),
         ("s.yaml", "range: [0x" + "f" * 5000 + ", 1]", "range[0]: expected a finite number, found one of 20000 bits"),
         ("s.yaml", "data: !!set {a, b}", "data: expected a list, found a set"),
-        ("s.toml", "range = {low = 1}", "range: expected a list of 2 or seen or all, found {'low': 1}"),
+        ("s.toml", "range = {low = 1}", "range: expected a list of 2 or seen or all or series, found {'low': 1}"),
         ("s.toml", "camera = [1, 2]", "camera: expected a table or a text, found [1, 2]"),
         (
             "s.toml",
@@ -158,7 +158,7 @@ plain = st.recursive(
 
 
 @given(data=st.data())
-@settings_of_hypothesis(max_examples=150, deadline=None)
+@settings_of_hypothesis(max_examples=150)
 def test_whatever_a_table_holds_is_a_scene_or_one_sentence(page, data):
     """The scene of the page with one value replaced by any other, wherever it stands."""
     table = tomllib.loads(page.split("```toml")[1].split("```")[0])

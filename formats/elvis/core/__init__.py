@@ -7,7 +7,12 @@ quantities                       expressions, derivatives, certified bounds
 distances                        distances to curved boundaries and triangle meshes
 validity                         whether the map of an element folds, proved
 describing                       what these show of themselves at a prompt and in a notebook
+integrals                        over elements and boundaries, exact or with a stated error
+critical_points                  where a velocity is zero, all places
+streamlines                      lines along a velocity
+extrema                          the least and greatest value of a field, certified
 norms, sampling, queries         numbers that are asked of a dataset
+moments                          steps and times of series
 files, terminal, arguments       files that are read and written safely, messages, what commands have in common
 memory, errors                   limits, what goes wrong
 testing                          datasets made on the spot

@@ -10,6 +10,7 @@ import click
 
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
+from elvis.core.moments import BETWEEN
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -42,6 +43,35 @@ reader_option = click.option(
 )
 
 
+step_option = click.option(
+    "--step", type=int, help="Which step of a series, counted from 0, or from its end where it is negative."
+)
+
+
+time_option = click.option(
+    "--time", type=float, help="Which time of a series; of other data what t stands for in expressions."
+)
+
+
+between_option = click.option(
+    "--between",
+    type=click.Choice(BETWEEN),
+    default=BETWEEN[0],
+    show_default=True,
+    help="What is at a time between steps: interpolated coefficients, or those of the nearest step.",
+)
+
+
+other_option = click.option(
+    "--other",
+    "others",
+    multiple=True,
+    metavar="NAME=FILE,…",
+    help="Another solution that expressions may name, of any mesh, order and format, as ref=b.xml,b.fld: then "
+    "p - ref:p is a quantity.  Repeatable.",
+)
+
+
 cache_option = click.option("--no-cache", is_flag=True, help="Convert DATA again, and don't cache the result.")
 
 
@@ -55,6 +85,19 @@ def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None =
         found.append(Path(plugin))
     if points is not None and points != "-":
         found.append(Path(points))
+    return found
+
+
+def files_of_others(texts: Iterable[str]) -> dict[str, tuple[Path, ...]]:
+    """``NAME=FILE,FILE`` texts by name; ElvisError for others."""
+    found: dict[str, tuple[Path, ...]] = {}
+    for text in texts:
+        name, _, files = (part.strip() for part in text.partition("="))
+        if not name.isidentifier() or not files or name in found:
+            raise ElvisError(
+                f"--other: expected NAME=FILE,FILE, such as ref=b.xml,b.fld, each name once, found {text!r}"
+            )
+        found[name] = tuple(Path(file) for file in files.split(","))
     return found
 
 
@@ -83,6 +126,27 @@ def numbers(text: str, *counts: int) -> tuple[float, ...]:
         wanted = "a number" if counts == (1,) else f"{several} with commas between them"
         raise click.BadParameter(f"expected {wanted}, found {text!r}")
     return found
+
+
+def evenly(text: str) -> tuple[float, float, int]:
+    """``a:b:n``: n times from a to b."""
+    first, last, count = numbers(text.replace(":", ","), 3)
+    if count != int(count) or not 1 <= count <= 100_000:
+        raise click.BadParameter(f"expected a number of times from 1 to 100000, found {count:g}")
+    return first, last, int(count)
+
+
+def _times(text: str) -> tuple[float, float, int] | str:
+    """``all``, or ``a:b:n``: n times from a to b."""
+    return text if text == "all" else evenly(text)
+
+
+times_option = click.option(
+    "--times",
+    metavar="all|A:B:N",
+    type=TextType(_times),
+    help="Of a series rows for every step, or for N times from A to B.",
+)
 
 
 def triples(text: str, count: int) -> tuple[Triple, ...]:

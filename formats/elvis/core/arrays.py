@@ -5,7 +5,7 @@ Axis convention, everywhere: points are ``(n, d)``, values ``(n,)``, modes ``(n,
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,3 +27,91 @@ def frozen_ints(values: object) -> Ints:
     array = np.ascontiguousarray(values, dtype=np.int64).view()
     array.flags.writeable = False
     return array
+
+
+def distinct(numbers: Ints) -> Ints:
+    """(m,) the numbers (n,), ascending, each once; the same array where they are so already.
+
+    By sorting: the hash table that ``np.unique`` fills is slower for arrays of millions.
+    """
+    if (numbers[1:] > numbers[:-1]).all():
+        return numbers
+    ordered = np.sort(numbers)
+    is_first = np.ones(len(ordered), bool)
+    np.not_equal(ordered[1:], ordered[:-1], out=is_first[1:])
+    return np.asarray(ordered[is_first])
+
+
+def distinct_bits(rows: NDArray[Any]) -> tuple[Ints, Ints]:
+    """The first row (m,) of each distinct one of rows (n, k) of 8-byte numbers, and which of these each row is (n,).
+
+    Told apart by their bits, in an order of their own: numbers that stand for the rows are sorted, not the rows.
+    """
+    bits = np.ascontiguousarray(rows).view(np.uint64)
+    hashes = np.zeros(len(bits), np.uint64)
+    for column in bits.T:
+        hashes ^= column ^ (column >> np.uint64(29))
+        hashes *= _FACTOR
+        hashes ^= hashes >> np.uint64(32)
+    first, which = groups(hashes)
+    if not np.array_equal(bits[first[which]], bits):
+        # different rows have one number
+        _, first, which = np.unique(bits, axis=0, return_index=True, return_inverse=True)
+    return first, which.reshape(-1)
+
+
+#: an odd number whose bits are as if thrown: 2^64 over the golden ratio
+_FACTOR = np.uint64(0x9E3779B97F4A7C15)
+
+
+def groups(keys: NDArray[Any]) -> tuple[Ints, Ints]:
+    """The first row (m,) of each distinct key (n,), keys ascending, and which of these each row has (n,)."""
+    order = np.argsort(keys)
+    is_new = np.ones(len(keys), bool)
+    ordered = keys[order]
+    np.not_equal(ordered[1:], ordered[:-1], out=is_new[1:])
+    del ordered
+    starts = np.flatnonzero(is_new)
+    first = np.minimum.reduceat(order, starts) if len(starts) else starts
+    which = np.empty(len(keys), np.int64)
+    which[order] = np.cumsum(is_new) - 1
+    return first, which
+
+
+#: pairs of places to be put in order, by the number of places; Knuth, The Art of Computer Programming 3, 5.3.4
+_EXCHANGES = {
+    1: (),
+    2: ((0, 1),),
+    3: ((0, 1), (1, 2), (0, 1)),
+    4: ((0, 1), (2, 3), (0, 2), (1, 3), (1, 2)),
+}
+
+
+def sorted_columns(numbers: Ints) -> Ints:
+    """(k, n) numbers, k at most 4, those of each column ascending: exchanges of a sorting network, all at once."""
+    result = np.array(numbers, order="C")
+    for low, high in _EXCHANGES[len(numbers)]:
+        result[low], result[high] = np.minimum(result[low], result[high]), np.maximum(result[low], result[high])
+    return result
+
+
+def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
+    """Rows (n, k), k at most 4, that hold the same numbers, none negative, in any order, are one.
+
+    The first row (m,) of each distinct one, and which distinct one each row is (n,); in ascending order of the numbers.
+    """
+    return groups(_row_keys(rows))
+
+
+def _row_keys(rows: Ints) -> NDArray[np.uint64]:
+    """(n,) one number for each row: its numbers, ascending, as digits."""
+    columns = sorted_columns(rows.T)
+    base = int(columns.max(initial=0)) + 1
+    is_narrow = base ** len(columns) < 1 << 64
+    keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
+    for column in columns[1:]:
+        # where digits are too many, numbers so far by their place among all of them
+        keys = keys if is_narrow else groups(keys)[1].astype(np.uint64)
+        keys *= np.uint64(base)
+        keys += column.view(np.uint64)
+    return keys

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as default
+from typing import Protocol
 
 from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
@@ -97,11 +98,34 @@ class ExpansionRule:
     point_types: tuple[str, ...] = ()
 
 
+def rate_name(name: str) -> str:
+    """The name of a field's derivative in time."""
+    return f"d({name},t)"
+
+
+def is_rate(name: str) -> bool:
+    """Whether a name is that of a field's derivative in time."""
+    return name.startswith("d(") and name.endswith(",t)")
+
+
+class Rates(Protocol):
+    """Derivatives in time of the fields of a dataset that is a moment of a series."""
+
+    @property
+    def remark(self) -> str:
+        """What they are; empty as long as none is asked for."""
+
+    def field(self, name: str) -> Field:
+        """The derivative of a field, named as `rate_name` says; ElvisError where there is none."""
+
+
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """A mesh with its fields, time and metadata (free key/text pairs, as in the file).
 
     remarks  sentences on how the data were come by, which belong to all that is made of them
+    rates    derivatives in time of the fields, None where the data are no moment of a series
+    others   datasets that expressions may name, by the names that they have in these: `ref:p`
     """
 
     mesh: Mesh
@@ -110,6 +134,8 @@ class Dataset:
     metadata: Mapping[str, str] = default(default_factory=dict)
     expansions: tuple[ExpansionRule, ...] = ()
     remarks: tuple[str, ...] = ()
+    rates: Rates | None = None
+    others: Mapping[str, Dataset] = default(default_factory=dict)
 
     @property
     def map_names(self) -> tuple[str, ...]:
@@ -123,11 +149,17 @@ class Dataset:
         """The fields but for those that give the map, which are geometry."""
         return tuple(field for field in self.fields if field.name not in self.map_names)
 
+    def beside(self, **others: Dataset) -> Dataset:
+        """The same with other datasets that expressions may name: after ``beside(ref=other)`` p - ref:p is one."""
+        return replace(self, others={**self.others, **others})
+
     def field(self, name: str) -> Field:
-        """The field of this name; KeyError, with a near name, where there is none."""
+        """The field of this name, or a derivative in time; KeyError, with a near name, where there is none."""
         for candidate in self.fields:
             if candidate.name == name:
                 return candidate
+        if self.rates is not None and is_rate(name):
+            return self.rates.field(name[2:-3])
         names = list(self)
         known = f"the fields are {', '.join(names)}" if names else "the data hold no fields"
         raise KeyError(f"there is no field {name!r}{perhaps(str(name), names)}; {known}")

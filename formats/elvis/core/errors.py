@@ -9,6 +9,12 @@ class ElvisError(Exception):
     """Anything that stops a command for a reason that a user can act on; the message is one sentence."""
 
 
+def fault_sentence(error: Exception) -> str:
+    """A sentence on an error that nobody has foreseen."""
+    what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return f"unexpected {what}; this is a fault of the program"
+
+
 #: characters of a sentence about a file; what is longer quotes more of it than anybody reads
 _LONGEST = 1000
 

@@ -6,8 +6,10 @@ is given as fields of the dataset, named by the metadata key ``GeometryMap``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -17,13 +19,36 @@ from elvis.core.errors import FormatError
 from elvis.core.mapping.orientation import chunks, solid_vertices
 from elvis.core.mapping.skeleton import Skeleton
 from elvis.core.mapping.solids import solid_modes, solid_orders
+from elvis.core.mesh import Mesh
 from elvis.core.polynomials.expansion import mode_count, mode_indices
 from elvis.core.polynomials.grouping import Group, grouped
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 
+T = TypeVar("T")
 #: elements put together at once, so that intermediate arrays stay small
 _CHUNK = 1 << 13
+
+#: meshes that many datasets have, such as the steps of a series, and what follows from them alone, as asked for
+_SHARED: WeakKeyDictionary[Mesh, dict[Hashable, Any]] = WeakKeyDictionary()
+#: how much is kept for a mesh: what was used last
+_MOST_KEPT = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """The vertices of straight elements, which their maps share.
+
+    vertices  (v, 3)  world coordinates of all vertices of the mesh
+    rows      (n, m)  rows of those that are an element's modes, in their order
+    """
+
+    vertices: Floats
+    rows: Ints
+
+    def take(self, which: Ints) -> Corners:
+        """Those of some of the elements."""
+        return Corners(self.vertices, frozen_ints(self.rows[which]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +57,13 @@ class GeometryBlock:
 
     element_ids   (n,)       ids in the file
     coefficients  (n, 3, m)  of the world coordinates; those beyond the mesh's space are zero
+    corners       where the coefficients are vertices of the mesh: which ones
     """
 
     expansion: Expansion
     element_ids: Ints
     coefficients: Floats
+    corners: Corners | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)
@@ -53,7 +80,31 @@ def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
     faces need.  Elements that the fields of ``GeometryMap`` hold come last, in those fields' expansion.  FormatError,
     naming the element, for a mesh that breaks the rules of the format.
     """
-    return tuple(part if isinstance(part, GeometryBlock) else part.block() for part in parts(dataset))
+    return kept(dataset, "geometry", lambda: _whole(parts(dataset)))
+
+
+def _whole(found: Iterable[GeometryBlock | Assembly]) -> tuple[GeometryBlock, ...]:
+    return tuple(part if isinstance(part, GeometryBlock) else part.block() for part in found)
+
+
+def share(mesh: Mesh) -> None:
+    """Keep what follows from a mesh, once it is made, for as long as the mesh: it is that of many datasets."""
+    _SHARED.setdefault(mesh, {})
+
+
+def kept(dataset: Dataset, key: Hashable, make: Callable[[], T]) -> T:
+    """What follows from a dataset's mesh alone; it is made once where the mesh is shared, and is its whole mapping.
+
+    It must not refer to the mesh, which would then be kept for ever.
+    """
+    known = None if dataset.map_names else _SHARED.get(dataset.mesh)
+    if known is None:
+        return make()
+    found: T = known.pop(key) if key in known else make()
+    known[key] = found
+    while len(known) > _MOST_KEPT:
+        del known[next(iter(known))]
+    return found
 
 
 def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
@@ -120,7 +171,7 @@ class Assembly:
 
     def take(self, which: Ints) -> Floats:
         """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
-        assemble = _straight if max(self.expansion.modes) == 2 else _CURVED[self.expansion.shape.dimension]
+        assemble = _straight if self._is_straight else _CURVED[self.expansion.shape.dimension]
         rows = self.rows[which]
         coefficients = np.empty((len(rows), 3, mode_count(self.expansion)))
         for part in chunks(len(rows), _CHUNK):
@@ -129,7 +180,19 @@ class Assembly:
 
     def block(self) -> GeometryBlock:
         """All of it."""
-        return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.take(np.arange(len(self)))))
+        coefficients = frozen_floats(self.take(np.arange(len(self))))
+        return GeometryBlock(self.expansion, self.element_ids, coefficients, self._corners())
+
+    def _corners(self) -> Corners | None:
+        """The vertices of straight elements; None of curved ones."""
+        if not self._is_straight:
+            return None
+        own = self.vertices if len(self.rows) == len(self.vertices) else self.vertices[self.rows]
+        return Corners(self.skeleton.vertices, frozen_ints(own[:, _vertex_order(self.expansion)]))
+
+    @property
+    def _is_straight(self) -> bool:
+        return max(self.expansion.modes) == 2
 
 
 def _assemble(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assembly]:
@@ -159,10 +222,14 @@ def _orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
 
 
 def _straight(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
-    """Vertices alone: the mode of a vertex is 0 in directions where it lies at -1, and 1 at +1."""
+    """Vertices alone."""
+    return skeleton.vertices[vertices[:, _vertex_order(expansion)]].transpose(0, 2, 1)
+
+
+def _vertex_order(expansion: Expansion) -> list[int]:
+    """The vertex of each mode of a straight element: the mode is 0 in directions where it lies at -1, and 1 at +1."""
     modes = (expansion.shape.vertices > 0).astype(np.int64)
-    order = [int(np.flatnonzero((modes == mode).all(axis=1))[0]) for mode in mode_indices(expansion)]
-    return skeleton.vertices[vertices[:, order]].transpose(0, 2, 1)
+    return [int(np.flatnonzero((modes == mode).all(axis=1))[0]) for mode in mode_indices(expansion)]
 
 
 def _segment(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
@@ -172,7 +239,8 @@ def _segment(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Int
 def _face(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
     modes = max(expansion.modes)
     p, q = mode_indices(expansion).T
-    return skeleton.face_modes(expansion.shape, rows, modes)[:, :, p * modes + q]
+    own: Floats = skeleton.face_modes(expansion.shape, rows, modes)[p * modes + q]
+    return own.transpose(1, 2, 0)
 
 
 _CURVED = {1: _segment, 2: _face, 3: solid_modes}

@@ -11,7 +11,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Block, Dataset, Expansion, Homogeneous
 from elvis.core.errors import ElvisError, FormatError
-from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.geometry import Corners, GeometryBlock, geometry
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.grouping import Group, grouped
 from elvis.core.shapes import Shape
@@ -26,6 +26,7 @@ class Patch:
     geometry_coefficients  (n, 3, m)  of the world coordinates
     fields                 expansion of each field, None for a field that doesn't hold these elements
     coefficients           (n, m) for each field, None likewise; a view of the dataset's where whole blocks coincide
+    corners                where the maps' coefficients are vertices of the mesh: which ones
     """
 
     shape: Shape
@@ -34,6 +35,7 @@ class Patch:
     geometry_coefficients: Floats
     fields: tuple[Expansion | None, ...]
     coefficients: tuple[Floats | None, ...]
+    corners: Corners | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)
@@ -46,6 +48,7 @@ class Patch:
             element_ids=frozen_ints(self.element_ids[rows]),
             geometry_coefficients=frozen_floats(self.geometry_coefficients[rows]),
             coefficients=coefficients,
+            corners=self.corners and self.corners.take(rows),
         )
 
     @cached_property
@@ -84,18 +87,29 @@ def patches(
     if not mapping:
         return ()
     ids = np.concatenate([block.element_ids for block in mapping])
-    return tuple(_patch(group, ("the mesh", *field_names)) for group in grouped(ids, [mapping, *sources]))
+    names = ("the mesh", *field_names)
+    return tuple(_patch(group, names, _corners(group, mapping)) for group in grouped(ids, [mapping, *sources]))
 
 
 def _field(dataset: Dataset, name: str) -> tuple[Block, ...]:
-    found = [field for field in dataset.fields if field.name == name]
-    if not found:
+    try:
+        return dataset.field(name).blocks
+    except KeyError:
         names = ", ".join(field.name for field in dataset.solution) or "none"
-        raise ElvisError(f"expected a field of the dataset ({names}), found {name}")
-    return found[0].blocks
+        raise ElvisError(f"expected a field of the dataset ({names}), found {name}") from None
 
 
-def _patch(group: Group, names: tuple[str, ...]) -> Patch:
+def _corners(group: Group, mapping: Sequence[GeometryBlock]) -> Corners | None:
+    """The vertices of a group's elements; None where they aren't known, or are in several blocks."""
+    own = [block for block in mapping if block.expansion == group.expansions[0]]
+    if len(own) > 1 or own[0].corners is None:
+        return None
+    if len(group.element_ids) == len(own[0]):
+        return own[0].corners
+    return own[0].corners.take(np.flatnonzero(np.isin(own[0].element_ids, group.element_ids)))
+
+
+def _patch(group: Group, names: tuple[str, ...], corners: Corners | None) -> Patch:
     mapping, *fields = zip(group.expansions, group.coefficients, strict=True)
     expansion, coefficients = mapping
     assert expansion is not None
@@ -111,6 +125,7 @@ def _patch(group: Group, names: tuple[str, ...]) -> Patch:
         frozen_floats(coefficients),
         tuple(own for own, _ in fields),
         frozen,
+        corners,
     )
 
 

@@ -25,6 +25,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 
     is_process = arguments is None
+    if is_process:
+        # matrices here are tall and narrow: a second thread of NumPy's library waits more than it helps
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with Interrupts(is_process) as interrupts:
         try:
             if can_wait:

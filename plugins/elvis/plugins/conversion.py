@@ -143,6 +143,8 @@ class Converter(ABC):
     keeps, loses   what of a file arrives, and what doesn't
     needs    packages to import beyond ElVis's own, brought by the extra ``converters``
     options  choices of the user, keywords of the constructor
+    joins    whether several files of names that differ in a number are parts of one mesh, unless they
+             tell different times, or steps are asked for
 
     Of an object, set by its constructor:
     blocks, fields, boundaries   the data; fields and boundaries may be empty
@@ -162,6 +164,7 @@ class Converter(ABC):
     loses: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     options: ClassVar[tuple[Option, ...]] = ()
+    joins: ClassVar[bool] = False
 
     blocks: Sequence[Elements] = ()
     fields: Sequence[SourceField] = ()
@@ -186,6 +189,14 @@ class Converter(ABC):
         As ``a Nek5000 mesh (.re2) without a field: give a field file too``; told as quickly as by `opens`.
         """
         return ""
+
+    @classmethod
+    def times(cls, paths: Sequence[Path]) -> Sequence[float]:
+        """The times of the steps in files that it opens, by the numbers of its option ``step``; or of their only step.
+
+        None where the files tell no times, or only a whole reading would; FormatError where they are damaged.
+        """
+        return ()
 
     @abstractmethod
     def __init__(self, paths: Sequence[Path], **options: Any) -> None:

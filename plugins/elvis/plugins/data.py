@@ -9,10 +9,12 @@ from pathlib import Path
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain_or_folder
+from elvis.core.moments import Moment
 from elvis.core.terminal import stage
 from elvis.formats.reading import is_native, read_data
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files
+from elvis.plugins.series.step_names import expanded
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,13 @@ class Reading:
     plugin   a runtime plugin by name, or a Python file that defines one, or that defines a converter
     options  of the converter, by name; ``from`` is the name of the converter itself
     is_kept  whether a conversion is kept for the next time, and one that was kept is taken
+    moment   which step of a series, or which time
     """
 
     plugin: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     is_kept: bool = True
+    moment: Moment = field(default_factory=Moment)
 
 
 def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:
@@ -65,17 +69,36 @@ def open_data(
     Raises as `read`, and PluginError for plugins that don't exist or don't work.
     """
     reading = reading or Reading()
+    paths = expanded(paths)
     own = _converters_in(reading.plugin)
     if own:
         return _convert(paths, own, replace(reading, is_kept=False))
     opened = None if reading.options else open_files(paths, reading.plugin, report)
-    return opened or dataset_of(paths, reading)
+    if opened is None:
+        return dataset_of(paths, reading)
+    if reading.moment.step is not None:
+        raise ElvisError(f"expected data of several steps, found what the plugin {opened.name} opens as one")
+    return opened if reading.moment.time is None else replace(opened, time=reading.moment.time)
 
 
 def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
-    """The dataset in native files, and in others by way of a converter; the plugin of ``reading`` is not asked."""
+    """The dataset in native files, and in others by way of a converter; the plugin of ``reading`` is not asked.
+
+    Of a series it is the moment of ``reading``.
+    """
+    from elvis.plugins.series.series import series_of
+
+    paths = expanded(paths)
     for path in paths:
         check_plain_or_folder(path)
+    series = series_of(paths, reading)
+    if series is not None:
+        return series.at_moment(reading.moment)
+    return reading.moment.of_one_state(state_of(paths, reading))
+
+
+def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:
+    """The dataset of files that are no series, such as one step of it; moments are not looked at."""
     if not reading.options and all(map(is_native, paths)):
         return read_data(paths)
     return _convert(paths, installed_converters(), reading)

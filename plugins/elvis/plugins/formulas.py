@@ -60,6 +60,10 @@ struct Given : IFormula
     {{
         {gradient}
     }}
+    static double of(LeafJets leaves)
+    {{
+        {of}
+    }}
     static Disc within(Leaves leaves, out Disc spurious)
     {{
         {within}
@@ -115,7 +119,7 @@ class Formula:
         parts = len(ordered(self.expression.root))
         if parts > _MOST:
             raise ElvisError(f"expected an expression of at most {_MOST} parts in pictures, found {parts}")
-        bodies = {"value": self._value(), "gradient": self._gradient(), "within": self._within()}
+        bodies = {"value": self._value(), "gradient": self._gradient(), "of": self._of(), "within": self._within()}
         text = _SOURCE.format(**{name: "\n        ".join(lines) for name, lines in bodies.items()})
         return f"import distances; {text}" if self.targets else text
 
@@ -143,14 +147,36 @@ class Formula:
     def _leaves(self) -> Sequence[Node]:
         return leaves(*self._enclosed)
 
+    def _of(self) -> Iterator[str]:
+        """The value by leaves at a point."""
+        if not self.is_enclosed:
+            yield "return not_a_number();"
+            return
+        yield "uint element = leaves.element;"
+        yield "Frame frame = leaves.frame();"
+        root = self.expression.root
+        fields = [leaf for leaf in leaves(root) if leaf.op == "field"]
+        for m in self._rows([leaf.name for leaf in fields if not leaf.axes]):
+            yield f"double value{m} = leaves.field({m});"
+        for m in self._rows([leaf.name for leaf in fields if leaf.axes]):
+            yield f"double3 gradient{m} = in_world(frame, leaves.gradient({m}));"
+        names = yield from self._statements(self._numbers, root)
+        yield f"return {names[root]};"
+
     def _within(self) -> Iterator[str]:
         """The same of discs."""
         if not self.is_enclosed:
             yield "spurious = anything();"
             yield "return anything();"
             return
-        for m in self._rows([leaf.name for leaf in self._leaves if leaf.op == "field" and leaf.axes]):
-            yield f"Disc3 gradient{m} = leaves.gradient({m});"
+        rows = self._rows([leaf.name for leaf in self._leaves if leaf.op == "field" and leaf.axes])
+        if rows:
+            # in a loop, as in _gather
+            numbers = f"static const int rows[{len(rows)}] = {{ {', '.join(map(str, rows))} }};"
+            yield f"{numbers} Disc3 gradients[{len(rows)}];"
+            yield f"[loop] for (int k = 0; k < {len(rows)}; ++k) gradients[k] = leaves.gradient(rows[k]);"
+        for k, m in enumerate(rows):
+            yield f"Disc3 gradient{m} = gradients[{k}];"
         names = yield from self._statements(self._discs, *self._enclosed)
         yield f"spurious = {'Disc(-1.0lf)' if self.spurious is None else names[self.spurious]};"
         yield f"return {names[self.expression.root]};"

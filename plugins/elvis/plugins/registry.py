@@ -20,6 +20,7 @@ GROUPS = {
     "elvis.exporters": "an export",
     "elvis.volumes": "a runtime plugin",
     "elvis.devices": "a device that draws",
+    "elvis.comparisons": "pictures to compare exact ones with",
 }
 #: our own plugins come first, so that no other distribution can take their names away
 _OWN = "elvis-viz"

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import click
 
-from elvis.core.errors import ElvisError
+from elvis.core.errors import ElvisError, fault_sentence
 from elvis.core.terminal import one_line
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.registry import Plugin, PluginError, plugins
@@ -68,8 +68,7 @@ def _sentence(error: Exception) -> str:
         return f"there is not enough memory: {error}" if str(error) else "there is not enough memory"
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         return f"{error.object}: expected a name in UTF-8, as the library that takes it knows no others"
-    what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return f"unexpected {what}; this is a fault of the program, --debug shows where"
+    return f"{fault_sentence(error)}, --debug shows where"
 
 
 def _usage_sentence(error: click.ClickException) -> str:

@@ -54,6 +54,32 @@ class Enclosure:
 
 
 @dataclass(frozen=True, eq=False)
+class Slopes:
+    """Bounds over neighbourhoods of n elements, infinite where nothing is known.
+
+    gradient   (n,) sum of the absolute first derivatives in reference coordinates
+    curvature  (n,) sum of the absolute second derivatives
+    noise      (n,) how far computed values may be from the true ones
+    """
+
+    gradient: Floats
+    curvature: Floats
+    noise: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class SlopeBounds:
+    """How steep a quantity is that is no polynomial, so that its contours are proved.
+
+    map_degree  of the map, as ``Part.degree``
+    of          elements (n,), and how many times as large as an element its neighbourhood is, to their slopes
+    """
+
+    map_degree: int
+    of: Callable[[Ints, float], Slopes]
+
+
+@dataclass(frozen=True, eq=False)
 class Quantity:
     """Another field on the elements of a part: the same map and the same numbers, other values and gradients.
 
@@ -68,6 +94,9 @@ class Quantity:
     rounding optional: how far computed values may be from the true ones anywhere in each element, (n,), 0 where the
              field is constant; by default 1e-13 of the greatest value
     enclosure optional, where degree is 0: what it is made of
+    condition optional, of straight tetrahedra with a degree: what is positive where its level 0 isn't to be shown; with
+             the same map and numbers, bounds and rounding
+    slopes   optional, where degree is 0: bounds of its derivatives
     """
 
     type: str
@@ -79,6 +108,8 @@ class Quantity:
     level: Callable[[float], tuple[Quantity, float] | None] | None = None
     rounding: Callable[[], Floats] | None = None
     enclosure: Enclosure | None = None
+    condition: Quantity | None = None
+    slopes: SlopeBounds | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +138,8 @@ class Part:
                  coordinates; their hull points are these corners
     shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy
                  (`host_evaluation`)
-    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``, ``rounding`` and ``enclosure``
+    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``, ``rounding``, ``enclosure`` and
+                 ``slopes``
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
 
@@ -131,6 +163,7 @@ class Part:
     level: Callable[[float], tuple[Quantity, float] | None] | None = None
     rounding: Callable[[], Floats] | None = None
     enclosure: Enclosure | None = None
+    slopes: SlopeBounds | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from shutil import which
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -28,8 +28,9 @@ SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
 #: what to install where slang's CPU target finds no compiler
 COMPILER_ADVICE = "install a C++ compiler (g++ or clang)"
-#: features that kernels use, as slangpy calls them -> in words
-FEATURES = {"double": "64-bit floats", "int64": "64-bit integers", "wave_ops": "operations across a wave"}
+#: features that kernels use, as slangpy calls them -> in words.  Of limits they ask for no more than all devices grant:
+#: no shared memory, 64 threads a group, 32,768 groups in a row
+FEATURES = {"double": "64-bit floats", "pointer": "addresses of buffers", "wave_ops": "operations across a wave"}
 #: kinds of devices that say of themselves which features they have; CUDA has all, the CPU target answers none
 ASKED = ("vulkan",)
 #: of two devices alike otherwise the first kind is taken
@@ -168,11 +169,20 @@ def open_adapter(adapter: Adapter) -> slangpy.Device:
     except RuntimeError as error:
         raise UnfitError(adapter, f"can't be opened{_advice(adapter.kind)}") from error
     if adapter.kind in ASKED:
-        reason = lacking(lambda feature: device.has_feature(getattr(slangpy.Feature, feature)))
+        reason = lacking(partial(_has, device))
         if reason:
             device.close()
             raise UnfitError(adapter, reason)
     return device
+
+
+def _has(device: slangpy.Device, feature: str) -> bool:
+    """Whether an open device has a feature.  Of pointers slangpy answers for other targets: an address tells."""
+    slangpy = slangpy_module()
+    if feature != "pointer":
+        return bool(device.has_feature(getattr(slangpy.Feature, feature)))
+    usage = slangpy.BufferUsage.shader_resource
+    return bool(device.create_buffer(element_count=1, struct_size=8, usage=usage).device_address)
 
 
 def unfit(adapter: Adapter) -> str:

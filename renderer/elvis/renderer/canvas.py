@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import product
+from math import inf
 from time import perf_counter
 from typing import Any
 
@@ -28,6 +29,9 @@ from elvis.scene.view import View
 BAND, KEPT = 1 << 21, 1 << 23
 #: bytes for each pixel of a picture with and without its record until it is saved, and for each that is drawn at once
 BYTES, BYTES_AT_ONCE = {True: 216, False: 8}, 400
+
+#: bytes that there are always
+LITTLE = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +210,9 @@ def _arrays(view: View, records: bool) -> dict[str, Any]:
 
 def check_memory(view: View, records: bool, most: int) -> None:
     """SceneError where a picture takes more memory than is free, if ``most`` pixels are drawn at once."""
-    need, free = view.count * BYTES[records] + min(view.count, most) * BYTES_AT_ONCE, free_memory()
+    need = view.count * BYTES[records] + min(view.count, most) * BYTES_AT_ONCE
+    # the system takes longer to tell what is free than a small picture to be drawn
+    free = free_memory() if need > LITTLE else inf
     if need > free:
         alone = ", or for a .png alone" if records else ""
         raise SceneError(

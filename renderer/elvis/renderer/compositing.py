@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
-from elvis.renderer.device import Buffer, Device
+from elvis.renderer.device import Device
+from elvis.renderer.memory import Buffer
 from elvis.scene import Vector
 
 #: what lies behind a surface that lets less than this part of the light through does not count

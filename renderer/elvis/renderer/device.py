@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
+from elvis.renderer.memory import CLOSED, Buffer, Pool
 from elvis.renderer.pacing import Pace, Watch
 
 if TYPE_CHECKING:
@@ -43,26 +45,8 @@ ENCLOSED = 7
 FIRST_CAPACITY = 1 << 16
 #: the number of a dispatch's first group, as in dispatch.slang
 OFFSET = "first_group"
-#: message of the error where a closed device is used
-CLOSED = "the device is closed: open another one"
-
-
-class Buffer:
-    """Memory of a device: given back with the last reference to it, or when the device is closed."""
-
-    def __init__(self, memory: slangpy.Buffer) -> None:
-        self._memory: slangpy.Buffer | None = memory
-
-    @property
-    def memory(self) -> slangpy.Buffer:
-        """What slangpy knows it as; DeviceError where the device is closed."""
-        if self._memory is None:
-            raise DeviceError(CLOSED)
-        return self._memory
-
-    def release(self) -> None:
-        """Give the memory back, whoever still refers to the buffer."""
-        self._memory = None
+#: the number of items of all dispatches together, for kernels that declare it: buffers may have room for more
+COUNT = "item_count"
 
 
 class Device:
@@ -87,7 +71,8 @@ class Device:
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
         self._buffers: WeakSet[Buffer] = WeakSet()
-        self.bytes_made = 0  # of all buffers so far
+        self.memory, self._readable = Pool(self._create), Pool(self._create_readable)
+        self.bytes_made = 0  # of memory that was made for buffers so far
 
     @property
     def _device(self) -> slangpy.Device:
@@ -102,6 +87,8 @@ class Device:
         for kernel in self._kernels.values():
             kernel.release()
         self._kernels.clear()
+        self.memory.close()
+        self._readable.close()
         self._session, self.watch = None, Watch.none()
         device, self._opened = self._opened, None
         if device is not None:
@@ -123,34 +110,50 @@ class Device:
         """A buffer that holds the data; an empty array makes a buffer of one element."""
         data = np.ascontiguousarray(data).reshape(-1)
         data = data if len(data) else np.zeros(1, data.dtype)
-        return self._create(data.dtype, len(data), data)
+        return self._filled(len(data), data.dtype.itemsize, data)
 
     def empty(self, dtype: DTypeLike, count: int) -> Buffer:
-        """A buffer of ``count`` elements without content."""
-        return self._create(np.dtype(dtype), max(count, 1), None)
+        """A buffer of ``count`` elements with any content."""
+        return self._filled(max(count, 1), np.dtype(dtype).itemsize, None)
 
-    def _create(self, dtype: np.dtype[Any], count: int, data: NDArray[Any] | None) -> Buffer:
-        import slangpy
-
-        usage = slangpy.BufferUsage.shader_resource | slangpy.BufferUsage.unordered_access
-        usage |= slangpy.BufferUsage.copy_source | slangpy.BufferUsage.copy_destination
-        self.bytes_made += count * dtype.itemsize
+    def _filled(self, count: int, itemsize: int, data: NDArray[Any] | None) -> Buffer:
+        """A buffer of elements, with data or as it is; DeviceLostError where there is no room."""
+        before = self.memory.made
         try:
-            # plain bytes that could be written to: slangpy takes no other arrays
-            raw = None if data is None else data.view(np.uint8)
-            raw = raw if raw is None or raw.flags.writeable else raw.copy()
-            memory = self._device.create_buffer(element_count=count, struct_size=dtype.itemsize, usage=usage, data=raw)
+            buffer = self.memory.take(itemsize, count)
+            if data is not None:
+                # plain bytes that could be written to: slangpy takes no other arrays
+                raw = data.view(np.uint8)
+                buffer.memory.copy_from_numpy(raw if raw.flags.writeable else raw.copy())
         except RuntimeError as error:
-            size = count * dtype.itemsize / 2**20
+            size = count * itemsize / 2**20
             raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
-        buffer = Buffer(memory)
+        self.bytes_made += buffer.size if self.memory.made > before else 0
         self._buffers.add(buffer)
         return buffer
 
-    def read(self, buffer: Buffer, dtype: DTypeLike) -> NDArray[Any]:
-        """The content of a buffer."""
+    def _create(self, itemsize: int, count: int) -> slangpy.Buffer:
+        """Memory of the device that kernels read and write."""
+        return self._device.create_buffer(element_count=count, struct_size=itemsize, usage=_usage())
+
+    def _create_readable(self, itemsize: int, count: int) -> slangpy.Buffer:
+        """Memory that the host reads, for copies of what kernels have written."""
+        import slangpy
+
+        kind, usage = slangpy.MemoryType.read_back, slangpy.BufferUsage.copy_destination
+        return self._device.create_buffer(element_count=count, struct_size=itemsize, usage=usage, memory_type=kind)
+
+    def read(self, buffer: Buffer, dtype: DTypeLike, count: int | None = None) -> NDArray[Any]:
+        """The content of a buffer, or its first ``count`` elements."""
+        dtype = np.dtype(dtype)
+        size = buffer.size if count is None else count * dtype.itemsize
         with working():
-            content: NDArray[Any] = buffer.memory.to_numpy().reshape(-1).view(np.uint8).view(dtype)
+            copy = self._readable.take(1, max(size, 1))
+            encoder = self._device.create_command_encoder()
+            encoder.copy_buffer(copy.memory, 0, buffer.memory, 0, max(size, 1))
+            self._device.submit_command_buffer(encoder.finish())
+            self._device.wait_for_idle()
+            content: NDArray[Any] = copy.memory.to_numpy().reshape(-1).view(np.uint8)[:size].view(dtype)
         return content
 
     def kernel(
@@ -208,7 +211,7 @@ class Device:
             run(lists)
             count = int(self.read(lists["count"], np.uint32)[0])
             if count <= kernel.capacity:
-                return self.read(lists[name], dtype)[:count].copy() if count else np.empty(0, dtype)
+                return self.read(lists[name], dtype, count) if count else np.empty(0, dtype)
             kernel.capacity = count + count // 4
 
 
@@ -228,6 +231,8 @@ class Kernel:
         fields = (layout.element_type_layout or layout).fields
         self._globals: dict[str, slangpy.TypeLayoutReflection] = {item.name: item.type_layout for item in fields}
         self._dtypes: dict[str, np.dtype[Any]] = {}
+        self._needed = frozenset(self._globals) - {OFFSET, COUNT}
+        self._pointers = frozenset(name for name, own in self._globals.items() if _is_pointer(own))
 
     def release(self) -> None:
         """Give the program back, whoever still refers to the kernel."""
@@ -235,7 +240,7 @@ class Kernel:
         self._globals = {}
 
     def dtype(self, name: str) -> np.dtype[Any]:
-        """The NumPy dtype of one element of a structured buffer, as Slang lays it out."""
+        """The NumPy dtype of one element of a buffer, bound or read through a pointer, as Slang lays it out."""
         if name not in self._dtypes:
             self._dtypes[name] = _dtype(self._globals[name].element_type_layout)
         return self._dtypes[name]
@@ -250,10 +255,11 @@ class Kernel:
         """
         if self._kernel is None or self._watch is None:
             raise DeviceError(CLOSED)
-        missing = self._globals.keys() - buffers.keys() - {OFFSET}
+        missing = self._needed - buffers.keys()
         if missing:
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
-        bound = {name: self._argument(name, buffers[name]) for name in self._globals if name != OFFSET}
+        bound: dict[str, Any] = {name: self._argument(name, buffers[name]) for name in self._needed}
+        bound |= {COUNT: count} if COUNT in self._globals else {}
         total = count if groups else -(-count // self._group)
         fresh, start = not self._pace.compiled, perf_counter()
         with working():
@@ -265,10 +271,7 @@ class Kernel:
 
     def _argument(self, name: str, buffer: Buffer) -> slangpy.Buffer | int:
         """What stands for a buffer: its address where the module reads it through a pointer, else itself."""
-        import slangpy
-
-        is_pointer = self._globals[name].type.kind == slangpy.TypeReflection.Kind.pointer
-        return buffer.memory.device_address if is_pointer else buffer.memory
+        return buffer.memory.device_address if name in self._pointers else buffer.memory
 
     def _dispatch(self, first: int, total: int, bound: dict[str, Any]) -> None:
         """Run some groups from the first one on, in rows that devices allow."""
@@ -278,6 +281,22 @@ class Kernel:
         row = min(total, GROUPS_IN_ROW)
         threads = slangpy.uint3(row * self._group, -(-total // row), 1)
         self._kernel.dispatch(threads, vars={**bound, OFFSET: first})
+
+
+def _is_pointer(layout: slangpy.TypeLayoutReflection) -> bool:
+    """Whether a module reads a global through a pointer."""
+    import slangpy
+
+    return bool(layout.type.kind == slangpy.TypeReflection.Kind.pointer)
+
+
+@cache
+def _usage() -> slangpy.BufferUsage:
+    """What kernels' buffers are for; slangpy takes its time to join these."""
+    import slangpy
+
+    usage = slangpy.BufferUsage.shader_resource | slangpy.BufferUsage.unordered_access
+    return usage | slangpy.BufferUsage.copy_source | slangpy.BufferUsage.copy_destination
 
 
 def _keeping(device: slangpy.Device, cache: KernelCache, announcement: Announcement) -> Callable[[float], None]:
@@ -295,6 +314,18 @@ def _keeping(device: slangpy.Device, cache: KernelCache, announcement: Announcem
     return keep
 
 
+def _writeable(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The bytes as an array that could be written to: slangpy takes no others, though it only reads.
+
+    Nothing is copied where the memory is NumPy's own.
+    """
+    try:
+        raw.flags.writeable = True
+    except ValueError:
+        return raw.copy()
+    return raw
+
+
 @contextmanager
 def working() -> Iterator[None]:
     """What goes wrong while the device works is a DeviceLostError in the driver's words."""
@@ -307,7 +338,7 @@ def working() -> Iterator[None]:
 def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) -> str:
     """Slang text that makes a type a stage's ``TheVolume``."""
     chosen_leaves = _leaves(chosen) if stage.startswith("iso_") else ""
-    together, compact = stage in TOGETHER, stage in COMPACT or chosen.type.startswith("Expressed<")
+    together, compact = stage in TOGETHER, stage in COMPACT or chosen.type.startswith(("Expressed<", "Stacked<"))
     return (
         f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
         f"export static const bool lanes_together = {str(together).lower()};"
@@ -315,7 +346,16 @@ def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) 
         f"export static const int cube_degree = {chosen.degree or stand_in(chosen)};"
         f"export static const int line_degree = {line_degree or chosen.degree or STAND_IN};"
         f"export static const bool cube_collapsed = {str(part.collapsed).lower()};{chosen_leaves}"
+        f"{_condition(chosen) if stage == 'iso_line' else ''}"
     )
+
+
+def _condition(chosen: Part | Quantity) -> str:
+    """Slang text that says where a quantity's level isn't to be shown."""
+    condition = chosen.condition if isinstance(chosen, Quantity) else None
+    type = chosen.type if condition is None else condition.type
+    is_there = str(condition is not None).lower()
+    return f"export struct TheCondition : IVolume = {type}; export static const bool conditional = {is_there};"
 
 
 def stand_in(chosen: Part | Quantity) -> int:

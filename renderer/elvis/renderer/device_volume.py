@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from itertools import chain
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.plugins.volume import Part, Quantity, Volume
-from elvis.renderer.device import Buffer, Device
+from elvis.renderer.device import Device
+from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import BORDER
 from elvis.scene.fitting import surrounding
 
+T = TypeVar("T")
 #: unit roundings by which a coordinate may be off
 _ROUNDINGS = 8
 
@@ -29,22 +32,43 @@ class DeviceVolume:
     bytes  of all buffers so far: those of quantities come when they are first asked for
     """
 
-    def __init__(self, device: Device, volume: Volume) -> None:
+    def __init__(self, device: Device, volume: Volume, before: DeviceVolume | None = None) -> None:
+        """Bring a volume to a device; what one that was there ``before`` has too, stays, as for steps of a series."""
         device.include(volume.shader_folder)
         self.device, self.parts, self.dimension = device, list(volume.parts), volume.dimension
         self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
-        self.bytes, self._brought = 0, dict[int, Buffer]()
+        self._brought = {} if before is None or before.device is not device else before._shared_with(self.parts)
+        self.bytes = sum(data.nbytes for data, _ in self._brought.values())
+        is_same = before is not None and before.device is device and _has_same_elements(before.parts, self.parts)
+        self._of_elements: dict[Hashable, Any] = before._of_elements if before is not None and is_same else {}
         self._bounds: dict[tuple[int, str | None], tuple[Floats, Floats]] = {}
         self._ends: dict[str | None, tuple[NDArray[np.float32], Buffer]] = {}
         self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
-        self.extent = max(map(_extent, self.parts), default=0.0)
+        self.extent = self.once("extent", lambda: max(map(_extent, self.parts), default=0.0))
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What follows from the elements and their maps alone, made once for all volumes of the same elements."""
+        if key not in self._of_elements:
+            self._of_elements[key] = make()
+        found: T = self._of_elements[key]
+        return found
+
+    def shares_elements(self, other: DeviceVolume) -> bool:
+        """Whether what follows from the maps of elements is the very same."""
+        return self._of_elements is other._of_elements
+
+    def _shared_with(self, parts: Sequence[Part]) -> dict[int, tuple[NDArray[Any], Buffer]]:
+        """What the device has of the arrays of other parts."""
+        owners: Iterable[Part | Quantity] = chain.from_iterable((part, *part.quantities.values()) for part in parts)
+        wanted = {id(data) for own in owners for data in own.buffers.values()}
+        return {number: brought for number, brought in self._brought.items() if number in wanted}
 
     @cached_property
     def box(self) -> Floats:
         """(2, 3) low and high corner of a box that holds all elements."""
-        return surrounding([part.boxes for part in self.parts])
+        return self.once("box", lambda: surrounding([part.boxes for part in self.parts]))
 
     @property
     def rounding(self) -> float:
@@ -72,9 +96,16 @@ class DeviceVolume:
         if key not in self._levels:
             self._levels[key] = quantity, value
             if own.level is not None and (found := own.level(value)) is not None:
-                self.parts[number] = replace(part, quantities={**part.quantities, key[1]: found[0]})
+                condition = found[0].condition
+                brought = {key[1]: found[0], **({} if condition is None else {_condition_of(key[1]): condition})}
+                self.parts[number] = replace(part, quantities={**part.quantities, **brought})
                 self._levels[key] = key[1], found[1]
         return self._levels[key]
+
+    def condition(self, number: int, quantity: str | None) -> str | None:
+        """The quantity that is positive where the level of one isn't to be shown; None: it is shown everywhere."""
+        name = None if quantity is None else _condition_of(quantity)
+        return name if name in self.parts[number].quantities else None
 
     def bounds(self, number: int, quantity: str | None) -> tuple[Floats, Floats]:
         """Certified least and greatest value of each element of a part, (n,) each; infinite where none are known.
@@ -105,9 +136,20 @@ class DeviceVolume:
         """Arrays on the device: those that several parts and quantities share are there once."""
         for data in arrays.values():
             if id(data) not in self._brought:
-                self._brought[id(data)] = self.device.buffer(data)
+                # the array is kept, too, so that no other one gets its number
+                self._brought[id(data)] = data, self.device.buffer(data)
                 self.bytes += data.nbytes
-        return {name: self._brought[id(data)] for name, data in arrays.items()}
+        return {name: self._brought[id(data)][1] for name, data in arrays.items()}
+
+
+def _has_same_elements(some: Sequence[Part], others: Sequence[Part]) -> bool:
+    """Whether parts have the very same boxes, which plugins share where all that follows from maps is the same."""
+    return len(some) == len(others) and all(a.boxes is b.boxes for a, b in zip(some, others, strict=True))
+
+
+def _condition_of(quantity: str) -> str:
+    """The name of the condition that goes with a quantity."""
+    return f"where {quantity} isn't shown"
 
 
 def _outward(ends: Floats) -> NDArray[np.float32]:

@@ -13,6 +13,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
+from elvis.core.integrals import Integrals
 from elvis.core.mapping.boxes import BoxTree
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.tangents import duals
@@ -20,6 +21,7 @@ from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression, Names
+from elvis.core.streamlines import Streamlines
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
@@ -84,6 +86,25 @@ class Evaluation:
         with self._load(expressions) as (volume, device):
             axes = AXES[: volume.dimension] if texts is None else ()
             return self._norms([*axes, *(each.text for each in expressions)], volume, device)
+
+    def integrate(
+        self,
+        texts: Sequence[str],
+        over: Sequence[str],
+        error: float,
+        coefficients: str | None = None,
+        clip: str | None = None,
+    ) -> Integrals:
+        """None yet: ElvisError."""
+        raise ElvisError(
+            f"expected elements of a known map, to integrate over; the plugin {self.opened.name} tells norms alone"
+        )
+
+    def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
+        """None yet: ElvisError."""
+        raise ElvisError(
+            f"expected elements whose neighbours are known, to follow lines; the plugin {self.opened.name} tells none"
+        )
 
     def _norms(self, names: Sequence[str], volume: Volume, device: Renderer) -> dict[str, Norm]:
         before = np.full(len(names), np.nan)

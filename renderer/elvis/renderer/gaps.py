@@ -3,7 +3,7 @@
 In such an element the method can end at a root outside while there is one inside.  What it finds inside is right, so
 only pixels that no element owns are in question, most of them next to the domain.  Those next to an owned pixel are
 decided by proof, and so are the neighbours of all that are found; where an element owns nothing at all, every pixel
-of its section is. They are looked at in bands of rows, which bounds the memory.
+of its section is. They are looked at in bands of rows, which bounds the memory.  Drafts do without.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Ints
 from elvis.plugins.volume import Part
+from elvis.renderer.drafts import is_draft
 from elvis.renderer.pixels import NOBODY, Pixels, resolve
 from elvis.renderer.proof import prove
 from elvis.renderer.tiles import TILE, tiles_of
@@ -29,15 +30,22 @@ _MOST = 1 << 17
 class Gaps:
     """The parts of a volume, with what is known of their elements' bends."""
 
-    def __init__(self, parts: Sequence[Part], candidates: Callable[[int], NDArray[Any]]) -> None:
-        """Of a volume's parts; ``candidates`` makes n empty candidates."""
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        candidates: Callable[[int], NDArray[Any]],
+        bent: list[NDArray[np.int8]] | None = None,
+    ) -> None:
+        """Of a volume's parts; ``candidates`` makes n empty candidates, ``bent`` is what others know (see unknown)."""
         self._parts = parts
         self._empty = candidates
         self._first = np.cumsum([0, *map(len, parts)])
-        self._bent = [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
+        self._bent = unknown(parts) if bent is None else bent
 
     def close(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]]) -> None:
-        """Find the missed pixels of a picture; ``sections`` are those of each part, as cut_cull lists them."""
+        """Find the missed pixels of a picture that is no draft; ``sections`` of each part, as cut_cull lists them."""
+        if is_draft():
+            return
         free: Bools = np.asarray(pixels.owner == NOBODY).reshape(view.height, view.width)
         bent = [self._bent_ones(number, some) for number, some in enumerate(sections)]
         if not sum(map(len, bent)) or not free.any():
@@ -96,6 +104,11 @@ class Gaps:
         if len(new):
             known[new] = bends(new)
         return np.asarray(known[elements] == 1)
+
+
+def unknown(parts: Sequence[Part]) -> list[NDArray[np.int8]]:
+    """For each part whether elements bend strongly: nothing is known of any yet."""
+    return [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
 
 
 def row_bands(sections: Sequence[NDArray[Any]], mask: Bools) -> list[tuple[int, int]]:

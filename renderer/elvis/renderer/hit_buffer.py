@@ -16,7 +16,8 @@ from elvis.renderer.pixels import NOBODY
 from elvis.scene.frame import Status
 
 if TYPE_CHECKING:
-    from elvis.renderer.device import Buffer, Device
+    from elvis.renderer.device import Device
+    from elvis.renderer.memory import Buffer
 
 #: the arrays as a device holds them: kind of number, how many of a pixel, and what stands where nothing is hit
 CHANNELS: Mapping[str, tuple[type[np.generic], int, float]] = {

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from elvis.renderer.camera import record_of
 from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.device import Buffer, Device
+from elvis.renderer.device import Device
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.lines.lines import Marks
 from elvis.scene import Light, Vector, unit
 from elvis.scene.palette import NOT_A_NUMBER, Palette

@@ -14,10 +14,11 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.geometry import share
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.core.terminal import warn
-from elvis.plugins.data import Reading, open_data, pairs
+from elvis.plugins.data import open_data
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
 from elvis.plugins.registry import load, plugins
@@ -29,10 +30,12 @@ from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
-from elvis.renderer.request import Request
+from elvis.renderer.request import Request, reading_of
+from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages, quantities
 from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Vector
@@ -73,7 +76,8 @@ def render(
     """
     asked = Request.of(data, scene, keywords)
     at_hand = _at_hand(asked)
-    frame = _render(at_hand, asked.scene, device or asked.scene.device, progress)
+    shown = asked.scene if asked.data is not None else with_range(asked.scene)
+    frame = _render(at_hand, shown, device or asked.scene.device, progress)
     asked.write(frame)
     return frame
 
@@ -91,7 +95,7 @@ def _at_hand(asked: Request) -> Dataset | PluginData:
     scene = asked.scene
     if not scene.data:
         raise SceneError("expected data first: what read returns, or the mesh and field files; found none")
-    return open_data([Path(file) for file in scene.data], Reading(scene.plugin, pairs(scene.reader)), warn)
+    return open_data([Path(file) for file in scene.data], reading_of(scene), warn)
 
 
 def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
@@ -164,9 +168,17 @@ def _note(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
     shown = frame.scene.objects
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
         remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
-    known = [*remarks, *frame.stats.get("remarks", ())]
-    frame.stats["remarks"] = [*known, *(sentence for sentence in _constants(frame) if sentence not in known)]
+    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
     return frame
+
+
+def _rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
+    """A sentence on derivatives in time, where the scene has some."""
+    if not isinstance(data, Dataset) or data.rates is None:
+        return []
+    names = names_of(data)
+    has_some = any(Expression.parse(text, names).has_rates for text in quantities(scene))
+    return [data.rates.remark] if has_some else []
 
 
 def _constants(frame: Frame) -> list[str]:
@@ -192,6 +204,7 @@ class Pictures:
         self._time: float | None = None
         self._remarks: Sequence[str] = ()
         self._kind: Kind | None = None
+        self._checked: tuple[str, float | None] | None = None
 
     def __enter__(self) -> Pictures:
         return self
@@ -206,19 +219,36 @@ class Pictures:
         if renderer is not None:
             renderer.close()
 
+    @property
+    def buffers_made(self) -> int:
+        """Pieces of the device's memory that were made so far; steady frames make none."""
+        return 0 if self._renderer is None else self._renderer.device.memory.made
+
+    def show(self, data: Dataset | PluginData) -> None:
+        """Take other data for the next pictures; the device stays."""
+        if isinstance(data, Dataset) and isinstance(self.data, Dataset) and data.mesh is self.data.mesh:
+            share(data.mesh)
+        self.data, self._kind, self._checked = data, None, None
+        self._quantities = ()
+
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
         data = self.data
+        if scene.range == "series":
+            raise SceneError("range: series needs the files of a series: expected seen, all or two values")
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))
         if isinstance(data, Dataset) and scene.time is not None:
             data = replace(data, time=scene.time)
-        scene = _with_quantity(scene, data)
+        if self._checked != (scene.field, scene.time):
+            scene = _with_quantity(scene, data)
+            self._checked = scene.field, scene.time
         self._kind = self._kind or _kind(data, scene)
         remarks = data.remarks if isinstance(data, Dataset) else ()
         asked, scene = scene, _arrange(scene, self._kind)
         other = _other(self.device)
+        remarks = (*remarks, *_rates(data, scene))
         if other is not None:
             return _note(other(data, scene), asked, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
@@ -259,6 +289,7 @@ class Renderer:
         self.seconds: dict[str, float] = {}
         self._stages: Stages | None = None
         self._fitted: tuple[object, View] | None = None
+        self._is_set = False  # whether that view is the scene's own, whatever the data
 
     def __enter__(self) -> Renderer:
         return self
@@ -279,8 +310,13 @@ class Renderer:
 
     def show(self, volume: Volume, dataset: Dataset | None = None) -> None:
         """Bring a volume to the device; ``dataset`` is what it was made of, None where a runtime plugin has made it."""
-        self._fitted = None
-        self._stages = Stages(DeviceVolume(self.device, volume), volume, dataset)
+        # of runtime plugins nothing says that maps are still what they were
+        last = self._stages
+        before = None if last is None or last.dataset is None or dataset is None else last.loaded
+        loaded = DeviceVolume(self.device, volume, before)
+        if before is None or not (self._is_set and loaded.shares_elements(before)):
+            self._fitted = None
+        self._stages = Stages(loaded, volume, dataset)
 
     @property
     def stages(self) -> Stages:
@@ -319,7 +355,6 @@ class Renderer:
             pixels=frame.counts(),
             remarks=[
                 *frame.stats.get("remarks", ()),
-                *_constants(frame),
                 *self.device.passed,
                 *self.device.cache.remarks,
             ],
@@ -369,10 +404,11 @@ class Renderer:
     def _view(self, scene: Scene) -> View:
         """The view of a scene: that of the last scene where it shows the same from the same camera."""
         part = scene.region, scene.zoom, scene.box, scene.axes
-        key = (scene.every_object, scene.clip, scene.camera, scene.size, part)
+        key = (scene.every_object, scene.clip, scene.camera, scene.size, part, is_draft())
         if self._fitted is None or self._fitted[0] != key:
             boxes = [part.boxes for part in self.stages.loaded.parts]
-            self._fitted = key, view_of(automatic(scene, boxes, self._glance))
+            asked = automatic(scene, boxes, self._glance)
+            self._fitted, self._is_set = (key, view_of(asked)), asked is scene
         return self._fitted[1]
 
     def _glance(self, scene: Scene) -> Bools:

@@ -11,6 +11,7 @@ from typing import Any
 
 from elvis.core.dataset import Dataset
 from elvis.core.files.output import Outputs, check_places
+from elvis.plugins.data import Reading, pairs
 from elvis.plugins.opening import PluginData
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
@@ -19,6 +20,14 @@ from elvis.scene.tables import input_files
 
 #: how names of files end, and texts of quantities don't
 _SUFFIX = re.compile(r"\.[A-Za-z][A-Za-z0-9_]*$")
+
+
+def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
+    """How a scene wants its files read, and which moment of a series.
+
+    is_kept  whether conversions are kept
+    """
+    return Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.passes.faces.faces import FaceDrawer
+from elvis.renderer.passes.faces.faces import FaceDrawer, FacesInView
 from elvis.renderer.passes.isosurface.distance import DistanceDrawer
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.renderer.passes.lines.lines import Lines
@@ -121,6 +121,9 @@ class Stages:
     @cached_property
     def inverted_elements(self) -> int:
         """Elements whose Jacobian is certainly not positive all over: the straight tetrahedra, and all of a dataset."""
+        return self.loaded.once("inverted", self._count_inverted)
+
+    def _count_inverted(self) -> int:
         corners = [self.volumes.traversal.corners(n) for n, part in enumerate(self.loaded.parts) if part.affine]
         sides = [some[:, 1:] - some[:, :1] for some in corners]
         count = sum(int(np.count_nonzero(np.linalg.det(some) <= 0.0)) for some in sides)
@@ -334,7 +337,8 @@ class Stages:
 
 
 def _drawer_of_faces(loaded: DeviceVolume, dataset: Dataset | None, volume: Volume) -> FaceDrawer:
-    return FaceDrawer(loaded, faces_of(dataset, volume))
+    faces = loaded.once("faces", lambda: faces_of(dataset, volume))
+    return FaceDrawer(loaded, faces, loaded.once("faces in view", FacesInView))
 
 
 def quantities(scene: Scene) -> tuple[str, ...]:

@@ -11,8 +11,9 @@ from elvis.core.arrays import Bools, Floats, frozen_floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import Buffer, Kernel
+from elvis.renderer.device import Kernel
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.memory import Buffer
 from elvis.renderer.tiles import Sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.view import View
@@ -28,7 +29,7 @@ class Traversal:
 
     def __init__(self, loaded: DeviceVolume) -> None:
         self.loaded, self.device = loaded, loaded.device
-        self._corners: dict[int, Floats] = {}
+        self._lines: dict[int, dict[str, Buffer]] = {}
 
     def degree(self, number: int, quantity: str | None) -> int:
         """See Part.degree."""
@@ -69,9 +70,7 @@ class Traversal:
 
     def corners(self, number: int) -> Floats:
         """(n, 4, 3) the corners of a part's straight tetrahedra; asked of the device once."""
-        if number not in self._corners:
-            self._corners[number] = self._read_corners(number)
-        return self._corners[number]
+        return self.loaded.once(("corners", number), lambda: self._read_corners(number))
 
     def _read_corners(self, number: int) -> Floats:
         part = self.loaded.parts[number]
@@ -93,7 +92,9 @@ class Traversal:
 
     def lines(self, degree: int) -> dict[str, Buffer]:
         """Places on a line, and the way from values there to Bernstein coefficients: exact, and with an error."""
-        return {name: self.device.buffer(data) for name, data in _line(degree).items()}
+        if degree not in self._lines:
+            self._lines[degree] = {name: self.device.buffer(data) for name, data in _line(degree).items()}
+        return self._lines[degree]
 
 
 def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:

@@ -8,18 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame, Legend
+from elvis.scene.page import BarPlace, Layout
 from elvis.scene.palette import text_color_on
 from elvis.scene.whole import VECTORS
-
-if TYPE_CHECKING:
-    pass
 
 #: seeds the names that matplotlib gives to parts of SVG files, so that the same figure is the same file
 SALT = "elvis"
@@ -37,14 +35,18 @@ def needs_figure(frame: Frame, suffix: str) -> bool:
     return not scene.plain and bool(asked or has_bar or (scene.title or "").count("$") > 1)
 
 
-def save_figure(frames: Sequence[Frame], path: Path, suffix: str, *, plain: bool = False) -> None:
-    """Write a figure of one picture, or of several in panels, as the scene of the first says."""
+def save_figure(frames: Sequence[Frame], path: Path | BinaryIO, suffix: str, *, plain: bool = False) -> Layout:
+    """Write a figure of one picture, or of several in panels, as the scene of the first says.
+
+    Returns where the first picture and its bars lie.
+    """
     scene = frames[0].scene
     with settings(scene):
         _check_mathematics(frames)
         page = Page(frames, plain=plain)
         how = {"bbox_inches": page.bounds(), "pad_inches": 0, "metadata": DATES[suffix]}
         page.figure.savefig(path, format=suffix[1:], dpi=scene.dpi, **how)
+        return page.layout(how["bbox_inches"])
 
 
 def settings(scene: Scene) -> AbstractContextManager[Any]:
@@ -152,6 +154,19 @@ class Page:
         margin = 0.8 * self.unit
         low, high = np.floor(every.min(axis=0) - margin), np.ceil(every.max(axis=0) + margin)
         return Bbox(np.array([low, high]) / self.scene.dpi)
+
+    def layout(self, bounds: Any) -> Layout:
+        """Where the first picture and its bars lie within bounds in inches; rows are counted from above."""
+        low, high = np.asarray(bounds.get_points()) * self.scene.dpi
+        panel = self.panels[0]
+        left, lower = panel.corner - low
+        width, height = np.rint(high - low).astype(int).tolist()
+        bars = []
+        for bar in panel.bars:
+            x, y, wide, tall = bar.place().tolist()
+            box = (left + x, height - (lower + y + tall), wide, tall)
+            bars.append(BarPlace(bar.legend, box, bar.is_upright))
+        return Layout((width, height), (round(left), round(height - lower - panel.height)), tuple(bars))
 
 
 def _common(frames: Sequence[Frame]) -> Legend | None:

@@ -159,16 +159,17 @@ def _with_exponents(base: Any) -> Any:
 def _toml(table: Table) -> str:
     """A table as TOML: plain keys first, lists of tables after them."""
     listed = {k: v for k, v in table.items() if isinstance(v, list) and v and isinstance(v[0], dict)}
-    lines = [f"{key} = {_toml_value(value)}" for key, value in table.items() if key not in listed]
+    lines = [f"{key} = {toml_text(value)}" for key, value in table.items() if key not in listed]
     for key, items in listed.items():
         for item in items:
-            lines += ["", f"[[{key}]]", *(f"{name} = {_toml_value(value)}" for name, value in item.items())]
+            lines += ["", f"[[{key}]]", *(f"{name} = {toml_text(value)}" for name, value in item.items())]
     return "\n".join([*lines, ""])
 
 
-def _toml_value(value: Any) -> str:
+def toml_text(value: Any) -> str:
+    """A plain value, as `toml_value` reads it."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{key} = {toml_text(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_toml_value, value)) + "]"
+        return "[" + ", ".join(map(toml_text, value)) + "]"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

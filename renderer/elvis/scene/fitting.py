@@ -36,7 +36,7 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     if scene.region is not None and plane is None:
         raise SceneError("region: expected 2D data or a single plane, found other objects: choose a camera for these")
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
-        return replace(scene, size=scene.size or LARGEST)
+        return scene if scene.size else replace(scene, size=LARGEST)
     if isinstance(camera, str):
         camera = named_camera(camera, plane)
 

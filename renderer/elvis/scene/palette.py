@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
 from elvis.scene import ColorBar, Transfer, Vector
@@ -53,20 +54,7 @@ class Palette:
         if name in FIRST or name.lower().endswith(".xml"):
             places = np.array(FIRST.get(name) or points_in(name))
             return Palette(_between(places[:, 0], places[:, 1:], (0.0, 1.0)), low, high)
-        import cmap
-
-        # a plain name stands for matplotlib's map where several collections have one
-        logging.getLogger("cmap").setLevel(logging.ERROR)
-        try:
-            colormap = cmap.Colormap(ALIASES.get(name, name))
-        except (ValueError, TypeError) as error:
-            meant = perhaps(name, [*cmap.Colormap.catalog(), *FIRST, *ALIASES])
-            known = ", ".join(("viridis", "magma", "turbo", "coolwarm", "RdBu_r", "gray", *FIRST, *ALIASES))
-            raise SceneError(
-                f"unknown colour map {name!r}{meant}: expected an .xml file or a name of the cmap catalogue, "
-                f"e.g. {known}"
-            ) from error
-        return Palette(np.ascontiguousarray(colormap.lut(STEPS)[:, :3], dtype=np.float64), low, high)
+        return Palette(_of_catalogue(name), low, high)
 
     def over_range(self, bar: ColorBar | None) -> Palette:
         """The same colours, spread over the values as a bar says; SceneError where the range has no logarithms."""
@@ -104,6 +92,24 @@ class Palette:
     def colors(self, values: Floats) -> Floats:
         """Colours (…, 3) in [0, 1] of values (…)."""
         return np.vstack([self.table, NOT_A_NUMBER]).take(self.steps(values), axis=0)
+
+
+@lru_cache(maxsize=64)
+def _of_catalogue(name: str) -> Floats:
+    """(STEPS, 3) the colours of a map of the cmap catalogue, which takes its time to make them."""
+    import cmap
+
+    # a plain name stands for matplotlib's map where several collections have one
+    logging.getLogger("cmap").setLevel(logging.ERROR)
+    try:
+        colormap = cmap.Colormap(ALIASES.get(name, name))
+    except (ValueError, TypeError) as error:
+        meant = perhaps(name, [*cmap.Colormap.catalog(), *FIRST, *ALIASES])
+        known = ", ".join(("viridis", "magma", "turbo", "coolwarm", "RdBu_r", "gray", *FIRST, *ALIASES))
+        raise SceneError(
+            f"unknown colour map {name!r}{meant}: expected an .xml file or a name of the cmap catalogue, e.g. {known}"
+        ) from error
+    return frozen_floats(colormap.lut(STEPS)[:, :3])
 
 
 def linear_part(bar: ColorBar, low: float, high: float) -> float:

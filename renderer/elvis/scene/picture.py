@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from elvis.core.arrays import Floats
 from elvis.scene import Vector, VolumeRendering
 from elvis.scene.frame import Frame, Legend
-from elvis.scene.page import Page, Part, Rgb
+from elvis.scene.page import BarPlace, Page, Part, Rgb
 from elvis.scene.palette import text_color_on
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
@@ -107,16 +107,24 @@ def _add_frame(frame: Frame) -> Page:
     below = Part.blank((0, bottom, right, height), paper)
     for part in (above, beside):
         part.text((unit, top / 2), title, fill=text_color, font=font, anchor="lm")
-    x = image_width + 5 * unit // 2
-    for bar in bars:
-        bar.draw(beside, (x, top))
-        x += bar.width
+    page.bars = _draw_bars(bars, beside, (image_width + 5 * unit // 2, top))
     for part in (below, beside):
         _write_lines(part, (unit, bottom + unit), lines, line_height, fill=text_color, font=small)
     page.parts += [above, beside, below]
     if min(image_width, image_height) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, page, unit, small)
     return page
+
+
+def _draw_bars(bars: Sequence[_Bar], part: Part, corner: tuple[int, int]) -> tuple[BarPlace, ...]:
+    """Bars next to one another, the first one at a corner; where they lie."""
+    x, y = corner
+    places = []
+    for bar in bars:
+        bar.draw(part, (x, y))
+        places.append(BarPlace(bar.legend, (x, y, bar.thickness, bar.height)))
+        x += bar.width
+    return tuple(places)
 
 
 def _write_lines(part: Part, place: tuple[int, int], lines: list[str], step: int, **style: Any) -> None:
@@ -138,10 +146,12 @@ class _Bar:
 
     def __init__(self, legend: Legend, has_name: bool, unit: int, height: int, font: Font, text_color: Rgb) -> None:
         assert legend.palette is not None
+        self.legend = legend
         self.palette = legend.palette
         self.marks = legend.marks
         self.name = legend.title if has_name else ""
         self.unit = unit
+        self.thickness = 3 * unit // 2
         self.height = height
         self.font = font
         self.text_color = text_color
@@ -157,7 +167,7 @@ class _Bar:
         """The bar with a thin border, contours across it and numbers next to it."""
         palette = self.palette
         x, y = corner
-        width = 3 * self.unit // 2
+        width = self.thickness
         thin = max(1, self.unit // 12)
         text_style: dict[str, Any] = {"fill": self.text_color, "font": self.font, "anchor": "lm"}
         column = palette.colors(np.linspace(palette.high, palette.low, self.height))[:, None, :]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable
-from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -16,18 +15,17 @@ _HEADER = bytes([8, 2, 0, 0, 0])
 _LEVEL = 6
 
 
-def write_png(path: Path, width: int, height: int, strips: Iterable[NDArray[np.uint8]]) -> None:
+def write_png(file: BinaryIO, width: int, height: int, strips: Iterable[NDArray[np.uint8]]) -> None:
     """Write a picture from strips (rows, width, 3), from the top, that have ``height`` rows together."""
-    with path.open("wb") as file:
-        file.write(_SIGNATURE)
-        _chunk(file, b"IHDR", width.to_bytes(4, "big") + height.to_bytes(4, "big") + _HEADER)
-        compressor, above = zlib.compressobj(_LEVEL), np.zeros((width, 3), np.uint8)
-        for strip in strips:
-            if data := compressor.compress(_filtered(strip, above)):
-                _chunk(file, b"IDAT", data)
-            above = strip[-1].copy()
-        _chunk(file, b"IDAT", compressor.flush())
-        _chunk(file, b"IEND", b"")
+    file.write(_SIGNATURE)
+    _chunk(file, b"IHDR", width.to_bytes(4, "big") + height.to_bytes(4, "big") + _HEADER)
+    compressor, above = zlib.compressobj(_LEVEL), np.zeros((width, 3), np.uint8)
+    for strip in strips:
+        if data := compressor.compress(_filtered(strip, above)):
+            _chunk(file, b"IDAT", data)
+        above = strip[-1].copy()
+    _chunk(file, b"IDAT", compressor.flush())
+    _chunk(file, b"IEND", b"")
 
 
 def _filtered(strip: NDArray[np.uint8], above: NDArray[np.uint8]) -> bytes:

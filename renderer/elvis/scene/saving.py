@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from PIL import Image
@@ -14,6 +14,7 @@ from elvis.core.files.output import Outputs, replacing
 from elvis.scene.errors import SceneError
 from elvis.scene.figure import needs_figure, save_figure
 from elvis.scene.frame import Frame, Status
+from elvis.scene.page import Layout
 from elvis.scene.permissions import PICTURES
 from elvis.scene.png import write_png
 from elvis.scene.whole import VECTORS
@@ -50,7 +51,8 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
             case suffix if suffix in VECTORS or (suffix == ".png" and needs_figure(frame, suffix)):
                 save_figure([frame], temporary, suffix, plain=plain)
             case ".png":
-                _save_png(frame, temporary, plain=plain)
+                with temporary.open("wb") as stream:
+                    save_png(frame, stream, plain=plain)
             case ".exr":
                 _save_exr(frame, temporary)
             case _:
@@ -58,18 +60,19 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
                     np.savez_compressed(stream, **arrays(frame))
 
 
-def _save_png(frame: Frame, path: Path, *, plain: bool) -> None:
-    """The picture; a large one row by row."""
-    from elvis.scene.picture import page, picture
+def save_png(frame: Frame, stream: BinaryIO, *, plain: bool) -> Layout:
+    """Write the picture, a large one row by row; where things lie on it."""
+    from elvis.scene.picture import page
 
     if frame.scene.is_clear:
-        Image.fromarray(frame.rgba, "RGBA").save(path, format="PNG")
-        return
-    if frame.view.count <= LARGE:
-        picture(frame, plain=plain).save(path, format="PNG")
-        return
+        Image.fromarray(frame.rgba, "RGBA").save(stream, format="PNG")
+        return page(frame, plain=True).layout
     whole = page(frame, plain=plain)
-    write_png(path, whole.width, whole.height, whole.strips())
+    if frame.view.count <= LARGE:
+        Image.fromarray(whole.rows(0, whole.height), "RGB").save(stream, format="PNG")
+    else:
+        write_png(stream, whole.width, whole.height, whole.strips())
+    return whole.layout
 
 
 def arrays(frame: Frame) -> dict[str, Any]:

@@ -25,6 +25,14 @@ def unit(vector: "Vector | Floats", what: str) -> "Floats":
     return np.asarray(scaled / np.linalg.norm(scaled))
 
 
+def cross(a: "Floats", b: "Floats") -> "Floats":
+    """The cross product of two vectors (3,), to the bit that of NumPy, which is slow with single ones."""
+    import numpy as np
+
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 @dataclass(frozen=True, repr=False)
 class Plane(Model, of="a plane"):
     """A plane; its inside lies behind the normal."""
@@ -43,8 +51,8 @@ class Plane(Model, of="a plane"):
 
         normal = unit(self.normal, "the normal of the plane")
         towards = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
-        right = unit(np.cross(towards, normal), "right")
-        return right, np.cross(normal, right), normal
+        right = unit(cross(towards, normal), "right")
+        return right, cross(normal, right), normal
 
 
 @dataclass(frozen=True, repr=False)

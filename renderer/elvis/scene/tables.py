@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import is_dataclass, replace
 from pathlib import Path
@@ -14,6 +15,8 @@ from elvis.scene.surfaces import Surface
 from elvis.scene.whole import Scene
 
 Table = dict[str, Any]
+#: what stands between the steps of a key
+_BETWEEN_STEPS = re.compile(r"[.\[\]]+")
 #: what the key ``kind`` says where several tables are possible
 KINDS: dict[type, str] = {cls: cls.kind for cls in (*get_args(SceneObject), *get_args(Surface))}
 
@@ -35,6 +38,11 @@ def table_of(item: Any, folder: str | None = None) -> Table:
         item = with_files(item, lambda name: os.path.relpath(name, folder or "."))
     given = {name: _plain(value) for name, value in given_values(item).items() if value is not None}
     return {"kind": item.kind, **given} if type(item) in KINDS else given
+
+
+def steps_of(key: str) -> list[int | str]:
+    """The steps of a key such as ``objects[0].style.opacity`` from a scene's table to a value."""
+    return [int(step) if step.isdecimal() else step for step in _BETWEEN_STEPS.split(key.rstrip("]"))]
 
 
 def input_files(scene: Scene) -> list[Path]:

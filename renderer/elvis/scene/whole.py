@@ -1,15 +1,16 @@
 """Cameras and scenes."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from elvis.core.hints import nearest, perhaps
+from elvis.core.moments import BETWEEN, Moment
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import COLOR, POSITIVE, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
 from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check, settings
-from elvis.scene.surfaces import Plane, Surface, Vector, unit
+from elvis.scene.surfaces import Plane, Surface, Vector, cross, unit
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -27,10 +28,10 @@ def _basis(eye: Vector, at: Vector, up: Vector) -> "tuple[Floats, Floats, Floats
     from elvis.core.arrays import frozen_floats
 
     forward = unit(np.subtract(at, eye), "the view of the camera (at - eye)")
-    if np.abs(np.cross(forward, unit(up, "up of the camera"))).max() < ALONG_UP:
+    if np.abs(cross(forward, unit(up, "up of the camera"))).max() < ALONG_UP:
         up = (0.0, 0.0, 1.0) if abs(forward[1]) > 0.9 else (0.0, 1.0, 0.0)
-    right = unit(np.cross(forward, up), "up × view of the camera")
-    return frozen_floats(right), frozen_floats(np.cross(right, forward)), frozen_floats(forward)
+    right = unit(cross(forward, np.asarray(up, np.float64)), "up × view of the camera")
+    return frozen_floats(right), frozen_floats(cross(right, forward)), frozen_floats(forward)
 
 
 @dataclass(frozen=True, repr=False)
@@ -170,12 +171,12 @@ class Scene(Model):
         ),
     ] = "viridis"
     range: Annotated[
-        tuple[float, float] | Literal["seen", "all"] | None,
+        tuple[float, float] | Literal["seen", "all", "series"] | None,
         Setting(
-            "Values at the ends of the colour map: two values, seen (of the picture), or all (certified bounds of the "
-            "whole field).",
+            "Values at the ends of the colour map: two values, seen (of the picture), all (certified bounds of the "
+            "whole field), or series (of the field at all steps).",
             option="--range",
-            metavar="LOW:HIGH|seen|all",
+            metavar="LOW:HIGH|seen|all|series",
             parse="color_range",
             default="seen",
         ),
@@ -279,8 +280,31 @@ class Scene(Model):
     ] = 1.0
     time: Annotated[
         float | None,
-        Setting("What t stands for in expressions.", finite=True, option="--time", default="the time of the data"),
+        Setting(
+            "What t stands for in expressions; of a series also the time that is shown.",
+            finite=True,
+            option="--time",
+            default="the time of the data",
+        ),
     ] = None
+    step: Annotated[
+        int | None,
+        Setting(
+            "Which step of a series, counted from 0, or from its end where it is negative.",
+            option="--step",
+            default="the last",
+        ),
+    ] = None
+    between: Annotated[
+        Literal["linear", "cubic", "nearest"],
+        Setting(
+            "What is shown between steps of a series: coefficients, interpolated between two steps or, cubic, four; or "
+            "the nearest step.",
+            option="--between",
+            metavar="|".join(BETWEEN),
+            names=BETWEEN,
+        ),
+    ] = "linear"
     timeout: Annotated[
         float | None,
         Setting(
@@ -347,12 +371,14 @@ class Scene(Model):
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
             meant = perhaps(self.camera, NAMED_VIEWS)
             raise SceneError(f"unknown view {self.camera!r}{meant}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
+        check(self.step is None or self.time is None, "step", "no time beside it", self.time)
+        check(self.between in BETWEEN, "between", "linear, cubic or nearest", repr(self.between))
         ends = self.region
         good = ends is None or (ends[0] < ends[1] and ends[2] < ends[3])
         check(good, "region", "x0 < x1 and y0 < y1", ends)
         check(len(self.background) in (3, 4), "background", "3 numbers, or 4", len(self.background))
         if isinstance(self.range, str):
-            check(self.range in ("seen", "all"), "range", "seen, all or two values", self.range)
+            check(self.range in ("seen", "all", "series"), "range", "seen, all, series or two values", self.range)
         else:
             check_range(self.range)
 
@@ -377,10 +403,15 @@ class Scene(Model):
         labelled = any(style.contours and style.contours.labels for style in styles)
         return self.outline or labelled or any(name.lower().endswith(VECTORS) for name in self.outputs)
 
-    @property
+    @cached_property
     def every_object(self) -> tuple[SceneObject, ...]:
         """The objects, the shortcut ``plane`` first."""
         return self.objects if self.plane is None else (CutSurface(self.plane), *self.objects)
+
+    @property
+    def moment(self) -> Moment:
+        """What of a series is shown."""
+        return Moment(self.step, self.time, self.between)
 
     @property
     def only_plane(self) -> Plane | None:

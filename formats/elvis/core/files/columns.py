@@ -1,10 +1,10 @@
-"""Columns of numbers in files: text with every digit, or NumPy's own archive."""
+"""Columns of numbers and words in files: text with every digit, or NumPy's own archive."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from zipfile import ZipFile, ZipInfo
 
 import numpy as np
@@ -16,6 +16,8 @@ from elvis.core.files.output import replacing
 Columns = Mapping[str, NDArray[np.generic]]
 
 _ROWS_AT_ONCE = 4096
+#: of cells, by the kind of their column; others are whole numbers
+_FORMATS = {"f": "%.17g", "U": "%s"}
 
 
 def check_suffix(path: str | Path) -> None:
@@ -46,14 +48,18 @@ def _write_npz(file: BinaryIO, columns: Columns) -> None:
 def csv_lines(columns: Columns) -> Iterator[str]:
     """The text of the table, many lines at a time: a header, integers plain, floats with 17 significant digits.
 
-    Names that hold a comma, a quote or a line end are quoted; what is not a number reads ``nan``.
+    Names and words that hold a comma, a quote or a line end are quoted; what is not a number reads ``nan``.
     """
     yield ",".join(map(_quote, columns)) + "\n"
-    line = ",".join("%.17g" if array.dtype.kind == "f" else "%d" for array in columns.values()) + "\n"
+    line = ",".join(_FORMATS.get(array.dtype.kind, "%d") for array in columns.values()) + "\n"
     rows = len(next(iter(columns.values())))
     for first in range(0, rows, _ROWS_AT_ONCE):
-        block = [array[first : first + _ROWS_AT_ONCE].tolist() for array in columns.values()]
+        block = [_cells(array[first : first + _ROWS_AT_ONCE]) for array in columns.values()]
         yield "".join(line % row for row in zip(*block, strict=True))
+
+
+def _cells(array: NDArray[np.generic]) -> list[Any]:
+    return [_quote(word) for word in array.tolist()] if array.dtype.kind == "U" else array.tolist()
 
 
 def _quote(name: str) -> str:

@@ -178,8 +178,15 @@ def check_places(paths: Sequence[str | Path], inputs: Iterable[str | Path] = (),
         check_inputs(paths, inputs)
 
 
-def check_inputs(paths: Iterable[str | Path], inputs: Iterable[str | Path]) -> None:
-    """ElvisError where a file to be written is an input or a link to one, or lies in an input that is a folder."""
+def check_inputs(
+    paths: Iterable[str | Path],
+    inputs: Iterable[str | Path],
+    advice: str = "name another output, or say --overwrite",
+) -> None:
+    """ElvisError where a file to be written is an input or a link to one, or lies in an input that is a folder.
+
+    advice  what is to be done then
+    """
     given = [Path(each) for each in inputs]
     for path in filter(os.path.isfile, paths):
         for other in filter(Path.exists, given):
@@ -187,7 +194,7 @@ def check_inputs(paths: Iterable[str | Path], inputs: Iterable[str | Path]) -> N
             if inside or os.path.samefile(path, other):
                 what = "it is an input" if str(path) == str(other) else f"it is the input {other}"
                 what = f"it lies in the input {other}" if inside else what
-                raise ElvisError(f"{path}: not written: {what}; name another output, or say --overwrite")
+                raise ElvisError(f"{path}: not written: {what}; {advice}")
 
 
 def _check_writable(path: str | Path) -> None:

@@ -182,10 +182,27 @@ def bernstein_values(space: BernsteinSpace, points: Floats) -> Floats:
 
 def _line_values(degree: int, t: Floats, powers: Ints) -> Floats:
     """(n, count) values of b_i^degree(t) for the powers i (count,)."""
-    i = np.arange(degree + 1)
-    binomials = np.array([float(comb(degree, k)) for k in i])
-    table = binomials * t[:, None] ** i * (1 - t)[:, None] ** (degree - i)
-    return np.take(table, powers, axis=1)
+    return np.take(line_tables(degree, t)[0], powers, axis=1)
+
+
+def line_tables(degree: int, t: Floats, orders: int = 0) -> Floats:
+    """(1 + orders, n, degree + 1) Bernstein polynomials at t (n,) in [0, 1], then their derivatives."""
+    result = np.zeros((1 + orders, len(t), degree + 1))
+    for order in range(min(degree, orders) + 1):
+        powers = np.arange(degree - order + 1)
+        lower = _binomials(degree - order) * t[:, None] ** powers * (1 - t[:, None]) ** powers[::-1]
+        factor = 1.0
+        for k in range(order):
+            lower = np.pad(lower, ((0, 0), (1, 1)))
+            lower = lower[:, :-1] - lower[:, 1:]
+            factor *= degree - k
+        result[order] = factor * lower
+    return result
+
+
+@lru_cache(maxsize=64)
+def _binomials(degree: int) -> Floats:
+    return frozen_floats([float(comb(degree, k)) for k in range(degree + 1)])
 
 
 def _simplex_values(degree: int, t: Floats, powers: Ints) -> Floats:

@@ -14,7 +14,7 @@ from math import comb
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.polynomials.bernstein import BernsteinSpace
+from elvis.core.polynomials.bernstein import BernsteinSpace, line_tables
 from elvis.core.shapes import Shape
 
 #: for each direction of eta those whose powers lower the degree in it, on shapes whose spaces aren't tensor products
@@ -42,6 +42,36 @@ def box_nets(space: BernsteinSpace, coefficients: Floats) -> Floats:
     return np.ascontiguousarray(net.transpose(0, *range(len(sizes), 0, -1)))
 
 
+def difference(one: Floats, other: Floats) -> Floats:
+    """(n, D1, …, Dd) nets of the difference of polynomials, of degrees that may differ, with nets (n, …) each."""
+    for axis in range(1, one.ndim):
+        degree = max(one.shape[axis], other.shape[axis]) - 1
+        one, other = (_raised(nets, axis, degree) for nets in (one, other))
+    return one - other
+
+
+def _raised(nets: Floats, axis: int, degree: int) -> Floats:
+    """The nets in a higher degree along an axis."""
+    own = nets.shape[axis] - 1
+    if own == degree:
+        return nets
+    matrix = np.array([power_net(power, own, degree) for power in range(own + 1)])
+    return np.moveaxis(np.moveaxis(nets, axis, -1) @ matrix, -1, axis)
+
+
+def nets_through(values: Floats, places: Floats, dimension: int) -> Floats:
+    """(n, D, …, D) nets of the polynomials with values (n, D^dimension) on the lattice of places (D,) in [0, 1].
+
+    The last direction runs fastest.
+    """
+    count = len(places)
+    inverse = np.linalg.inv(line_tables(count - 1, places)[0])
+    nets = values.reshape(-1, *(count,) * dimension)
+    for axis in range(dimension):
+        nets = np.moveaxis(np.moveaxis(nets, 1 + axis, -1) @ inverse.T, -1, 1 + axis)
+    return nets
+
+
 def corners(nets: Floats) -> Floats:
     """(n, 2^d) values at the corners of the boxes, where the net is the polynomial; the last direction runs fastest."""
     ends = [[0, -1]] * (nets.ndim - 1)
@@ -60,6 +90,16 @@ def all_halves(nets: Floats) -> Floats:
     for axis in range(nets.ndim - 1):
         nets = np.concatenate(halves(nets, axis))
     return nets
+
+
+def all_half_boxes(low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """(2^d n, d) ends of the halves of boxes (n, d) in every direction, in the order of `all_halves`."""
+    for axis in range(low.shape[1]):
+        middle = (low[:, axis] + high[:, axis]) / 2
+        upper, lower = low.copy(), high.copy()
+        upper[:, axis], lower[:, axis] = middle, middle
+        low, high = np.concatenate([low, upper]), np.concatenate([lower, high])
+    return low, high
 
 
 @lru_cache(maxsize=64)

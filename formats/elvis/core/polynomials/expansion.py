@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -125,6 +125,13 @@ class ProductPlan:
     factors: tuple[f.Factors, ...]
     index: tuple[Ints, ...]
 
+    @cached_property
+    def lines(self) -> tuple[Ints, ...]:
+        """For each direction the factor of each index (k,): on tensor shapes modes are all products of these."""
+        return tuple(
+            own[np.unique(mode, return_index=True)[1]] for own, mode in zip(self.index, self.modes.T, strict=True)
+        )
+
 
 @lru_cache(maxsize=256)
 def product_plan(expansion: Expansion) -> ProductPlan:
@@ -220,8 +227,11 @@ def values(expansion: Expansion, points: Floats) -> Floats:
     """(n, m) values of all modes at the reference points xi (n, d)."""
     plan, xi, zeta = _split(expansion, points)
     eta = collapse(expansion.shape, xi)
-    gathered = [_take(part.tables(eta[:, i]).values, plan.index[i]) for i, part in enumerate(plan.factors)]
-    spatial = _product(*gathered)
+    tables = [part.values(eta[:, i]) for i, part in enumerate(plan.factors)]
+    if expansion.shape in _TENSOR:
+        spatial = _lattice_product(*(_take(table, line) for table, line in zip(tables, plan.lines, strict=True)))
+    else:
+        spatial = _product(*(_take(table, index) for table, index in zip(tables, plan.index, strict=True)))
     if expansion.homogeneous is None:
         return spatial
     waves = [pair[0] for pair in _waves(expansion.homogeneous, zeta)]
@@ -234,7 +244,7 @@ def line_values(expansion: Expansion, lines: Sequence[Floats]) -> list[Floats]:
     On the lattice of such lines modes are their products.
     """
     plan = product_plan(expansion)
-    tables = [part.tables(line).values for part, line in zip(plan.factors, lines, strict=True)]
+    tables = [part.values(line) for part, line in zip(plan.factors, lines, strict=True)]
     return [_take(table, index) for table, index in zip(tables, plan.index, strict=True)]
 
 
@@ -280,6 +290,13 @@ def _product(first: Floats, *others: Floats) -> Floats:
     """Product of arrays of one shape."""
     for other in others:
         first = first * other
+    return first
+
+
+def _lattice_product(first: Floats, *others: Floats) -> Floats:
+    """(n, m) all products of factors (n, k) of each direction, those of the first running fastest."""
+    for other in others:
+        first = (other[:, :, None] * first[:, None, :]).reshape(len(first), -1)
     return first
 
 

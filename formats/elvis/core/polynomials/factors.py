@@ -41,6 +41,10 @@ class Factors(Protocol):
         """Tabulate all factors at ``points`` (n,)."""
         ...
 
+    def values(self, points: Floats) -> Floats:
+        """(n, k) the values alone."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class JacobiFactors:
@@ -74,6 +78,17 @@ class JacobiFactors:
         dg = self.scales * np.where(exponent, u * derivatives + jacobis / 2, derivatives)
         divided = np.where(power > 0, powers[:, np.maximum(power - 1, 0)] * g, 0.0)
         return Tables(powers[:, power] * g, powers[:, power] * dg - power / 2 * divided, divided)
+
+    def values(self, points: Floats) -> Floats:
+        """Values alone, in half the time."""
+        power, exponent = self.rows[:, 0], self.rows[:, 1]
+        c, u = (1 - points) / 2, ((1 + points) / 2)[:, None]
+        powers = c[:, None] ** np.arange(power.max(initial=0) + 1)
+        jacobis = np.empty((len(points), len(self.rows)))
+        for alpha, beta, chosen, degrees in self._families:
+            jacobis[:, chosen] = jacobi(int(degrees.max()), alpha, beta, points)[degrees].T
+        found: Floats = powers[:, power] * (self.scales * np.where(exponent, u * jacobis, jacobis))
+        return found
 
     def _jacobis(self, points: Floats) -> tuple[Floats, Floats]:
         """(n, k) values and derivatives of the Jacobi polynomials; one recurrence for each pair (alpha, beta)."""
@@ -175,6 +190,10 @@ class LineFactors:
         else:
             values, derivatives = fourier(self.basis, range(self.count), points)
         return Tables(values, derivatives, np.zeros_like(values))
+
+    def values(self, points: Floats) -> Floats:
+        """Values alone."""
+        return self.tables(points).values
 
 
 def lagrange_nodes(basis: Basis, count: int) -> Floats:

@@ -47,6 +47,11 @@ def grouped(element_ids: Ints, sources: Sequence[Sequence[Coefficients]]) -> Ite
     Order is kept within a group; blocks that coincide with a group are passed on without a copy.  Where a source holds
     an element twice the first one counts.
     """
+    only = [blocks[0] for blocks in sources if len(blocks) == 1]
+    is_one = len(only) == len(sources) and all(np.array_equal(own.element_ids, element_ids) for own in only)
+    if is_one and len(element_ids):
+        yield Group(element_ids, tuple(own.expansion for own in only), tuple(own.coefficients for own in only))
+        return
     places = [_Places(element_ids, blocks) for blocks in sources]
     keys = np.stack([place.expansion for place in places], axis=1)
     distinct, first, index = np.unique(keys, axis=0, return_index=True, return_inverse=True)

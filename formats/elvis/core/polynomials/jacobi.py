@@ -5,6 +5,8 @@ All degrees come at once: row n of a result is the polynomial of degree n, becau
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from elvis.core.arrays import Floats
@@ -12,7 +14,15 @@ from elvis.core.arrays import Floats
 
 def jacobi(degree: int, alpha: float, beta: float, points: Floats) -> Floats:
     """(degree + 1, n) values of P_0 to P_degree at ``points`` (n,); alpha, beta > -1."""
-    return jacobi_with_derivative(degree, alpha, beta, points)[0]
+    x = np.asarray(points, np.float64)
+    values = np.zeros((degree + 1, len(x)))
+    values[0] = 1.0
+    if degree > 0:
+        values[1] = ((alpha + beta + 2) * x + alpha - beta) / 2
+    for n in range(1, degree):
+        factor, shift, weight = _recurrence(n, alpha, beta)
+        values[n + 1] = (factor * x + shift) * values[n] - weight * values[n - 1]
+    return values
 
 
 def jacobi_with_derivative(degree: int, alpha: float, beta: float, points: Floats) -> tuple[Floats, Floats]:
@@ -36,6 +46,7 @@ def jacobi_with_derivative(degree: int, alpha: float, beta: float, points: Float
     return values, derivatives
 
 
+@cache
 def _recurrence(n: int, alpha: float, beta: float) -> tuple[float, float, float]:
     """Coefficients of the step from degrees n - 1 and n to n + 1, n >= 1."""
     total = 2 * n + alpha + beta

@@ -12,12 +12,14 @@ nx, ny, nz       outward unit normal on the element's sides, and
 face_height      how high the element is above them; NaN elsewhere (see `element_sides`)
 jump(f)          greatest jump of the field f across the element's faces (see `jumps`)
 distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
+ref:p            what p is in the dataset that is called ref, at the same place (see `elsewhere`)
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,8 +31,12 @@ from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.jumps import jumps
+from elvis.core.quantities.tree import other_of
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import validity
+
+if TYPE_CHECKING:
+    from elvis.core.quantities.elsewhere import Elsewhere
 
 #: those that are one number throughout an element, in addition to jump(...)
 CONSTANT = ("element", "order", "shape", "jacobian_sign")
@@ -72,14 +78,17 @@ class Attributes:
         self._dataset = dataset
         self._found: dict[str, tuple[Ints, Floats]] = {}
         self._surfaces: dict[str, Surface] = {}
+        self._others: dict[str, Elsewhere] = {}
 
     def at(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
         """(n,) values on elements ``rows`` of a patch at reference points (n, D)."""
         if is_constant(name):
             return self.constant(name, patch.shape, patch.element_ids[rows])
-        target = target_of(name)
+        target, elsewhere = target_of(name), other_of(name)
         if target is not None:
             return nearest(self.surface(target), pointwise.positions(patch, rows, points)).distance
+        if elsewhere is not None:
+            return self._other(elsewhere[0]).values(elsewhere[1], pointwise.positions(patch, rows, points))
         return _POINTWISE[name](patch, rows, points)
 
     def surface(self, target: str) -> Surface:
@@ -87,6 +96,14 @@ class Attributes:
         if target not in self._surfaces:
             self._surfaces[target] = surface_of(self._dataset, target)
         return self._surfaces[target]
+
+    def _other(self, name: str) -> Elsewhere:
+        """Another dataset."""
+        from elvis.core.quantities.elsewhere import Elsewhere
+
+        if name not in self._others:
+            self._others[name] = Elsewhere(self._dataset.others[name])
+        return self._others[name]
 
     def constant(self, name: str, shape: Shape, element_ids: Ints) -> Floats:
         """(n,) an attribute that is one number throughout each element; NaN for elements beyond the domain."""

@@ -30,6 +30,8 @@ _TOLERANCE = 5e-3
 _NUMBERS = 1 << 20
 #: elements that are looked at closely
 _MOST = 1 << 9
+#: places along each direction of an element where values are looked for if there are none in its middle and corners
+_CLOSER = 8
 
 
 def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
@@ -60,6 +62,16 @@ class _Search:
         self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._batches(patch)]
         for patch, rows in self.whole:
             for place in self._places(patch.shape):
+                self._attain(patch, rows, np.tile(place, (len(rows), 1)))
+        if not np.isfinite(self.greatest):
+            self._look_closer()
+
+    def _look_closer(self) -> None:
+        """Try many places: of expressions that have values in a small part of the elements alone."""
+        for patch, rows in self.whole:
+            line = np.linspace(-0.9, 0.9, _CLOSER)
+            eta = np.stack(np.meshgrid(*[line] * patch.shape.dimension, indexing="ij"), axis=-1)
+            for place in uncollapse(patch.shape, eta.reshape(-1, patch.shape.dimension)):
                 self._attain(patch, rows, np.tile(place, (len(rows), 1)))
 
     def _places(self, shape: Shape) -> Floats:

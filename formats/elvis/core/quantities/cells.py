@@ -14,7 +14,7 @@ from elvis.core.dataset import Expansion
 from elvis.core.distances import Surface, nearest
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
-from elvis.core.polynomials.boxnets import all_halves, box_nets
+from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, box_nets
 from elvis.core.quantities import intervals as i
 from elvis.core.quantities.attributes import Attributes, is_constant, target_of
 from elvis.core.quantities.functions import function
@@ -72,15 +72,9 @@ class Cells:
 
     def halves(self) -> Cells:
         """The boxes halved in every direction."""
-        d = self.patch.shape.dimension
-        low, high, middle = self.low, self.high, (self.low + self.high) / 2
-        for axis in range(d):
-            upper, lower = low.copy(), high.copy()
-            upper[:, axis], lower[:, axis] = middle[:, axis], middle[:, axis]
-            low, high = np.concatenate([low, upper]), np.concatenate([lower, high])
-            middle = np.concatenate([middle, middle])
+        low, high = all_half_boxes(self.low, self.high)
         nets = {key: all_halves(net) for key, net in self.nets.items()}
-        return replace(self, rows=np.tile(self.rows, 2**d), low=low, high=high, nets=nets)
+        return replace(self, rows=np.tile(self.rows, len(low) // len(self)), low=low, high=high, nets=nets)
 
     def bounds(self, root: Node) -> Interval:
         """Certified least and greatest value (c,) of an expression on each box."""

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.mapping import pointwise, tangents
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.patch import Patch, patches
-from elvis.core.polynomials.curvature import hessians_at
 from elvis.core.quantities.attributes import Attributes
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.tree import Node, fold
@@ -42,6 +41,22 @@ class Evaluator:
     def values(self, expression: Expression, patch: Patch, rows: Ints, points: Floats) -> Floats:
         """(n,) values on elements ``rows`` (n,) of a patch at reference points (n, D); NaN where there are none."""
         return reference_values(expression, self.names, self.attributes, patch, rows, points)
+
+    def values_at(self, expressions: Sequence[Expression], places: ElementPoints) -> Iterator[Floats | float]:
+        """(n,) values of some of its expressions at points, or one number; NaN where there is no value."""
+        leaf = cache(_leaves(self.names, self.attributes, places))
+        return (_folded(expression, leaf) for expression in expressions)
+
+    def sizes_at(self, expressions: Sequence[Expression], places: ElementPoints) -> Iterator[Floats | float]:
+        """(n,) magnitudes of what expressions are added up from at points: in proportion to these they are rounded."""
+        leaf = _leaves(self.names, self.attributes, places)
+
+        def size(node: Node) -> Floats | float:
+            # parts of a unit normal are right to its length
+            return 1.0 if node.name in SIDES else np.abs(leaf(node))
+
+        with np.errstate(all="ignore"):
+            yield from (fold(expression.root, size, _sized) for expression in expressions)
 
     def at(self, expression: Expression, element_ids: Ints, reference: Floats) -> Floats:
         """(n,) values in elements with these ids (n,) at reference points (n, 3); those of the element come first."""
@@ -91,56 +106,38 @@ def reference_values(
     result = np.empty(len(rows))
     for first in range(0, len(rows), _BATCH):
         part = slice(first, first + _BATCH)
-        leaf = _leaves(names, attributes, patch, rows[part], points[part])
-        with np.errstate(all="ignore"):
-            result[part] = fold(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
+        points_there = ElementPoints(patch, rows[part], points[part])
+        result[part] = _folded(expression, _leaves(names, attributes, points_there))
     return result
 
 
-def _leaves(
-    names: Sequence[str], attributes: Attributes, patch: Patch, rows: Ints, points: Floats
-) -> Callable[[Node], Floats | float]:
-    """What the leaves of expressions are at some points; what several of them share is made once."""
+def _folded(expression: Expression, leaf: Callable[[Node], Floats | float]) -> Floats | float:
+    with np.errstate(all="ignore"):
+        return fold(expression.root, leaf, _evaluated)
 
-    @cache
-    def place() -> Floats:
-        return pointwise.positions(patch, rows, points)
 
-    @cache
-    def derivatives(name: str, order: int) -> Floats:
-        field = names.index(name)
-        if patch.fields[field] is None:
-            return np.full((len(rows), *(3,) * order), np.nan)
-        return _DERIVATIVES[order](patch, field, rows, points)
+def _evaluated(node: Node, parts: list[Floats | float]) -> Floats | float:
+    found: Floats | float = function(node).numpy(*parts)
+    return found
+
+
+def _sized(node: Node, parts: list[Floats | float]) -> Floats | float:
+    return parts[0] + parts[1] if node.op in ("+", "-") else np.abs(_evaluated(node, parts))
+
+
+def _leaves(names: Sequence[str], attributes: Attributes, places: ElementPoints) -> Callable[[Node], Floats | float]:
+    """What the leaves of expressions are at some points."""
 
     def leaf(node: Node) -> Floats | float:
         if node.op == "number":
             return node.value
         if node.op == "coordinate":
-            return np.asarray(place()[:, node.axes[0]])
+            return np.asarray(places.positions[:, node.axes[0]])
+        if node.op == "attribute" and places.normals is not None and node.name in SIDES[:3]:
+            return np.asarray(places.normals[:, SIDES.index(node.name)])
         if node.op == "attribute":
-            return attributes.at(node.name, patch, rows, points)
-        return derivatives(node.name, len(node.axes)).T[node.axes[::-1]] if node.axes else derivatives(node.name, 0)
+            return attributes.at(node.name, places.patch, places.rows, places.points)
+        derivative = places.derivative(names.index(node.name), len(node.axes))
+        return derivative.T[node.axes[::-1]] if node.axes else derivative
 
     return leaf
-
-
-def hessians(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
-    """(n, 3, 3) second derivatives of a field in world coordinates; not finite where the Jacobian is singular.
-
-    From u(x(xi)): u_xixi = J^T H J + sum_c g_c x_c,xixi, with the gradient g and the Jacobian J.
-    """
-    expansion, coefficients = patch.fields[field], patch.coefficients[field]
-    d = patch.shape.dimension
-    if patch.homogeneous or not patch.is_flat or expansion is None or coefficients is None:
-        raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found other ones")
-    bent = hessians_at(expansion, coefficients, rows, points)
-    maps = hessians_at(patch.geometry, patch.geometry_coefficients, rows, points)
-    gradients = pointwise.gradients(patch, field, rows, points)
-    inverse = tangents.duals(pointwise.jacobians(patch, rows, points))[:, :, :d]
-    with np.errstate(invalid="ignore"):
-        bent = bent - np.einsum("nc,ncij->nij", gradients, maps)
-        return np.asarray(np.einsum("nai,nij,nbj->nab", inverse, bent, inverse))
-
-
-_DERIVATIVES = (pointwise.values, pointwise.gradients, hessians)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, is_rate
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, field, fold, leaves, whole_exponent
@@ -44,6 +44,11 @@ class Expression:
     def fields(self) -> tuple[str, ...]:
         """The names of the fields that it is made of, each once."""
         return tuple(dict.fromkeys(leaf.name for leaf in self.leaves if leaf.op == "field"))
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether it is made of derivatives in time."""
+        return any(map(is_rate, self.fields))
 
     @property
     def attributes(self) -> tuple[str, ...]:

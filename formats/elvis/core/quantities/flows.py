@@ -11,7 +11,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, PredefinedQuantity
-from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, field, number
+from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, coordinate, field, number
 
 #: names of quantities, and of what they are made of
 PUBLIC = tuple(dict.fromkeys(quantity.name for quantity in QUANTITIES))
@@ -83,6 +83,11 @@ class Flow:
     dimension: int
     parameters: Mapping[str, Node]
 
+    @property
+    def others(self) -> Mapping[str, object]:
+        """No formula names other datasets."""
+        return {}
+
     @cached_property
     def available(self) -> tuple[str, ...]:
         """The names of quantities for which the fields suffice, and the parameters that are known."""
@@ -126,6 +131,14 @@ class Flow:
             raise ElvisError(flow._sentence(name, lack) + (f"; {fields}" if lack.fields else ""))
         return flow.meaning(name)
 
+    def velocity(self) -> tuple[Node, ...]:
+        """The components of the velocity, as many as there are dimensions; ElvisError where the fields give none."""
+        symbols = "uvw"[: self.dimension]
+        if any(self._missing(symbol) for symbol in symbols):
+            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
+            raise ElvisError(f"the data lack {_VELOCITY[1]}; {fields}")
+        return tuple(self.meaning(symbol) for symbol in symbols)
+
     def meaning(self, name: str) -> Node:
         """What a name stands for in a formula, that lacks nothing."""
         from elvis.core.quantities.parsing import Parser
@@ -141,6 +154,8 @@ class Flow:
             return number(default)
         if name in SIDES:
             return attribute(name)
+        if name in AXES:
+            return coordinate(AXES.index(name))
         text = next(text for text in self._formulas(name) if not self._lacking(text))
         return Parser(text, self).whole()
 
@@ -155,6 +170,10 @@ class Flow:
     def distance(self, target: str) -> Node:
         """No formula has one."""
         raise AssertionError(f"a distance to {target} in a formula")
+
+    def rate(self, name: str) -> Node:
+        """No formula has one."""
+        raise AssertionError(f"a derivative of {name} in time in a formula")
 
     def parameters_of(self, name: str) -> tuple[str, ...]:
         """The parameters that a quantity may need of these data."""

@@ -68,7 +68,8 @@ def _of_product(found: tuple[Node, Node] | None) -> Level | None:
     if found is None:
         return None
     zero, other = map(_fraction, found)
-    if zero is None or other is None:
+    # one of two that are the value all over makes it nought everywhere
+    if zero is None or other is None or zero[0] is ZERO:
         return None
     return Level(zero[0], 0.0, other[0] if other[1] is ONE else call("*", *other))
 

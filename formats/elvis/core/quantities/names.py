@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from dataclasses import field as field_of
 from functools import cached_property
 
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, Rates, is_rate
 from elvis.core.distances.boundaries import ALL, boundaries
 from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
+from elvis.core.geometry import kept
 from elvis.core.hints import perhaps
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
@@ -36,6 +37,8 @@ class Names:
     time        of the data; the name ``t`` stands for it where it is known
     parameters  of the flow, for predefined quantities (`predefined.PARAMETERS`)
     boundaries  names that distances may be measured to
+    rates       derivatives in time of the fields, where the data are a moment of a series
+    others      what names stand for in other datasets, by the names of these
     """
 
     fields: tuple[str, ...]
@@ -43,15 +46,20 @@ class Names:
     time: float | None = None
     parameters: Mapping[str, float] = field_of(default_factory=dict)
     boundaries: tuple[str, ...] = ()
+    rates: Rates | None = None
+    others: Mapping[str, Names] = field_of(default_factory=dict)
 
     @staticmethod
     def of(dataset: Dataset) -> Names:
         """The names that a dataset gives."""
         waves = [b.expansion.homogeneous for one in dataset.fields for b in one.blocks if b.expansion.homogeneous]
         dimension = dataset.mesh.space + (len(waves[0].lengths) if waves else 0)
-        sides = (ALL, *boundaries(dataset.mesh)) if dataset.mesh.dimension > 1 else ()
+        mesh = dataset.mesh
+        named = kept(dataset, "boundaries", lambda: tuple(boundaries(mesh)))
+        sides = (ALL, *named) if mesh.dimension > 1 else ()
         fields = tuple(one.name for one in dataset.solution)
-        return Names(fields, dimension, dataset.time, _parameters(dataset.metadata), sides)
+        others = {name: Names.of(other) for name, other in dataset.others.items()}
+        return Names(fields, dimension, dataset.time, _parameters(dataset.metadata), sides, dataset.rates, others)
 
     @cached_property
     def flow(self) -> Flow:
@@ -77,6 +85,14 @@ class Names:
         """A predefined quantity with some of its parameters; ElvisError where it isn't known, or takes others."""
         return self.flow.node(name, given)
 
+    def rate(self, name: str) -> Node:
+        """The derivative of a field in time; ElvisError where there is none."""
+        if is_rate(name) and name not in self.fields:
+            raise ElvisError(f"expected one derivative in time, found another one of {name}")
+        if self.rates is None:
+            raise ElvisError(f"there is no derivative of {name} in time: expected a series, found one state")
+        return field(self.rates.field(name).name)
+
     def distance(self, target: str) -> Node:
         """The distance to a boundary or to a file's triangles; ElvisError where there are none."""
         if target not in self.boundaries:
@@ -93,6 +109,9 @@ class Names:
         """A sentence about a name that says nothing."""
         if name == "t":
             return "the data don't tell the time t"
+        if name in self.others:
+            first = (*self.others[name].fields, "x")[0]
+            return f"expected : after {name}, and what is asked of it, such as {name}:{first}"
         meant = perhaps(name, [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES])
         return f"there is no {name!r}{meant}; {self.in_words}"
 
@@ -107,6 +126,7 @@ class Names:
             *self.flow.available,
             *(f"{name}(…)" for name in self.flow.waiting),
             *ATTRIBUTES,
+            *(f"{name}:…" for name in self.others),
         )
         return f"{known}; there are also {', '.join(others)}"
 

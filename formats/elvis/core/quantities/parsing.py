@@ -2,22 +2,37 @@
 
 A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).
 
-In addition to those of `functions` there are d(f, x), the partial derivative, grad(f), the length of the gradient,
-laplacian(f), jump(u), the greatest jump of a field across an element's faces, and distance(b), the distance to a
-boundary, by name, number or as "all", or to the triangles of a file, whose name stands in quotes.
+In addition to those of `functions` there are d(f, x), the partial derivative, also d(f, t) of a series, grad(f), the
+length of the gradient, laplacian(f), jump(u), the greatest jump of a field across an element's faces, and distance(b),
+the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name stands in quotes.
+
+ref:p is p in another dataset that is called ref here, ref:(u^2+v^2) and ref:d(p,x) are expressions in it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import reduce
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from elvis.core.errors import ElvisError
 from elvis.core.grammar import Grammar
 from elvis.core.quantities.flows import PUBLIC
 from elvis.core.quantities.functions import FUNCTIONS
-from elvis.core.quantities.tree import AXES, Node, attribute, call, negative, number, world_derivative
+from elvis.core.quantities.tree import (
+    AXES,
+    TIME,
+    Node,
+    at_time,
+    attribute,
+    call,
+    leaves,
+    negative,
+    number,
+    other,
+    time_derivative,
+    world_derivative,
+)
 
 #: functions that look into what they are given, and their numbers of operands
 SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, "jump": 1, "distance": 1}
@@ -34,6 +49,9 @@ class Scope(Protocol):
     @property
     def dimension(self) -> int: ...  # noqa: D102
 
+    @property
+    def others(self) -> Mapping[str, Any]: ...  # noqa: D102
+
     def meaning(self, name: str) -> Node | None: ...  # noqa: D102
 
     def quantity(self, name: str, given: Mapping[str, Node]) -> Node: ...  # noqa: D102
@@ -42,6 +60,8 @@ class Scope(Protocol):
 
     def distance(self, target: str) -> Node: ...  # noqa: D102
 
+    def rate(self, name: str) -> Node: ...  # noqa: D102
+
 
 class Parser(Grammar[Node]):
     """Expressions of a dataset's names, as graphs."""
@@ -49,6 +69,7 @@ class Parser(Grammar[Node]):
     def __init__(self, text: str, names: Scope) -> None:
         super().__init__(text)
         self._names = names
+        self._is_in_time = False
 
     def _number(self, value: float) -> Node:
         return number(value)
@@ -60,15 +81,28 @@ class Parser(Grammar[Node]):
         return call(operator, first, second)
 
     def _resolve(self, name: str, is_quoted: bool) -> Node:
+        if name in self._names.others and self._take(":"):
+            return self._elsewhere(name)
         if not is_quoted and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
             return self._called(name)
         if not is_quoted and name in PUBLIC and name not in self._names.fields and self._take("("):
             first, given = self._next - 2, self._named_values()
             return self._guard(lambda: self._names.quantity(name, given), first)
         node = self._guard(lambda: self._names.meaning(name))
+        if name == "t" and self._is_in_time and node is not None and node.op == "number":
+            return TIME
         if node is None:
             raise self._mistaken(self._sentence(name))
         return node
+
+    def _elsewhere(self, name: str) -> Node:
+        """An operand in another dataset, the colon taken: the text that it is."""
+        scope, first = self._names, self._token()[2]
+        self._names = scope.others[name]
+        self._operand()
+        self._names = scope
+        _, last, start = self._tokens[self._next - 1]
+        return other(name, self._text[first : start + len(last)])
 
     def _sentence(self, name: str) -> str:
         """What is wrong with a name that says nothing."""
@@ -115,17 +149,31 @@ class Parser(Grammar[Node]):
         return found
 
     def _derivative(self) -> Node:
-        """d(f, x) from its first operand on."""
-        first, of = self._next - 2, self._sum()
+        """d(f, x) from its first operand on, in which the time is a variable until all are differentiated."""
+        first, is_inner = self._next - 2, self._is_in_time
+        self._is_in_time = True
+        of = self._sum()
+        self._is_in_time = is_inner
         if not self._take(","):
             raise self._unexpected(", and a coordinate")
         axis = self._token()[1]
-        if axis not in AXES:
-            raise self._unexpected("x, y or z")
+        if axis not in (*AXES, "t"):
+            raise self._unexpected("x, y, z or t")
         self._next += 1
         if not self._take(")"):
             raise self._unexpected(")")
-        return self._guard(lambda: world_derivative(of, AXES.index(axis)), first)
+        if axis == "t":
+            found = self._guard(lambda: time_derivative(of, self._names.rate), first)
+        else:
+            found = self._guard(lambda: world_derivative(of, AXES.index(axis)), first)
+        return found if is_inner or TIME not in leaves(found) else at_time(found, self._time)
+
+    @property
+    def _time(self) -> float:
+        """That of the data, which is known where an expression has it."""
+        node = self._names.meaning("t")
+        assert node is not None
+        return node.value
 
     def _distance(self) -> Node:
         """distance(b) from its operand on."""

@@ -49,6 +49,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     "p_ref": Parameter("reference pressure", ("p_ref", "pinf", "p_inf")),
     "rho_ref": Parameter("reference density", ("rho_ref", "rhoinf", "rho_inf")),
     "u_ref": Parameter("reference speed", ("u_ref",)),
+    **{f"{axis}_ref": Parameter(f"{axis} of the point that moments are about", (), 0.0) for axis in "xyz"},
 }
 
 #: what several formulas are made of
@@ -74,6 +75,9 @@ STEPS: Mapping[str, tuple[str, ...]] = {
     "traction_x": ("-2*viscosity*(strain_xx*nx + strain_xy*ny + strain_xz*nz)",),
     "traction_y": ("-2*viscosity*(strain_xy*nx + strain_yy*ny + strain_yz*nz)",),
     "traction_z": ("-2*viscosity*(strain_xz*nx + strain_yz*ny + strain_zz*nz)",),
+    "viscous_x": ("-2*viscosity*(ex*nx + strain_xy*ny + strain_xz*nz)",),
+    "viscous_y": ("-2*viscosity*(strain_xy*nx + ey*ny + strain_yz*nz)",),
+    "viscous_z": ("-2*viscosity*(strain_xz*nx + strain_yz*ny + ez*nz)",),
     "traction": ("traction_x*nx + traction_y*ny + traction_z*nz",),
 }
 
@@ -94,15 +98,19 @@ _ZHOU = "Zhou, Adrian, Balachandar and Kendall 1999, Mechanisms for generating c
 _LEVY = "Levy, Degani and Seginer 1990, Graphical visualization of vortical flows by means of helicity"
 _LIEPMANN = "Liepmann and Roshko 1957, Elements of gasdynamics"
 _SCHLICHTING = "Schlichting 1979, Boundary-layer theory"
+_FORCE = "component of the force of the flow on a wall, by area; of the pressure alone where no viscosity is known"
+_FRICTION = "component of the force of viscosity on a wall, by area, -2 mu (S - div(u)/3) n"
+_MOMENT = "component of the moment of the force, by area"
 _ON_WALLS = "stress of a Newtonian fluid on a wall, along it"
 
 
-def _components(name: str, meaning: str, formula: str, source: str = "") -> list[PredefinedQuantity]:
-    """Those of a vector; @ stands for the axis in its formula, that of z is there in three dimensions alone."""
-    return [
-        PredefinedQuantity(f"{name}_{axis}", meaning, (formula.replace("@", axis),), source, (1, 2, 3)[index:])
-        for index, axis in enumerate("xyz")
-    ]
+def _components(name: str, meaning: str, formula: str, source: str = "", *others: str) -> list[PredefinedQuantity]:
+    """Those of a vector; @ stands for the axis in its formulas, that of z is there in three dimensions alone."""
+    found = []
+    for index, axis in enumerate("xyz"):
+        formulas = tuple(text.replace("@", axis) for text in (formula, *others))
+        found.append(PredefinedQuantity(f"{name}_{axis}", meaning, formulas, source, (1, 2, 3)[index:]))
+    return found
 
 
 QUANTITIES: tuple[PredefinedQuantity, ...] = (
@@ -222,6 +230,16 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
         "wall_shear_@/dynamic_pressure",
         _SCHLICHTING,
     ),
+    PredefinedQuantity(
+        "flux", "velocity through a face, outwards: its integral is the rate of flow", ("u*nx + v*ny + w*nz",)
+    ),
+    PredefinedQuantity("mass_flux", "mass that flows through a face, outwards, by area", ("mass*flux",)),
+    *_components("pressure_force", "component of the force of the pressure on a wall, by area", "p*n@"),
+    *_components("viscous_force", _FRICTION, "viscous_@", _SCHLICHTING),
+    *_components("force", _FORCE, "p*n@ + viscous_@", _SCHLICHTING, "p*n@"),
+    PredefinedQuantity("moment_x", _MOMENT, ("(y - y_ref)*force_z - (z - z_ref)*force_y",), "", _SOLID),
+    PredefinedQuantity("moment_y", _MOMENT, ("(z - z_ref)*force_x - (x - x_ref)*force_z",), "", _SOLID),
+    PredefinedQuantity("moment_z", _MOMENT, ("(x - x_ref)*force_y - (y - y_ref)*force_x",), "", _PLANE),
     PredefinedQuantity(
         "y_plus",
         "height of the element on a face, in wall units; divide by the order for that of its first nodes",

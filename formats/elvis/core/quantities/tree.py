@@ -1,12 +1,13 @@
 """Expressions as graphs: every different part is there once, and derivatives are graphs again.
 
 leaves      number (its value), coordinate (its axis), field (its name and the axes that it is differentiated along,
-            ascending), attribute (of an element, by name)
+            ascending), attribute (of an element, by name, or of another dataset)
 operators   + - * / ^ and the functions of `functions`; ``step(a, b)`` is 1 where a < b, else 0
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
@@ -75,7 +76,21 @@ def attribute(name: str) -> Node:
     return _node("attribute", name=name)
 
 
+def other(dataset: str, text: str) -> Node:
+    """What a text says in another dataset, by the name that it has here, at the same place in the world."""
+    return attribute(f"{dataset}:{text}")
+
+
+def other_of(name: str) -> tuple[str, str] | None:
+    """The dataset and the text that an attribute names; None for what is known of elements."""
+    found = _OTHER.fullmatch(name)
+    return None if found is None else (found[1], found[2])
+
+
+_OTHER = re.compile(r"([^\W\d]\w*):(.+)", re.S)
 ZERO, ONE = number(0.0), number(1.0)
+#: the time, while an expression is differentiated along it
+TIME = coordinate(len(AXES))
 
 
 def call(op: str, *operands: Node) -> Node:
@@ -182,12 +197,40 @@ def world_derivative(root: Node, axis: int) -> Node:
         if leaf.op == "coordinate":
             return number(float(leaf.axes == (axis,)))
         if leaf.op == "attribute":
-            raise ElvisError(f"there is no derivative of {leaf.name}")
+            elsewhere = other_of(leaf.name)
+            if elsewhere is None:
+                raise ElvisError(f"there is no derivative of {leaf.name}")
+            return other(elsewhere[0], f"d({elsewhere[1]},{AXES[axis]})")
         if len(leaf.axes) == HIGHEST:
             raise ElvisError(f"expected derivatives of at most second order, found a third one of {leaf.name}")
         return field(leaf.name, (*leaf.axes, axis))
 
     return derivative(root, along)
+
+
+def time_derivative(root: Node, rate: Callable[[str], Node]) -> Node:
+    """The derivative in time, in which `TIME` stands for it, given that of each field.
+
+    ElvisError where a part of it has none.
+    """
+
+    def along(leaf: Node) -> Node:
+        if leaf.op == "coordinate":
+            return ONE if leaf is TIME else ZERO
+        if leaf.op == "attribute":
+            raise ElvisError(f"there is no derivative of {leaf.name} in time")
+        return field(rate(leaf.name).name, leaf.axes)
+
+    return derivative(root, along)
+
+
+def at_time(root: Node, time: float) -> Node:
+    """An expression with a number in place of `TIME`."""
+
+    def inner(node: Node, operands: list[Node]) -> Node:
+        return call(node.op, *operands)
+
+    return fold(root, lambda leaf: number(time) if leaf is TIME else leaf, inner)
 
 
 def leaves(*roots: Node) -> list[Node]:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import halves, power_net
 
 #: greatest degree of a square root in each direction, and points in each direction at which it is fitted
@@ -102,7 +103,7 @@ def _without_squares(net: Floats) -> float:
     """The least coefficient of p minus squares that are fitted to it, less what rounding may amount to."""
     degrees = tuple(min((size - 1) // 2, _DEGREE) for size in net.shape)
     basis = _basis(degrees)
-    values = _contract(net, [_bernstein(size - 1, _nodes())[0] for size in net.shape]).reshape(-1)
+    values = _contract(net, [line_tables(size - 1, _nodes())[0] for size in net.shape]).reshape(-1)
     roots, near = _start(net, values)
     if not len(roots):
         return -np.inf
@@ -162,13 +163,13 @@ def _taylor(net: Floats, place: Floats) -> tuple[float, Floats, Floats]:
 
 def _value(net: Floats, place: Floats) -> float:
     for size, t in zip(net.shape, place, strict=True):
-        net = np.tensordot(_bernstein(size - 1, t[None], 0)[0, 0], net, axes=(0, 0))
+        net = np.tensordot(line_tables(size - 1, t[None])[0, 0], net, axes=(0, 0))
     return float(net)
 
 
 def _tables(net: Floats, place: Floats) -> list[Floats]:
     """For each direction the Bernstein polynomials and their derivatives (3, D) at a coordinate."""
-    return [_bernstein(size - 1, t[None])[:, 0] for size, t in zip(net.shape, place, strict=True)]
+    return [line_tables(size - 1, t[None], 2)[:, 0] for size, t in zip(net.shape, place, strict=True)]
 
 
 def _derivative(net: Floats, tables: list[Floats], orders: Ints) -> float:
@@ -176,22 +177,6 @@ def _derivative(net: Floats, tables: list[Floats], orders: Ints) -> float:
     for table, order in zip(tables, orders, strict=True):
         net = np.tensordot(table[order], net, axes=(0, 0))
     return float(net)
-
-
-def _bernstein(degree: int, t: Floats, orders: int = 2) -> Floats:
-    """(1 + orders, n, degree + 1) Bernstein polynomials at t (n,), then their derivatives."""
-    result = np.zeros((1 + orders, len(t), degree + 1))
-    for order in range(min(degree, orders) + 1):
-        powers = np.arange(degree - order + 1)
-        binomials = _binomials((degree - order + 1,))
-        lower = binomials * t[:, None] ** powers * (1 - t[:, None]) ** powers[::-1]
-        factor = 1.0
-        for k in range(order):
-            lower = np.pad(lower, ((0, 0), (1, 1)))
-            lower = lower[:, :-1] - lower[:, 1:]
-            factor *= degree - k
-        result[order] = factor * lower
-    return result
 
 
 def _nodes() -> Floats:
@@ -209,7 +194,7 @@ def _contract(net: Floats, matrices: list[Floats]) -> Floats:
 @lru_cache(maxsize=32)
 def _basis(degrees: tuple[int, ...]) -> Floats:
     """(n, m) values of the tensor Bernstein polynomials at the grid of nodes."""
-    tables = [_bernstein(degree, _nodes())[0] for degree in degrees]
+    tables = [line_tables(degree, _nodes())[0] for degree in degrees]
     return frozen_floats(reduce(np.kron, tables))
 
 

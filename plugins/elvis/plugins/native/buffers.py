@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.geometry import kept
 from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
 from elvis.core.polynomials.bernstein import BernsteinSpace
@@ -57,7 +59,8 @@ class NativeVolume:
         attributes = Attributes(dataset)
         derived = any(expression.order for expression in expressions)
         groups = [group for sort in (_by_affinity(found) if derived else [found]) for group in _groups(sort, primary)]
-        parts = [Elements(patches, geometry, names, expressions, attributes).part() for geometry, patches in groups]
+        keep = partial(kept, dataset)
+        parts = [Elements(some, geometry, names, expressions, attributes, keep).part() for geometry, some in groups]
         if dimension == 2 and Kind.of(dataset) is Kind.SURFACE:
             parts = [_in_space(part) for part in parts]
         return NativeVolume(dimension, parts)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Homogeneous
-from elvis.core.mapping.boxes import element_boxes
+from elvis.core.mapping.orientation import even_chunks
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
 from elvis.core.quantities import Expression
@@ -24,12 +24,14 @@ from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of
+from elvis.plugins.native.maps import Keep, Maps, keep_nothing
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
 from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations, polynomial_rounding
+from elvis.plugins.native.slopes import ElementSlopes, has_slopes
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
-from elvis.plugins.volume import Enclosure, Part, Quantity
+from elvis.plugins.volume import Enclosure, Part, Quantity, SlopeBounds
 
 #: highest degree of expressions whose isosurfaces are found as those of polynomials
 HIGHEST = 8
@@ -37,10 +39,12 @@ HIGHEST = 8
 HIGHEST_STRAIGHT = 16
 #: rounding of the level of another expression, in parts of it
 LEVEL_ROUNDING = 1e-15
-#: degree, and coefficients of all elements together, of expressions that are expanded
-_MOST_DEGREES, _MOST_NUMBERS = 16, 1 << 25
+#: degree, on straight tetrahedra too, and coefficients of all elements together, of expressions that are expanded
+_MOST_DEGREES, _MOST_STRAIGHT, _MOST_NUMBERS = 16, 24, 1 << 25
 #: elements whose bounds are found together
 _CELLS = 4096
+#: numbers of an array that is made on the way
+_AT_ONCE = 1 << 17
 
 
 class Elements:
@@ -48,6 +52,7 @@ class Elements:
 
     names        of the patches' fields
     expressions  the quantities; the first becomes the part's own field
+    keep         gives what follows from the mesh alone: what was made before, by a key, or what it makes
     """
 
     def __init__(
@@ -57,17 +62,20 @@ class Elements:
         names: Sequence[str],
         expressions: Sequence[Expression],
         attributes: Attributes,
+        keep: Keep = keep_nothing,
     ) -> None:
         self.patches, self.geometry, self.names = patches, geometry, tuple(names)
-        self.expressions, self.attributes = expressions, attributes
+        self.expressions, self.attributes, self._keep = expressions, attributes, keep
         self._nets: dict[tuple[str, ...], tuple[BernsteinSpace, Floats]] = {}
-        self._shared_vertices: dict[tuple[str, ...], Mapping[str, NDArray[Any]]] = {}
+        self._surface_buffers: dict[tuple[str, ...], Mapping[str, NDArray[Any]]] = {}
 
     def part(self) -> Part:
         """The part: fields are evaluated as they are, what several fields make by one stack of them all."""
-        shape, geometry = self.geometry.shape, self.geometry
-        points, indices = _shared_vertices(np.concatenate([_controls(p, geometry) for p in self.patches]), geometry)
-        buffers: dict[str, NDArray[Any]] = {"control_points": points, "control_indices": indices}
+        shape, ids = self.geometry.shape, np.concatenate([p.element_ids for p in self.patches])
+        lengths = self.series.lengths if self.series else ()
+        key = "maps", self.geometry, lengths, ids.tobytes()
+        maps = self._keep(key, lambda: Maps.of(self.patches, self.geometry))
+        buffers: dict[str, NDArray[Any]] = {"control_points": maps.points, "control_indices": maps.indices}
         buffers |= self._buffers_of_waves()
         quantities = {expression.text: self._quantity(expression) for expression in self.expressions}
         own = quantities[self.expressions[0].text]
@@ -77,8 +85,8 @@ class Elements:
         return Part(
             module=f"native_{shape.name.lower()}",
             type=own.type,
-            element_ids=frozen_ints(np.concatenate([p.element_ids for p in self.patches])),
-            boxes=np.concatenate([element_boxes(p) for p in self.patches]),
+            element_ids=frozen_ints(ids),
+            boxes=maps.boxes,
             buffers=buffers,
             solve=None if self.series else solver,
             source=own.source,
@@ -86,12 +94,13 @@ class Elements:
             quantities=quantities,
             degree=own.degree,
             collapsed=shape is Shape.PYRAMID,
-            affine=self._is_affine and shape is Shape.TETRAHEDRON,
+            affine=self._is_straight,
             bounds=own.bounds,
             is_distance=own.is_distance,
             level=own.level,
             rounding=own.rounding,
             enclosure=own.enclosure,
+            slopes=own.slopes,
         )
 
     @cached_property
@@ -107,6 +116,9 @@ class Elements:
         polynomial = self._expand(expression) if is_expanded else None
         if polynomial is not None:
             return self._of_net(polynomial)
+        product = self._of_product(expression, spurious) if spurious and self._is_straight else None
+        if product is not None:
+            return product
         names = expression.fields if len(expression.fields) < 2 else self._several
         space, net = self._net(names)
         shape = self.geometry.shape
@@ -126,7 +138,7 @@ class Elements:
         formula = Formula(expression, names, *ideal, facets_of(shape), spurious)
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
-        highest = HIGHEST_STRAIGHT if stands_for and self._is_affine and shape is Shape.TETRAHEDRON else HIGHEST
+        highest = HIGHEST_STRAIGHT if stands_for and self._is_straight else HIGHEST
         is_beyond = found is None or found > highest or self.series or spurious
         known = 0 if is_beyond or found is None else max(*self.geometry.degrees, found)
         bounds = partial(self._certify, expression) if (stands_for or not known) and not self.series else None
@@ -135,7 +147,8 @@ class Elements:
         enclosure = None if known or self.series or plain else self._enclosure(formula, type, space)
         level = None if known or plain else partial(self._level, expression)
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
-        return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure)
+        steepness = None if known else self._slope_bounds(expression)
+        return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure, slopes=steepness)
 
     def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
         """What a formula is made of, on solid elements.
@@ -153,6 +166,15 @@ class Elements:
             is_total=shape is Shape.TETRAHEDRON,
             errors=cache(partial(self._leaf_errors, names)),
         )
+
+    def _slope_bounds(self, expression: Expression) -> SlopeBounds | None:
+        """Bounds of an expression's derivatives; not on pyramids, where they have no limit, nor in curved surfaces."""
+        is_solid = all(patch.is_flat and patch.shape.dimension > 1 for patch in self.patches)
+        if self.series or self.geometry.shape is Shape.PYRAMID or not is_solid or not has_slopes(expression.root):
+            return None
+        space, errors = self._net(expression.fields)[0], cache(partial(self._leaf_errors, expression.fields))
+        found = ElementSlopes(self.patches, self.geometry, self.names, expression, space, errors)
+        return SlopeBounds(max(self.geometry.degrees), found.of)
 
     def _leaf_errors(self, names: tuple[str, ...]) -> Floats:
         """(n, 3 + fields) how far computed values of x, y, z and fields may be from the true ones in each element."""
@@ -181,6 +203,27 @@ class Elements:
         type = f"{space.shape.label}<{self._all_arguments(space)}>"
         return Quantity(type, "", {"coefficients": coefficients}, degree, bounds, rounding=lambda: rounding)
 
+    def _of_product(self, expression: Expression, spurious: Node) -> Quantity | None:
+        """A product, and under which condition its zeros count, as two fields of each element; None: see `_expand`."""
+        nets = [self._expand(each) for each in (expression, Expression(f"{expression.text} unless", spurious))]
+        product, condition = nets
+        if product is None or condition is None:
+            return None
+        degrees = tuple(map(max, product.space.degrees, condition.space.degrees))
+        space = BernsteinSpace(self.geometry.shape, degrees)
+        quantities = [self._of_net(net.elevate(space)) for net in (product, condition)]
+        both = np.stack([each.buffers["coefficients"] for each in quantities], axis=1)
+        shown, unless = (
+            replace(
+                each,
+                type=f"Stacked<{each.type}, {number}, 2>",
+                source="import stacked;",
+                buffers={"coefficients": both},
+            )
+            for number, each in enumerate(quantities)
+        )
+        return replace(shown, condition=unless)
+
     def _all_arguments(self, space: BernsteinSpace) -> str:
         """Those of the Slang type of elements with this map and a field in a space."""
         return ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
@@ -194,7 +237,8 @@ class Elements:
             return None
         degrees = tuple(map(max, zip(*(space.degrees for space in spaces), strict=True)))
         space = _even(BernsteinSpace(self.geometry.shape, degrees), 0)
-        if max(space.degrees) > _MOST_DEGREES or space.count * count > _MOST_NUMBERS:
+        most = _MOST_STRAIGHT if self._is_straight else _MOST_DEGREES
+        if max(space.degrees) > most or space.count * count > _MOST_NUMBERS:
             return None
         nets = []
         for patch in self.patches:
@@ -253,11 +297,15 @@ class Elements:
 
     def _errors_in(self, patch: Patch, name: str, space: BernsteinSpace) -> Floats:
         """(n,) the rounding of a field in the elements of a patch, not a number where they lack it."""
-        number = self.names.index(name)
-        if patch.fields[number] is None:
-            return np.full(len(patch), np.nan)
-        plain = _coefficients(patch, number, space)[:, 0] / weights(space)
-        return field_rounding(patch, number, space, plain)
+        number, found = self.names.index(name), np.full(len(patch), np.nan)
+        expansion, modal = patch.fields[number], patch.coefficients[number]
+        if expansion is None or modal is None:
+            return found
+        for part in even_chunks(len(patch), _AT_ONCE // space.count):
+            with np.errstate(invalid="ignore"):
+                scaled = bernstein_coefficients(expansion, modal[part], space) * weights(space)
+            found[part] = field_rounding(expansion, modal[part], space, scaled / weights(space))
+        return found
 
     def _degree(self, leaf: Node, space: BernsteinSpace) -> int | None:
         """The degree of what an expression is made of, where that is a polynomial.
@@ -273,6 +321,11 @@ class Elements:
     @property
     def _is_affine(self) -> bool:
         return self.geometry.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON) and max(self.geometry.degrees) == 1
+
+    @property
+    def _is_straight(self) -> bool:
+        """Whether the elements are straight tetrahedra."""
+        return self._is_affine and self.geometry.shape is Shape.TETRAHEDRON
 
     @cached_property
     def _several(self) -> tuple[str, ...]:
@@ -292,13 +345,11 @@ class Elements:
                 else field_space(self.patches[0], None)
             )
             planes = len(self.series.z_ids) if self.series else 1
-            net = np.full((sum(map(len, self.patches)), len(names), planes, space.count), np.nan)
-            first = 0
-            for patch in self.patches:
+            net = np.empty((sum(map(len, self.patches)), len(names), planes, space.count))
+            rows = np.split(net, np.cumsum([len(patch) for patch in self.patches])[:-1])
+            for patch, own in zip(self.patches, rows, strict=True):
                 for column, number in enumerate(numbers):
-                    if patch.fields[number] is not None:
-                        net[first : first + len(patch), column] = _coefficients(patch, number, space)
-                first += len(patch)
+                    _fill(own[:, column], patch, number, space)
             self._nets[names] = space, frozen_floats(net)
         return self._nets[names]
 
@@ -309,9 +360,9 @@ class Elements:
 
     def _surfaces(self, targets: tuple[str, ...]) -> Mapping[str, NDArray[Any]]:
         """The buffers of surfaces that distances are measured to."""
-        if targets and targets not in self._shared_vertices:
-            self._shared_vertices[targets] = buffers_of([self.attributes.surface(target) for target in targets])
-        return self._shared_vertices.get(targets, {})
+        if targets and targets not in self._surface_buffers:
+            self._surface_buffers[targets] = buffers_of([self.attributes.surface(target) for target in targets])
+        return self._surface_buffers.get(targets, {})
 
     def _value(self, patch: Patch, rows: Ints, reference: Floats) -> Floats:
         """(n,) the part's own field at reference points, on the host."""
@@ -330,8 +381,13 @@ class Elements:
 
 def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) -> tuple[Floats, Floats]:
     """(n,) least and greatest Bernstein coefficient of each element, apart by their rounding."""
-    plain = net.reshape(len(net), space.count) / weights(space)
-    return plain.min(axis=1) - rounding(), plain.max(axis=1) + rounding()
+    low, high = np.empty(len(net)), np.empty(len(net))
+    for part in even_chunks(len(net), _AT_ONCE // space.count):
+        plain = net[part].reshape(-1, space.count) / weights(space)
+        plain.min(axis=1, out=low[part])
+        plain.max(axis=1, out=high[part])
+    error = rounding()
+    return low - error, high + error
 
 
 def map_space(patch: Patch) -> BernsteinSpace:
@@ -367,40 +423,19 @@ def _arguments(space: BernsteinSpace) -> list[int]:
     return [space.degrees[0], space.degrees[2]] if space.shape is Shape.PYRAMID else [space.degrees[0]]
 
 
-def _coefficients(patch: Patch, number: int, space: BernsteinSpace) -> Floats:
-    """(n, waves, count) scaled Bernstein coefficients of one of the patch's fields."""
+def _fill(net: Floats, patch: Patch, number: int, space: BernsteinSpace) -> None:
+    """Scaled Bernstein coefficients of one of the patch's fields into (n, waves, count); NaN where it lacks the field.
+
+    Some elements at a time: what is made on the way then stays in the processor's cache.
+    """
     expansion, modal = patch.fields[number], patch.coefficients[number]
-    assert expansion is not None
-    assert modal is not None
-    planes = len(expansion.homogeneous.z_ids) if expansion.homogeneous else 1
+    if expansion is None or modal is None:
+        net[:] = np.nan
+        return
+    plain, planes = replace(expansion, homogeneous=None), net.shape[1]
     # infinities become NaN where they meet
     with np.errstate(invalid="ignore"):
-        flat = modal.reshape(len(patch) * planes, -1)
-        net = bernstein_coefficients(replace(expansion, homogeneous=None), flat, space) * weights(space)
-    return np.asarray(net.reshape(len(patch), planes, -1))
-
-
-def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
-    """(n, k, 3) scaled Bernstein control points of the patch's maps."""
-    n, directions, modes = patch.geometry_coefficients.shape
-    flat = patch.geometry_coefficients.reshape(n * directions, modes)
-    nets = bernstein_coefficients(patch.geometry, flat, space).reshape(n, directions, space.count)
-    return np.ascontiguousarray(nets.transpose(0, 2, 1)) * weights(space)[:, None]
-
-
-def _shared_vertices(points: Floats, space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
-    """Points (n, k, 3) of all elements as a list of points and (n * k) indices; straight elements share vertices."""
-    flat = points.reshape(-1, 3)
-    if max(space.degrees) > 1:
-        return frozen_floats(flat), np.arange(len(flat), dtype=np.uint32)
-
-    # equal points have equal hashes; should different ones collide, nothing is shared
-    bits = (flat + 0.0).view(np.uint64)
-    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
-    mixed = (bits ^ (bits >> np.uint64(29))) * factors
-    hashes = mixed[:, 0] ^ (mixed[:, 1] >> np.uint64(7)) ^ (mixed[:, 2] << np.uint64(9))
-    _, first, inverse = np.unique(hashes, return_index=True, return_inverse=True)
-    unique = flat[first]
-    if not np.array_equal(unique[inverse], flat):
-        return frozen_floats(flat), np.arange(len(flat), dtype=np.uint32)
-    return frozen_floats(unique), inverse.astype(np.uint32)
+        for part in even_chunks(len(patch), _AT_ONCE // (planes * space.count)):
+            own = modal[part].reshape(-1, modal.shape[1] // planes)
+            scaled = bernstein_coefficients(plain, own, space) * weights(space)
+            net[part] = scaled.reshape(-1, planes, space.count)

@@ -14,7 +14,6 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Expansion
-from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.functions import function
@@ -44,17 +43,15 @@ def operations(space: BernsteinSpace) -> int:
     return _horner(space.shape.dimension, max(space.degrees), collapsed)
 
 
-def field_rounding(patch: Patch, field: int, space: BernsteinSpace, coefficients: Floats) -> Floats:
-    """(n,) bounds for one of a patch's fields.
+def field_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace, coefficients: Floats) -> Floats:
+    """(n,) bounds for a field.
 
-    coefficients  (n, count) Bernstein coefficients, as rounded
+    modal         (n, m) its coefficients
+    coefficients  (n, count) its Bernstein coefficients, as rounded
 
     Bernstein functions are positive and sum to 1: the error of the evaluation is in proportion to the greatest
     coefficient.  0 where the field is a constant.
     """
-    expansion, modal = patch.fields[field], patch.coefficients[field]
-    assert expansion is not None
-    assert modal is not None
     with np.errstate(invalid="ignore"):
         modes, values = np.abs(modal), np.abs(coefficients)
         greatest = values.max(axis=1)

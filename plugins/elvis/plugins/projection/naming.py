@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Ints, frozen_ints
-from elvis.core.mapping.connectivity import distinct_rows
+from elvis.core.arrays import Ints, distinct_rows, frozen_ints
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter

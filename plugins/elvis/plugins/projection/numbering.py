@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints
-from elvis.core.mapping.connectivity import distinct_rows
+from elvis.core.arrays import Bools, Ints, distinct_rows
 from elvis.core.shapes import Shape
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.vertices import connected_labels

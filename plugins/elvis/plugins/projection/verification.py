@@ -154,12 +154,13 @@ def _check_map(
     places = sampler.positions(block, rows, points)
     ours, jacobians = maps.at(ids, own, inside)
     distances = np.sqrt(((ours - places) ** 2).sum(axis=2))
-    sizes = np.ptp(places, axis=1).max(axis=1)
+    low, high = places.min(axis=1), places.max(axis=1)
+    sizes = (high - low).max(axis=1)
     weights = np.abs(jacobians) * (VOLUMES[block.shape] / inside)
     findings.coordinates.add(ids, distances, weights, places.reshape(len(ids), -1))
     findings.volume += float(weights.sum())
     findings.box = np.stack(
-        [np.minimum(findings.box[0], places.min((0, 1))), np.maximum(findings.box[1], places.max((0, 1)))]
+        [np.minimum(findings.box[0], low.min(axis=0)), np.maximum(findings.box[1], high.max(axis=0))]
     )
 
     # measured against the size of each element, and against what 64 bits or the source's own digits can tell
@@ -167,7 +168,8 @@ def _check_map(
     share = most / np.where(sizes > 0, sizes, 1.0)
     if len(share) and share.max() > findings.deviation[0]:
         findings.deviation = (float(share.max()), int(ids[share.argmax()]))
-    noise = (2 * precision + 64 * np.finfo(float).eps * (block.source.order + 1)) * np.abs(places).max(axis=(1, 2))
+    magnitudes = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
+    noise = (2 * precision + 64 * np.finfo(float).eps * (block.source.order + 1)) * magnitudes
     findings.exceeding |= bool((most > _DEVIATION * sizes + noise).any())
     scale = sizes**block.shape.dimension
     flat: Bools = (np.abs(jacobians) <= _FLAT * scale[:, None]).all(axis=1)
@@ -191,9 +193,12 @@ class Maps:
     def at(self, ids: Ints, points: Floats, inside: int) -> tuple[Floats, Floats]:
         """Positions (k, n, 3) of elements ``ids`` at reference points (n, d); Jacobians (k, inside) at the first."""
         places = np.empty((len(ids), len(points), 3))
+        matrices = np.empty((len(ids), inside, 3, points.shape[1]))
         for block, here, own in self._parts(ids):
             places[here] = evaluate(block.expansion, own, points).transpose(0, 2, 1)
-        return places, self._determinants(self.tangents(ids, points[:inside])[1])
+            gradients = evaluate_with_gradients(block.expansion, own, points[:inside])[1]
+            matrices[here] = gradients.transpose(0, 2, 1, 3)
+        return places, self._determinants(matrices)
 
     def tangents(self, ids: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Positions (k, n, 3) and Jacobian matrices (k, n, 3, d) of elements ``ids`` at reference points (n, d)."""

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct_bits, groups
 
 #: corners closer than this share of the nearest pair of corners of an element may be one vertex
 _SHARE = 1e-3
@@ -20,8 +20,7 @@ def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[In
              meshes), those without a number are the same where they lie together
     Vertices are numbered in the order of the source's numbers, then of the first corner.
     """
-    _, first, which = np.unique(numbers, return_index=True, return_inverse=True)
-    which = which.reshape(-1)
+    first, which = groups(numbers)
     apart = np.abs(corners - corners[first][which]).max(axis=1, initial=0) > tolerance
     unsure = (numbers < 0) | np.isin(which, which[apart])
     if not unsure.any():
@@ -31,9 +30,8 @@ def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[In
     cluster = np.zeros(len(numbers), np.int64)
     rows = np.flatnonzero(unsure)
     cluster[rows] = clusters(corners[rows], tolerance)
-    keys = np.stack([which, cluster], axis=1)
-    _, first, vertex = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    return vertex.reshape(-1), corners[first]
+    first, vertex = groups(which * (1 + int(cluster.max())) + cluster)
+    return vertex, corners[first]
 
 
 def clusters(points: Floats, tolerance: float) -> Ints:
@@ -41,13 +39,13 @@ def clusters(points: Floats, tolerance: float) -> Ints:
 
     Clusters are numbered by their first point.
     """
-    distinct, first, which = np.unique(points + 0.0, axis=0, return_index=True, return_inverse=True)
-    labels = first.astype(np.int64)
+    first, which = distinct_bits(points + 0.0)
+    distinct, labels = points[first] + 0.0, first
     cell = max(4 * tolerance, np.finfo(float).tiny)
     for shift in product((0.0, 0.5), repeat=3):
         labels = _join(distinct, labels, np.floor(distinct / cell + np.array(shift)), tolerance)
-    roots: Ints = labels[which.reshape(-1)]
-    return np.unique(roots, return_inverse=True)[1].reshape(-1)
+    roots: Ints = labels[which]
+    return groups(roots)[1]
 
 
 def _join(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,10 @@ Examples:
   elvis info wing.xml wing.fld --field vorticity
   elvis info wing.xml wing.fld --field "distance(wall)"
   elvis info wing.xml wing.fld --quantities
+  elvis info wing.xml wing.fld --extrema --field p
+  elvis info wing.xml wing.fld --critical
+  elvis info wing.xml wing_*.chk
+  elvis info wing.xml wing_*.chk --time 0.25
 """
 
 
@@ -47,6 +52,14 @@ Examples:
 @click.option(
     "--quantities", "predefined", is_flag=True, help="List the predefined quantities, and what the data lack for them."
 )
+@click.option(
+    "--extrema", "extremes", is_flag=True, help="Find the least and greatest value of fields, with places, certified."
+)
+@click.option(
+    "--critical",
+    is_flag=True,
+    help="Find all points inside where the velocity is zero, with their kinds; --field, repeated, gives components.",
+)
 @data_options
 def info(
     data: Data,
@@ -56,34 +69,96 @@ def info(
     strict: bool,
     jacobian: bool,
     predefined: bool,
+    extremes: bool,
+    critical: bool,
 ) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
     Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
     tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points;
     with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
+    --critical misses no point, but for elements that it lists as undecided.
     --field adds the certified range of any quantity. What runtime plugins open is sampled where they give no bounds.
+    Of a series all steps are listed with their times, and the last is told of, or that of --step or --time.
     """
     from elvis.core.terminal import stage
 
     many = None if everything else _MANY
-    if strict + jacobian + predefined > 1:
-        raise click.UsageError("expected --strict, --jacobian or --quantities, found several")
+    if strict + jacobian + predefined + extremes + critical > 1:
+        raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
     if strict:
         _check(data.paths, as_json)
         return
-    source = data.source()
-    if jacobian:
-        if source.dataset is None:
-            raise click.UsageError("--jacobian proves what is native, but a runtime plugin opens these data")
-        _prove(source.dataset, as_json, many)
-        return
+    series = data.series()
+    source = data.source() if series is None else data.source_of(series.at_moment())
+    tasks = (
+        (jacobian, "--jacobian proves", partial(_prove, as_json=as_json, many=many)),
+        (extremes, "--extrema bounds", partial(_bound, names=quantities, as_json=as_json)),
+        (critical, "--critical searches", partial(_isolate, names=quantities, as_json=as_json)),
+    )
+    for is_asked, what, task in tasks:
+        if is_asked:
+            if source.dataset is None:
+                raise click.UsageError(f"{what} what is native, but a runtime plugin opens these data")
+            task(source.dataset)
+            return
     if predefined:
         _list(source.names.flow.catalogue(), as_json)
         return
     with stage("measuring"):
         facts = source.facts(quantities)
+    if series is not None:
+        facts = {"series": series.facts(), **facts}
     _tell(facts, as_json, lambda: _print_opened(facts) if source.dataset is None else _print(facts, many))
+
+
+def _bound(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
+    """Print the least and the greatest value of fields, where they are, and what is certain of them."""
+    from dataclasses import asdict
+
+    from elvis.core.arguments import field_names
+    from elvis.core.extrema import extrema
+    from elvis.core.terminal import print_json, print_table, stage
+
+    known = [own for each in names for own in field_names(dataset, each)] or field_names(dataset, None)
+    with stage("bounding"):
+        found = {name: dict(zip(("least", "greatest"), extrema(dataset, name), strict=True)) for name in known}
+    if as_json:
+        print_json({name: {end: asdict(own) for end, own in ends.items()} for name, ends in found.items()})
+        return
+    rows = []
+    for name, ends in found.items():
+        for end, own in ends.items():
+            place = ", ".join(f"{x:.10g}" for x in own.place)
+            rows.append((name, end, f"{own.value:.15g}", f"{abs(own.bound - own.value):.2g}", place, str(own.element)))
+    print_table(("field", "", "value", "certain to", "place", "element"), rows)
+
+
+def _isolate(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
+    """Print where a velocity is zero inside of the data, what kind each place is, and where that is undecided."""
+    from elvis.core.critical_points import critical_points
+    from elvis.core.terminal import note, print_json, print_table, stage, warn
+
+    with stage("searching"):
+        found = critical_points(dataset, names or None)
+    if as_json:
+        print_json(found.facts())
+    else:
+        rows = []
+        for each in found.points:
+            place = ", ".join(f"{x:.10g}" for x in each.place)
+            values = ", ".join(f"{value:.6g}" if value.imag else f"{value.real:.6g}" for value in each.eigenvalues)
+            rows.append((each.kind, str(each.index), place, str(each.element), values))
+        print_table(("kind", "index", "place", "element", "eigenvalues"), rows)
+    if found.undecided:
+        warn(f"undecided in {len(found.undecided)} elements, as along lines of zeros: {_first(found.undecided)}")
+    if found.beside:
+        note(f"not searched beside the outer boundary, within 1/128 of {len(found.beside)} elements")
+
+
+def _first(ids: Sequence[int]) -> str:
+    """The first few of many ids."""
+    return ", ".join(map(str, ids[:8])) + (", …" if len(ids) > 8 else "")
 
 
 def _list(quantities: Sequence[Facts], as_json: bool) -> None:
@@ -213,6 +288,8 @@ def _print(facts: Facts, many: int | None) -> None:
         (name, each["faces"], _sign(each)) for name, each in facts.get("distances", {}).items()
     ]
 
+    if "series" in facts:
+        _print_series(facts["series"], many)
     print_table(("", ""), _overview(facts))
     tables = [
         (("map of", "elements", "bases", "modes (order + 1)"), maps),
@@ -229,6 +306,26 @@ def _print(facts: Facts, many: int | None) -> None:
             print_table(headers, rows)
     if report:
         _print_conversion(report, many)
+
+
+def _print_series(series: Facts, many: int | None) -> None:
+    """Print the steps of a series, of many of them those at both ends."""
+    from elvis.core.terminal import print_table, say
+
+    rows = list(_steps(series))
+    if many is not None and len(rows) > many:
+        count = len(rows) - many + 1
+        rows[many // 2 : many // 2 + count] = [("...", f"{count} more, shown by --all", "")]
+    print_table(("step", "time", "files"), rows)
+    first, last = (series["steps"][end]["time"] for end in (0, -1))
+    count = len(series["steps"])
+    say(f"\n{count} steps, times {first:.10g} to {last:.10g}\n" if count > 1 else f"\none step, time {first:.10g}\n")
+
+
+def _steps(series: Facts) -> Iterator[tuple[object, ...]]:
+    """A row for each step of a series."""
+    for step in series["steps"]:
+        yield step["step"], f"{step['time']:.10g}", ", ".join(step["files"])
 
 
 def _print_conversion(report: RecordedReport, many: int | None) -> None:

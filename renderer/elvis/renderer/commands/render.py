@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import cache_option, overwrite_option
-from elvis.scene.commandline.command import OUTPUT, SceneCommand, text_type
+from elvis.scene.commandline.command import OUTPUT, SceneCommand, setting_option
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -57,14 +57,7 @@ Examples:
     cls=SceneCommand, epilog=EPILOG, short_help="Draw cuts, faces, isosurfaces and volumes, exact at every pixel."
 )
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    type=text_type("setting"),
-    help="Any other key of the scene.",
-)
+@setting_option
 @click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
 @overwrite_option
 @cache_option
@@ -82,13 +75,14 @@ def render(
     where that is taken.  A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
     from elvis.core.terminal import say
+    from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed, panels
 
     scene = composed(data, options, settings)
     is_named = bool(scene.outputs)
     scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
     _check_places(scene, data, save_scene, overwrite)
-    frames, notes = _frames(panels(scene), not no_cache)
+    frames, notes = _frames(tuple(with_range(each, not no_cache) for each in panels(scene)), not no_cache)
     _write(frames, scene, save_scene)
     for frame in frames:
         _report(frame, notes)
@@ -138,26 +132,33 @@ def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list
 
     known: dict[object, Dataset | PluginData] = {}
     for scene in scenes:
-        key = scene.data, scene.plugin, scene.reader
+        key = _key(scene)
         known[key] = known[key] if key in known else _open(scene, is_kept)
-    data = [known[scene.data, scene.plugin, scene.reader] for scene in scenes]
+    data = [known[_key(scene)] for scene in scenes]
     frames = list(map(_frame, data, scenes))
     shared = in_one_range(frames) if len(frames) > 1 else None
     if shared is not None:
         frames = [_frame(own, replace(scene, range=shared)) for own, scene in zip(data, scenes, strict=True)]
-    return frames, [remark for own in known.values() if not isinstance(own, PluginData) for remark in own.remarks]
+    datasets = [own for own in known.values() if not isinstance(own, PluginData)]
+    rates = [own.rates.remark for own in datasets if own.rates is not None]
+    return frames, [*rates, *(remark for own in datasets for remark in own.remarks)]
+
+
+def _key(scene: Scene) -> object:
+    """What the data of a scene depend on."""
+    return scene.data, scene.plugin, scene.reader, scene.step, scene.time, scene.between
 
 
 def _open(scene: Scene, is_kept: bool) -> Dataset | PluginData:
     """The data of the scene, read, converted or opened by a runtime plugin."""
     from elvis.core.terminal import warn
-    from elvis.plugins.data import Reading, open_data, pairs
+    from elvis.plugins.data import open_data
+    from elvis.renderer.request import reading_of
     from elvis.scene.errors import SceneError
 
     if not scene.data:
         raise SceneError("the scene names no data: give the mesh and field files too")
-    reading = Reading(scene.plugin, pairs(scene.reader), is_kept)
-    return open_data(tuple(map(Path, scene.data)), reading, warn)
+    return open_data(tuple(map(Path, scene.data)), reading_of(scene, is_kept), warn)
 
 
 def _frame(opened: Dataset | PluginData, scene: Scene) -> Frame:

@@ -7,18 +7,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import wraps
+from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
-from elvis.core.arguments import cache_option, data_argument, inputs, plugin_option, reader_option
+from elvis.core.arguments import (
+    between_option,
+    cache_option,
+    data_argument,
+    files_of_others,
+    inputs,
+    other_option,
+    plugin_option,
+    reader_option,
+    step_option,
+    time_option,
+)
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
+    from elvis.core.integrals import Integrals
     from elvis.core.norms import Norm
     from elvis.core.quantities import Expression, Names
+    from elvis.core.streamlines import Streamlines
+    from elvis.plugins.data import Reading
+    from elvis.plugins.opening import PluginData
+    from elvis.plugins.series.series import Series
     from elvis.renderer.evaluation import Evaluation
 
 Source: TypeAlias = Union["NativeSource", "Evaluation"]
@@ -33,28 +49,95 @@ class Data:
     plugin: str | None
     reader: tuple[str, ...]
     is_kept: bool
+    step: int | None = None
+    time: float | None = None
+    between: str = "linear"
+    others: tuple[str, ...] = ()
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
-        return inputs(self.paths, self.plugin, points)
+        further = [path for paths in files_of_others(self.others).values() for path in paths]
+        return inputs((*self.paths, *further), self.plugin, points)
+
+    def reading(self) -> Reading:
+        """The options."""
+        from elvis.core.moments import Moment
+        from elvis.plugins.data import Reading, pairs
+
+        return Reading(self.plugin, pairs(self.reader), self.is_kept, Moment(self.step, self.time, self.between))
 
     def source(self) -> Source:
         """What answers questions about the files, after a word on what a conversion lost.
 
         What a runtime plugin opens is evaluated on a device.
         """
-        from elvis.core.dataset import Dataset
-        from elvis.core.terminal import note, warn
-        from elvis.plugins.data import Reading, open_data, pairs
+        from elvis.core.terminal import warn
+        from elvis.plugins.data import open_data
 
-        opened = open_data(self.paths, Reading(self.plugin, pairs(self.reader), self.is_kept), warn)
+        return self.source_of(open_data(self.paths, self.reading(), warn))
+
+    def series(self) -> Series | None:
+        """The steps that the files are, where no moment of them is asked for; None where they are a single state."""
+        from elvis.plugins.series.series import series_in
+
+        if self.step is not None or self.time is not None:
+            return None
+        return series_in(self.paths, self.reading())
+
+    def moments(self, times: tuple[float, float, int] | str) -> tuple[Series, Floats]:
+        """The series that the files are, and the times that ``--times`` says; ElvisError for one state."""
+        import numpy as np
+
+        from elvis.core.errors import ElvisError
+
+        series = self.series()
+        if series is None:
+            raise ElvisError("--times: expected a series, without --step and --time, found one state")
+        return series, series.times[series.readable()] if isinstance(times, str) else np.linspace(*times)
+
+    def tell_of(self, series: Series, times: Floats, has_rates: bool = False) -> None:
+        """Say how steps of a series were brought to times (n,), and what it told of itself meanwhile."""
+        import numpy as np
+
+        from elvis.core.terminal import note
+
+        if has_rates or not np.isin(times, series.times).all():
+            note(f"between steps coefficients are interpolated in time ({self.between})")
+        for remark in series.told:
+            note(remark)
+
+    def source_of(self, opened: Dataset | PluginData) -> Source:
+        """What answers questions about data that are open, after a word on how they were come by."""
+        from elvis.core.dataset import Dataset
+        from elvis.core.errors import ElvisError
+        from elvis.core.terminal import note, warn
+
         if isinstance(opened, Dataset):
             for remark in opened.remarks:
                 note(remark)
-            return NativeSource(opened)
+            return self.beside_others(opened)
+        if self.others:
+            raise ElvisError(f"--other: expected elements of a known map, found what the plugin {opened.name} opens")
         from elvis.renderer.evaluation import Evaluation
 
         return Evaluation(opened, warn)
+
+    def beside_others(self, dataset: Dataset, is_quiet: bool = False) -> NativeSource:
+        """What answers questions about a dataset, in which expressions may name the others."""
+        return NativeSource(dataset.beside(**self._others), is_quiet)
+
+    @cached_property
+    def _others(self) -> dict[str, Dataset]:
+        """The other datasets, by the names that they have in expressions."""
+        from elvis.core.terminal import note
+        from elvis.plugins.data import Reading, dataset_of
+
+        found = {}
+        for name, paths in files_of_others(self.others).items():
+            found[name] = dataset_of(paths, Reading(is_kept=self.is_kept))
+            for remark in found[name].remarks:
+                note(f"{name}: {remark}")
+        return found
 
 
 def data_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -63,21 +146,37 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
     @data_argument
     @plugin_option
     @reader_option
+    @step_option
+    @time_option
+    @between_option
+    @other_option
     @cache_option
     @wraps(command)
     def parsed(
-        data: tuple[Path, ...], plugin: str | None, reader: tuple[str, ...], no_cache: bool, **rest: Any
+        data: tuple[Path, ...],
+        plugin: str | None,
+        reader: tuple[str, ...],
+        no_cache: bool,
+        step: int | None,
+        time: float | None,
+        between: str,
+        others: tuple[str, ...],
+        **rest: Any,
     ) -> None:
-        command(data=Data(data, plugin, reader, not no_cache), **rest)
+        command(data=Data(data, plugin, reader, not no_cache, step, time, between, others), **rest)
 
     return parsed
 
 
 @dataclass
 class NativeSource:
-    """A native dataset, which answers like `Evaluation`, without a device."""
+    """A native dataset, which answers like `Evaluation`, without a device.
+
+    is_quiet  whether no word is said on derivatives in time
+    """
 
     dataset: Dataset
+    is_quiet: bool = False
 
     @property
     def names(self) -> Names:
@@ -89,8 +188,12 @@ class NativeSource:
     def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
         """The quantities, or all fields; ElvisError for what names none."""
         from elvis.core.arguments import expressions
+        from elvis.core.terminal import note
 
-        return list(expressions(self.dataset, texts))
+        found = list(expressions(self.dataset, texts))
+        if not self.is_quiet and self.dataset.rates is not None and any(each.has_rates for each in found):
+            note(self.dataset.rates.remark)
+        return found
 
     def probe(self, points: Floats, wanted: Sequence[Expression], every: bool) -> Columns:
         """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""
@@ -105,6 +208,25 @@ class NativeSource:
         if texts is None:
             return dict(norms(self.dataset))
         return {each.text: quantity_norm(self.dataset, each) for each in self.expressions(texts)}
+
+    def integrate(
+        self,
+        texts: Sequence[str],
+        over: Sequence[str],
+        error: float,
+        coefficients: str | None = None,
+        clip: str | None = None,
+    ) -> Integrals:
+        """Integrals of quantities over parts of the data, and coefficients of forces."""
+        from elvis.core.integrals import integrate
+
+        return integrate(self.dataset, texts, over, error, coefficients, clip)
+
+    def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
+        """Streamlines (see `elvis.core.streamlines.trace`)."""
+        from elvis.core.streamlines import trace
+
+        return trace(self.dataset, seeds, velocity, **settings)
 
     def box(self) -> Facts:
         """The ends of the coordinates."""

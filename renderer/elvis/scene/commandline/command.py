@@ -57,3 +57,13 @@ def text_type(parse: str) -> TextType:
         return function(text)
 
     return TextType(read)
+
+
+setting_option = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    type=text_type("setting"),
+    help="Any other key of the scene.",
+)

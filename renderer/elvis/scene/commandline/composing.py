@@ -51,7 +51,7 @@ def composed(
     data = tuple(str(file) for file in files if not is_scene_file(file))
     scene = replace(scene, **given, objects=(*scene.objects, *cuts, *others), data=data or scene.data)
     scene = _apply_style(scene, style) if style else scene
-    return _set(scene, settings) if settings else scene
+    return with_settings(scene, settings)
 
 
 def panels(scene: Scene) -> tuple[Scene, ...]:
@@ -88,21 +88,24 @@ def _apply_style(scene: Scene, style: dict[str, Any]) -> Scene:
     return replace(scene, plane=None, objects=tuple(map(with_style, objects)))
 
 
-def _set(scene: Scene, settings: tuple[tuple[str, str], ...]) -> Scene:
-    """The scene with single keys changed."""
-    import re
+def with_settings(scene: Scene, settings: tuple[tuple[str, str], ...], option: str = "--set") -> Scene:
+    """The scene with single keys, such as ``objects[0].style.opacity``, set to TOML values.
 
+    option  by which they are given, for errors
+    """
     from elvis.scene.files import toml_value
-    from elvis.scene.tables import scene_of, table_of
+    from elvis.scene.tables import scene_of, steps_of, table_of
 
+    if not settings:
+        return scene
     table = table_of(scene)
     for key, text in settings:
-        *way, last = [int(part) if part.isdecimal() else part for part in re.split(r"[.\[\]]+", key.rstrip("]"))]
+        *way, last = steps_of(key)
         place: Any = table
         try:
             for step in way:
                 place = place[step] if isinstance(step, int) else place.setdefault(step, {})
             place[last] = toml_value(text)
         except (IndexError, TypeError, KeyError, AttributeError) as error:
-            raise SceneError(f"--set {key}: the scene has no such place") from error
+            raise SceneError(f"{option} {key}: the scene has no such place") from error
     return scene_of(table)

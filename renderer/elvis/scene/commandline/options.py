@@ -23,7 +23,7 @@ OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
 
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {
-    "Data": ("field", "plugin", "reader", "time", "device"),
+    "Data": ("field", "plugin", "reader", "step", "time", "between", "device"),
     "Objects": ("plane", *OBJECTS, "clip"),
     "Colours and lines": ("palette", "range", "bar", *STYLES, "background", "lights", "ambient"),
     "Camera": ("camera", "region", "zoom", "size", "samples"),

@@ -150,8 +150,8 @@ def size(text: str) -> tuple[int, int]:
 
 
 def color_range(text: str) -> tuple[float, float] | str:
-    """``LOW:HIGH``, ascending; or ``seen`` or ``all``."""
-    if text in ("seen", "all"):
+    """``LOW:HIGH``, ascending; or ``seen``, ``all`` or ``series``."""
+    if text in ("seen", "all", "series"):
         return text
     low, high = numbers(text.replace(":", ",", 1), 2)
     check_range((low, high))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,10 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces import FaceBlock, Faces
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import Buffer, Kernel
+from elvis.renderer.device import Kernel
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.faces.face_patches import Edges, FacePatches, face_patches
 from elvis.renderer.passes.faces.sides import Sides
 from elvis.renderer.tiles import TILE, bin_sections
@@ -60,16 +61,28 @@ class _PartTiles:
         self.kernel(len(self.counts), {**self.buffers, **output}, groups=True, work=self.counts)
 
 
+@dataclass
+class FacesInView:
+    """The faces that were drawn last, for each block, and what the view saw of them.
+
+    choice  how they were chosen
+    key     the view and the choice that ``in_view`` belongs to
+    """
+
+    choice: tuple[str, ...] | Bools = ()
+    chosen: list[_ChosenFaces] = field(default_factory=list)
+    key: object = None
+    in_view: list[tuple[FacePatches, Edges]] = field(default_factory=list)
+
+
 class FaceDrawer:
     """The faces of a loaded volume's elements, ready to be seen from anywhere."""
 
-    def __init__(self, loaded: DeviceVolume, faces: Faces) -> None:
+    def __init__(self, loaded: DeviceVolume, faces: Faces, last: FacesInView | None = None) -> None:
+        """For a volume and its faces; ``last`` is what another drawer of the very same faces knows."""
         self.loaded = loaded
         self.faces = faces
-        self._choice: tuple[str, ...] | Bools = ()
-        self._chosen: list[_ChosenFaces] = []
-        self._view_key: object = None
-        self._in_view: list[tuple[FacePatches, Edges]] = []
+        self._last = last or FacesInView()
 
     def draw(
         self, view: View, select: Sequence[str] = ("all",), beyond: Floats | None = None, quantity: str | None = None
@@ -196,22 +209,23 @@ class FaceDrawer:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
         choice = select if isinstance(select, np.ndarray) else tuple(select)
         # what is interrupted leaves the last answers as they were
-        if not _same(self._choice, choice):
+        last = self._last
+        if not _same(last.choice, choice):
             chosen = [
                 _choose(block, rows) for block, rows in zip(self.faces.blocks, self._chosen_rows(choice), strict=True)
             ]
-            self._choice = choice
-            self._chosen = chosen
+            last.choice = choice
+            last.chosen = chosen
 
         key = (view, choice if isinstance(choice, tuple) else id(choice))
-        if self._view_key != key:
+        if last.key != key:
             in_view = []
-            for block, own in zip(self.faces.blocks, self._chosen, strict=True):
+            for block, own in zip(self.faces.blocks, last.chosen, strict=True):
                 patches, edges = face_patches(block.space, own.nets, view)
                 in_view.append((own.sides.both(patches), edges))
-            self._view_key = key
-            self._in_view = in_view
-        return self._in_view
+            last.key = key
+            last.in_view = in_view
+        return last.in_view
 
     def _chosen_rows(self, choice: tuple[str, ...] | Bools) -> list[Ints]:
         """For each block the rows of the chosen faces."""
@@ -223,7 +237,7 @@ class FaceDrawer:
     def _patch_records(self, number: int, patches: FacePatches, dtype: np.dtype[Any]) -> NDArray[Any]:
         """FacePatch records (face.slang) of a block's patches."""
         block = self.faces.blocks[number]
-        rows = self._chosen[number].rows[patches.face]
+        rows = self._last.chosen[number].rows[patches.face]
         faces_before = sum(map(len, self.faces.blocks[:number]))
         record = np.zeros(len(rows), dtype)
         record["element"] = block.element[rows]

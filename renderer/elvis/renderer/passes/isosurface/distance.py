@@ -17,7 +17,8 @@ from elvis.renderer.traversal import Traversal
 from elvis.scene.view import View
 
 if TYPE_CHECKING:
-    from elvis.renderer.device import Buffer, Kernel
+    from elvis.renderer.device import Kernel
+    from elvis.renderer.memory import Buffer
 
 
 class DistanceDrawer:

@@ -12,7 +12,7 @@ from elvis.core.arrays import Floats, frozen_floats
 #: long half axes of the ellipses that are tried, as in iso_enclose.slang: the first is the real box
 AXES = (1.0, 1.6, 2.2, 3.2, 5.0, 8.0, 13.0)
 #: half sides of boxes that errors are known on
-BOXES = (1.0, 1.02, 1.1, 1.42)
+BOXES = (1.0, 1.01, 1.02, 1.03, 1.05, 1.07, 1.1, 1.14, 1.18, 1.24, 1.32, 1.42)
 #: terms of the sums, and the greatest ratio of one to the one before
 _TERMS, _SLOWEST = 400, 0.85
 

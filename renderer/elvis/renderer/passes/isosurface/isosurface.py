@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.plugins.volume import Part, Quantity
+from elvis.plugins.volume import Enclosure, Part, Quantity
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import Buffer, Kernel, stand_in
+from elvis.renderer.device import Kernel, stand_in
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
@@ -32,12 +33,14 @@ SPLIT, UNDEFINED = 0, 4
 MOST_SUB_ELEMENTS = 1 << 19
 #: the same of quantities that are no polynomials, whose series may never do: for each element, and at least
 _OF_AN_ELEMENT, _AT_LEAST = 128, 1 << 13
+#: as many times more of those that are enclosed, whose points cost less
+_OF_ENCLOSED = 4
 #: sub-elements whose series are on the device together
 _CHUNK = 1 << 16
 #: rounds of halving, and sub-elements that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
-#: degree of the series that tell where such a quantity hasn't the level, as in iso_sift.slang
-COARSE = 4
+#: numbers that are on the device together: of leaves of elements, and of points of sub-elements
+_OF_LEAVES, _OF_POINTS = 1 << 24, 1 << 23
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 #: drafts of a part: sub-elements in which rays take too many steps are drawn once more in parts, with closer bounds
@@ -45,7 +48,7 @@ _DRAFTS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class _Level:
+class Level:
     """A value of a quantity of one part, seen in a view: what all stages of a drawing are about.
 
     number    of the part
@@ -97,7 +100,7 @@ class IsosurfaceDrawer:
             straight = self.traversal.is_straight(number, own)
             draw = self._kernel("iso_line" if straight else "iso_draw", number, own)
             buffers = {**self.loaded.bindings(number, own), **image, "beyond": before}
-            asked = _Level(view, number, own, level, buffers)
+            asked = Level(view, number, own, level, buffers)
             if straight:
                 self._draw_straight(draw, asked)
             else:
@@ -131,7 +134,7 @@ class IsosurfaceDrawer:
         wrong = ~np.isfinite(found) | (np.abs(found - value) > 1e-6 * abs(value) if value else False)
         hits.status[np.flatnonzero(hit)[wrong]] = Status.AMBIGUOUS
 
-    def _draw_straight(self, draw: Kernel, level: _Level) -> None:
+    def _draw_straight(self, draw: Kernel, level: Level) -> None:
         """The straight tetrahedra of a part that may have the value."""
         view, number, quantity, value, buffers = level.view, level.number, level.quantity, level.value, level.buffers
         flat = self.traversal.flat(number, quantity, value)
@@ -148,9 +151,19 @@ class IsosurfaceDrawer:
             errors = np.where(flat, np.inf, self.traversal.rounding(number, quantity, value))
             buffers["errors"] = self.device.buffer(errors)
             buffers["steepest"] = self.device.buffer(self.traversal.steepest(number, quantity, value))
+            buffers |= self._condition(number, quantity)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["order"] = self.device.buffer(sections.element[order])
             draw(len(tiles), buffers, groups=True, work=tiles["end"] - tiles["first"])
+
+    def _condition(self, number: int, quantity: str | None) -> dict[str, Buffer]:
+        """How well it is known where the level isn't to be shown: errors of what tells, and its greatest change."""
+        condition = self.loaded.condition(number, quantity)
+        found = {"condition_errors": np.zeros(1), "condition_steepest": np.zeros(1)}
+        if condition is not None:
+            found["condition_errors"] = self.traversal.rounding(number, condition, 0.0)
+            found["condition_steepest"] = self.traversal.steepest(number, condition, 0.0)
+        return {name: self.device.buffer(array) for name, array in found.items()}
 
     def _holding(self, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) elements of a part that may have the value, but not all over."""
@@ -169,19 +182,20 @@ class IsosurfaceDrawer:
         sub_elements["error"] = self.traversal.rounding(number, quantity, value)[elements]
         return sub_elements
 
-    def _sub_elements(self, level: _Level, unfinished: NDArray[Any] | None = None) -> NDArray[Any]:
-        """What is to be drawn of a part, in order of depth: of all its elements, or parts of the sub-elements given."""
-        number, quantity, value = level.number, level.quantity, level.value
-        of_polynomials = self.traversal.degree(number, quantity) > 0
-        split = self._kernel("iso_split", number, quantity)
-        parents = self._whole(split, number, quantity, value) if unfinished is None else unfinished
+    def _sub_elements(self, level: Level, parents: NDArray[Any], whole: bool) -> NDArray[Any]:
+        """What is to be drawn of whole elements, or parts of sub-elements, in order of depth."""
+        of_polynomials = self.traversal.degree(level.number, level.quantity) > 0
+        is_enclosed = self._is_enclosed(level.number, level.quantity)
+        most_parents = self._points_at_once(level) // 8 if is_enclosed else _BATCH
         done = [parents[:0]]
-        enclosed = max(_OF_AN_ELEMENT * len(parents), _AT_LEAST)
-        most = MOST_SUB_ELEMENTS if of_polynomials else min(enclosed, MOST_SUB_ELEMENTS)
+        most = MOST_SUB_ELEMENTS
+        if not of_polynomials:
+            proportion = max(_OF_AN_ELEMENT * len(parents), _AT_LEAST)
+            most = min(_OF_ENCLOSED * proportion if is_enclosed else proportion, most)
         for iteration in range(_ROUNDS):
             last = len(parents) > most or iteration == _ROUNDS - 1
-            halved = iteration > 0 or unfinished is not None
-            batches = np.array_split(parents, -(-len(parents) // _BATCH)) if len(parents) else []
+            halved = iteration > 0 or not whole
+            batches = np.array_split(parents, -(-len(parents) // most_parents)) if len(parents) else []
             found = [self._keep(level, batch, halved, last) for batch in batches]
             done += [sub_elements[sub_elements["outcome"] != SPLIT] for sub_elements in found]
             parents = _join([parents[:0], *(sub_elements[sub_elements["outcome"] == SPLIT] for sub_elements in found)])
@@ -189,7 +203,7 @@ class IsosurfaceDrawer:
                 break
         return self._sort_by_depth(_join(done))
 
-    def _keep(self, level: _Level, parents: NDArray[Any], halved: bool, last: bool) -> NDArray[Any]:
+    def _keep(self, level: Level, parents: NDArray[Any], halved: bool, last: bool) -> NDArray[Any]:
         """What is left of some sub-elements, halved thrice or as they are; the ``last`` are halved no more."""
         number, quantity = level.number, level.quantity
         split = self._kernel("iso_split", number, quantity)
@@ -197,8 +211,8 @@ class IsosurfaceDrawer:
         groups = len(parents) if halved else -(-most // 8)
         is_enclosed = self._is_enclosed(number, quantity)
         lists = {
-            **self.loaded.bindings(number, quantity),
             **self._constants(number, quantity),
+            **level.buffers,
             "level_view": self._level_view(split, level, count=len(parents), whole=not halved, last=last),
             "parents": self.device.buffer(parents),
             "sub_elements": self.device.empty(parents.dtype, most),
@@ -209,6 +223,7 @@ class IsosurfaceDrawer:
         }
         if is_enclosed:
             self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
+            self.find_points(level, lists["sifted"], lists["sifted_count"], most)
         split(groups, lists, groups=True)
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
@@ -220,23 +235,67 @@ class IsosurfaceDrawer:
         centre = sub_elements["centre"]
         return sub_elements[np.lexsort([*centre.T, sub_elements["element"], sub_elements["near"]])]
 
-    def _draw_sub_elements(self, draw: Kernel, level: _Level) -> None:
+    def _draw_sub_elements(self, draw: Kernel, level: Level) -> None:
         """The other elements of a part, in sub-elements, and in parts of those in which rays take too many steps."""
         self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
         certified = self._is_certified(level.number, level.quantity)
-        level_view = partial(self._level_view, draw, level, certified=certified)
-        unfinished = None
-        for draft in range(_DRAFTS):
-            sub_elements = self._sub_elements(level, unfinished)
-            if not len(sub_elements):
-                return
-            last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
-            drawn = partial(self._draft, draw, level, level_view=partial(level_view, last=last))
-            unfinished = sub_elements[np.concatenate([drawn(some) for some in self._chunks(level, sub_elements)])]
-            if not len(unfinished):
-                return
+        for portion, elements in self.portions(level):
+            level_view = partial(self._level_view, draw, portion, certified=certified)
+            unfinished = elements
+            for draft in range(_DRAFTS):
+                sub_elements = self._sub_elements(portion, unfinished, whole=draft == 0)
+                if not len(sub_elements):
+                    break
+                last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
+                drawn = partial(self._draft, draw, portion, level_view=partial(level_view, last=last))
+                chunks = self._chunks(portion, sub_elements)
+                unfinished = sub_elements[np.concatenate([drawn(some) for some in chunks])]
 
-    def _chunks(self, level: _Level, sub_elements: NDArray[Any]) -> list[NDArray[Any]]:
+    def portions(self, level: Level) -> Iterator[tuple[Level, NDArray[Any]]]:
+        """Whole elements that are drawn together; where their quantity is enclosed, with the series of their leaves."""
+        number, quantity = level.number, level.quantity
+        kernel = self._kernel("iso_split", number, quantity)
+        elements = self._whole(kernel, number, quantity, level.value)
+        enclosure = self._enclosure(number, quantity)
+        if enclosure is None:
+            yield level, elements
+            return
+        leaves = 3 + enclosure.fields
+        size = leaves * (enclosure.degree + 1) ** 3
+        grid = self.device.empty(np.float64, _OF_POINTS)
+        kernel = self._kernel("iso_leaves", number, quantity)
+        for some in np.array_split(elements, -(-len(elements) * size // _OF_LEAVES)) if len(elements) else []:
+            some["slot"] = np.arange(len(some))
+            lists = {
+                "leaf_series": self.device.empty(np.float64, size * len(some)),
+                "grid_errors": self.device.empty(np.float64, 2 * leaves * len(some)),
+                "grid": grid,
+            }
+            own = {
+                "elements": self.device.buffer(some["element"]),
+                "level_view": self._level_view(kernel, level, count=len(some)),
+            }
+            portion = replace(level, buffers={**level.buffers, **lists})
+            kernel(len(some), {**self._constants(number, quantity), **portion.buffers, **own})
+            yield portion, some
+
+    def _points_at_once(self, level: Level) -> int:
+        """Sub-elements whose points the device has room for."""
+        return _OF_POINTS // (4 * (stand_in(self.loaded.quantity(level.number, level.quantity)) + 1) ** 3)
+
+    def find_points(self, level: Level, sub_elements: Buffer, count: Buffer, most: int, offset: int = 0) -> None:
+        """Map and quantity at the nodes of sub-elements: of ``count``, which are ``most`` at most, from one on."""
+        kernel = self._kernel("iso_points", level.number, level.quantity)
+        lists = {
+            **self._constants(level.number, level.quantity),
+            **level.buffers,
+            "level_view": self._level_view(kernel, level, offset=offset),
+            "sub_elements": sub_elements,
+            "grid_count": count,
+        }
+        kernel(most, lists, groups=True)
+
+    def _chunks(self, level: Level, sub_elements: NDArray[Any]) -> list[NDArray[Any]]:
         """Sub-elements that are drawn together: as many as the device has room for the series of."""
         if self.traversal.degree(level.number, level.quantity) > 0:
             return [sub_elements]
@@ -248,8 +307,12 @@ class IsosurfaceDrawer:
 
     def _is_enclosed(self, number: int, quantity: str | None) -> bool:
         """Whether a quantity is no polynomial, but enclosed."""
+        return self._enclosure(number, quantity) is not None
+
+    def _enclosure(self, number: int, quantity: str | None) -> Enclosure | None:
+        """What a quantity that is no polynomial is made of; None where it is one, or isn't enclosed."""
         own = self.loaded.quantity(number, quantity)
-        return not own.degree and own.enclosure is not None
+        return None if own.degree else own.enclosure
 
     def _constants(self, number: int, quantity: str | None) -> dict[str, Buffer]:
         """What the stages before the drawing read beside a part's own buffers: on the device once."""
@@ -266,7 +329,6 @@ class IsosurfaceDrawer:
         nodes, transform = _series(degree)
         leaf_nodes, leaf_series = _series(1 if enclosure is None else enclosure.degree)
         leaf_transform = powers(leaf_series)
-        coarse_nodes, coarse_transform = _series(COARSE)
         return {
             "nodes": nodes,
             "transform": transform,
@@ -277,29 +339,28 @@ class IsosurfaceDrawer:
             "axes": np.array(AXES),
             "box_sizes": np.array(BOXES),
             "tails": tails(degree),
-            "coarse_nodes": coarse_nodes,
-            "coarse_transform": coarse_transform,
-            "coarse_tails": tails(COARSE),
+            "leaf_chebyshev": leaf_series,
+            **dict.fromkeys(("leaf_series", "grid_errors", "grid"), np.zeros(1)),
         }
 
-    def _fits(self, level: _Level, sub_elements: NDArray[Any]) -> Buffer:
+    def _fits(self, level: Level, sub_elements: NDArray[Any]) -> Buffer:
         """The series that stand for a quantity that is no polynomial over sub-elements."""
         number, quantity = level.number, level.quantity
-        own = self.loaded.quantity(number, quantity)
-        if own.degree or own.enclosure is None:
+        if not self._is_enclosed(number, quantity):
             return self.device.empty(np.float64, 1)
-        kernel, count = self._kernel("iso_fit", number, quantity), len(sub_elements)
-        fits = self.device.empty(np.float64, (stand_in(own) + 1) ** 3 * count)
-        lists = {
-            "level_view": self._level_view(kernel, level, count=count),
-            "sub_elements": self.device.buffer(sub_elements),
-            "fits": fits,
-        }
-        kernel(count, {**level.buffers, **self._constants(number, quantity), **lists})
+        own = self.loaded.quantity(number, quantity)
+        kernel, on_device = self._kernel("iso_fit", number, quantity), self.device.buffer(sub_elements)
+        fits = self.device.empty(np.float64, (stand_in(own) + 1) ** 3 * len(sub_elements))
+        lists = {**self._constants(number, quantity), **level.buffers, "fits": fits}
+        most = self._points_at_once(level)
+        for first in range(0, len(sub_elements), most):
+            count = min(most, len(sub_elements) - first)
+            self.find_points(level, on_device, self.device.buffer(np.array([count], np.uint32)), count, first)
+            kernel(count, {**lists, "level_view": self._level_view(kernel, level, count=count, offset=first)})
         return fits
 
     def _draft(
-        self, draw: Kernel, level: _Level, sub_elements: NDArray[Any], level_view: Callable[..., Buffer]
+        self, draw: Kernel, level: Level, sub_elements: NDArray[Any], level_view: Callable[..., Buffer]
     ) -> Bools:
         """Draws sub-elements; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
         least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
@@ -316,7 +377,7 @@ class IsosurfaceDrawer:
         draw(len(tiles), {**level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
         return np.asarray(self.device.read(lists["unfinished"], np.uint32)[: len(sub_elements)] > 0)
 
-    def _level_view(self, kernel: Kernel, level: _Level, **other: int) -> Buffer:
+    def _level_view(self, kernel: Kernel, level: Level, **other: int) -> Buffer:
         """The LevelView record of the stages (iso.slang)."""
         view = level.view
         errors = {"apart": APART * self.loaded.extent, "misplaced": misplaced(view, self.loaded.extent)}

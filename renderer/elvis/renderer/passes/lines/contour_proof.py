@@ -17,12 +17,21 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
 from elvis.plugins.native.bending import changes, derivative_sums, derived, net_of_xi
+from elvis.plugins.volume import Slopes
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.passes.lines.contour_squares import AT_ONCE, Derivatives, Items, Squares, facet_distances, steepest
+from elvis.renderer.passes.lines.contour_squares import (
+    AT_ONCE,
+    ROUNDING,
+    Derivatives,
+    Items,
+    Squares,
+    facet_distances,
+    steepest,
+)
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.frame import Status
 from elvis.scene.view import View
@@ -142,10 +151,10 @@ class ContourProof:
         self.status[items.pixel[is_due & ~is_decided]] = Status.AMBIGUOUS
 
     def _is_known(self, number: int) -> bool:
-        """Whether map and field of a part are polynomials in its reference coordinates, from -1 to 1."""
+        """Whether the map of a part is a polynomial in reference coordinates from -1 to 1, and its slopes are known."""
         part = self._loaded.parts[number]
-        degree = self._loaded.quantity(number, self._quantity).degree
-        return degree > 0 and not part.collapsed and not part.unit
+        own = self._loaded.quantity(number, self._quantity)
+        return (own.degree > 0 or own.slopes is not None) and not part.collapsed and not part.unit
 
     def _bounds(self, number: int, elements: Ints) -> Derivatives:
         """The derivatives of some elements of a part."""
@@ -165,13 +174,16 @@ class ContourProof:
             values = samples.value.reshape(count, -1) @ fit
             away = samples.position.reshape(count, -1, 3) - middle.position[:, None]
             places = np.einsum("nki,km->nim", away, fit)
-            found.append(_derivatives(space, places, middle, values))
+            bounds = self._loaded.quantity(number, self._quantity).slopes
+            own_slopes = _slopes(space, values) if bounds is None else bounds.of(own, _BEYOND[space.shape])
+            found.append(_derivatives(space, places, middle, own_slopes))
         return Derivatives.concatenate(found)
 
     def _space(self, number: int) -> BernsteinSpace:
         """The polynomials of a part's map and field: on the cube, where they are not on the shape itself."""
         part = self._loaded.parts[number]
-        degree = self._loaded.quantity(number, self._quantity).degree
+        own = self._loaded.quantity(number, self._quantity)
+        degree = own.degree if own.slopes is None else own.slopes.map_degree
         facets = np.zeros((0, 4)) if part.affine else self._lines.facets(number)
         for shape, degrees in ((Shape.TETRAHEDRON, (degree,)), (Shape.PRISM, (degree, degree))):
             margins = facet_distances(facets, shape.vertices)
@@ -210,7 +222,8 @@ class ContourProof:
         if self._loaded.dimension != 2:
             return facets
         is_upright = np.abs(facets[:, :2]).max(axis=1) > 0.0
-        return facets[is_upright]
+        kept: Floats = facets[is_upright]
+        return kept
 
     def points(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
         """(n, 3) places of the plane under points of the picture, and how much nearer they make the plane seem."""
@@ -222,14 +235,19 @@ class ContourProof:
         return origins + depth[:, None] * directions, np.abs(slant)
 
 
-def _derivatives(space: BernsteinSpace, places: Floats, middle: Samples, values: Floats) -> Derivatives:
-    """Bounds from nets of places less the centre (n, 3, count) and of values (n, count), and samples at the centres."""
+def _derivatives(space: BernsteinSpace, places: Floats, middle: Samples, own: Slopes) -> Derivatives:
+    """Bounds from nets of places less the centre (n, 3, count), samples at the centres, and slopes of the field."""
     inverse = np.swapaxes(duals(middle.jacobian), 1, 2)
+    bend, turn = changes(space, inverse @ places, _BEYOND[space.shape])
+    return Derivatives(bend, turn, own.gradient, own.curvature, own.noise, middle.position, inverse)
+
+
+def _slopes(space: BernsteinSpace, values: Floats) -> Slopes:
+    """Of polynomials with nets (n, count)."""
     beyond = _BEYOND[space.shape]
-    bend, turn = changes(space, inverse @ places, beyond)
     gradient, curvature = derivative_sums(space, values, beyond)
     size = np.abs(derived(space, values, (), beyond)).max(axis=1)
-    return Derivatives(bend, turn, gradient.max(axis=1), curvature.max(axis=1), size, middle.position, inverse)
+    return Slopes(gradient.max(axis=1), curvature.max(axis=1), ROUNDING * size)
 
 
 @lru_cache(maxsize=16)

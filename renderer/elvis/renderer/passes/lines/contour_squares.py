@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 _CELLS = (1, 4, 16)
 #: numbers sampled at once
 AT_ONCE = 1 << 18
-#: part of a field's greatest value that rounding may change
-_ROUNDING = 1e-13
+#: part of a polynomial's greatest value that rounding may change
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Derivatives:
 
     bend, turn           b and m of the map (see elvis.plugins.native.bending)
     gradient, curvature  G and M of the field
-    size                 greatest absolute value
+    noise                how far computed values may be off
     centre               (n, 3) world position of the centre
     inverse              (n, 3, 3) inverse of the Jacobian there
     """
@@ -50,7 +50,7 @@ class Derivatives:
     turn: Floats
     gradient: Floats
     curvature: Floats
-    size: Floats
+    noise: Floats
     centre: Floats
     inverse: Floats
 
@@ -152,6 +152,7 @@ class Squares:
 
         is_good = (growth < 0.1) & (bend < 0.9) & (self._warp < 0.1) & (self._missed < 1e-9)
         is_good &= self._proof.reaches(self._number, self._centre + steps, curved)
+        is_good &= np.isfinite(self._bounds.gradient) & np.isfinite(self._bounds.curvature)
         self._is_good = is_good & np.isfinite(self._value)
 
         # a square lies inside where its corners do, by more than its sides bulge
@@ -171,8 +172,9 @@ class Squares:
     def decide(self, levels: Floats) -> Bools:
         """(n,) squares in each of which every level is proved to be taken, or proved not to be."""
         # what the gradient alone decides
-        noise = _ROUNDING * self._bounds.size
-        spread = self._bounds.gradient * (self._rho + self._missed) + noise
+        noise = self._bounds.noise
+        with np.errstate(invalid="ignore"):
+            spread = self._bounds.gradient * (self._rho + self._missed) + noise
         is_near = _any_between(levels, self._value - spread, self._value + spread)
         is_decided = self._is_good & ~is_near
         self.taken = np.zeros(len(spread), bool)
@@ -210,7 +212,8 @@ class Squares:
         # a level is in doubt between what is taken and what may be
         may_be_low = _any_between(levels, low - rest - noise, taken_low)
         may_be_high = _any_between(levels, taken_high, high + rest + noise)
-        return np.asarray(~(may_be_low | may_be_high))
+        is_known = np.isfinite(low) & np.isfinite(high)
+        return np.asarray(is_known & ~(may_be_low | may_be_high))
 
     def _lattice(self, cells: int, some: Ints) -> tuple[Floats, Floats, Floats]:
         """Values (n, s + 1, s + 1) and places (…, 3) of the lattices, and bounds (n,) of how far values may be off."""
@@ -231,7 +234,7 @@ class Squares:
         step = np.linalg.solve(found.jacobian, gap[..., None])[..., 0]
         values = found.value + np.einsum("ni,ni->n", found.gradient, step)
         length = np.abs(step).max(axis=1).reshape(count, -1).max(axis=1)
-        noise = _ROUNDING * self._bounds.size[some] + self._curvature(some) * length**2
+        noise = self._bounds.noise[some] + self._curvature(some) * length**2
         shape = (count, cells + 1, cells + 1)
         return values.reshape(shape), places.reshape(*shape, 3), noise
 

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import ROWS, Buffer, Device
+from elvis.renderer.device import ROWS, Device
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.errors import SceneError
 from elvis.scene.view import View
@@ -105,7 +106,6 @@ class Lines:
 
     def __init__(self, loaded: DeviceVolume) -> None:
         self._loaded, self._device = loaded, loaded.device
-        self._facets: dict[int, Floats] = {}
 
     def contours(self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None = None) -> Marks:
         """Lines where a hit buffer's field has one of the values (k,), which ascend.
@@ -228,15 +228,17 @@ class Lines:
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""
-        if number not in self._facets:
-            kernel = self._device.kernel("line_shape", self._loaded.parts[number])
-            directions, facets = _sphere(_DIRECTIONS), self._device.empty(kernel.dtype("facets"), _DIRECTIONS)
-            buffers = {"directions": self._device.buffer(directions), "facets": facets}
-            kernel(len(directions), {**self._loaded.buffers[number], **buffers})
-            rows = self._device.read(facets, np.float64).reshape(-1, 4)
-            rows = rows[np.abs(rows[:, :3]).max(axis=1) > 0.0]
-            self._facets[number] = rows[np.unique(np.round(rows, 9), axis=0, return_index=True)[1]]
-        return self._facets[number]
+        return self._loaded.once(("facets", number), lambda: self._find_facets(number))
+
+    def _find_facets(self, number: int) -> Floats:
+        """The same, as line_shape.slang finds them."""
+        kernel = self._device.kernel("line_shape", self._loaded.parts[number])
+        directions, facets = _sphere(_DIRECTIONS), self._device.empty(kernel.dtype("facets"), _DIRECTIONS)
+        buffers = {"directions": self._device.buffer(directions), "facets": facets}
+        kernel(len(directions), {**self._loaded.buffers[number], **buffers})
+        rows = self._device.read(facets, np.float64).reshape(-1, 4)
+        rows = rows[np.abs(rows[:, :3]).max(axis=1) > 0.0]
+        return np.asarray(rows[np.unique(np.round(rows, 9), axis=0, return_index=True)[1]])
 
 
 def _waves(items: WorkItems) -> WorkItems:

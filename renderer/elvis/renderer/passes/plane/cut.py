@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -13,10 +14,11 @@ from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import Buffer, Kernel
+from elvis.renderer.device import Device, Kernel
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.gaps import Gaps, beside
+from elvis.renderer.gaps import Gaps, beside, unknown
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.proof import prove
 from elvis.renderer.tiles import tiles_by_section
@@ -45,7 +47,9 @@ class Cutter:
     def __init__(self, loaded: DeviceVolume) -> None:
         self.device, self.parts, self.buffers = loaded.device, loaded.parts, loaded.buffers
         self.first, self.extent = loaded.first, loaded.extent
-        self.gaps, self.far = Gaps(self.parts, self._candidates), loaded.is_far
+        bent = loaded.once("bent", lambda: unknown(loaded.parts))
+        # no method of its own, which would keep all that steps of a series leave until garbage is collected
+        self.gaps, self.far = Gaps(self.parts, partial(_candidates, self.device), bent), loaded.is_far
         self.clock = Clock()
         self.tiles = 0
         self.references = True
@@ -145,10 +149,6 @@ class Cutter:
         candidates["element"] += np.uint32(self.first[number])
         return candidates
 
-    def _candidates(self, count: int) -> NDArray[Any]:
-        """Empty Candidate records (cut.slang)."""
-        return np.zeros(count, self.device.kernel("cut_commit").dtype("candidates"))
-
     def _kernel(self, stage: str, part: Part) -> Kernel:
         return self.device.kernel(stage, part)
 
@@ -171,6 +171,11 @@ class Cutter:
         for name in ("pixel", "element", "field", "reference"):
             candidates[name] = every[name][last]
         kernel(len(candidates), {"candidates": self.device.buffer(candidates), **image})
+
+
+def _candidates(device: Device, count: int) -> NDArray[Any]:
+    """Empty Candidate records (cut.slang)."""
+    return np.zeros(count, device.kernel("cut_commit").dtype("candidates"))
 
 
 def _doubt_cracks(pixels: Pixels, view: PlaneView) -> None:

@@ -1,0 +1,122 @@
+"""Reference points in elements, and what a patch has there; what several expressions share is made once."""
+
+from __future__ import annotations
+
+from functools import cache, cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError
+from elvis.core.mapping import pointwise, tangents
+from elvis.core.patch import Patch
+from elvis.core.polynomials.curvature import hessians_at
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.core.polynomials.expansion import dimension
+
+
+class ElementPoints:
+    """Points in elements of a patch, an element for each.
+
+    rows    (n,)    rows of the patch
+    points  (n, D)  reference coordinates, as in `pointwise`
+    normals (n, 3)  of a surface that they are on, None for sides of elements
+    """
+
+    def __init__(self, patch: Patch, rows: Ints, points: Floats, normals: Floats | None = None) -> None:
+        self.patch, self.rows, self.points, self.normals = patch, rows, points, normals
+        self.derivative = cache(self._derivative)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @cached_property
+    def positions(self) -> Floats:
+        """(n, 3) world coordinates."""
+        return pointwise.positions(self.patch, self.rows, self.points)
+
+    @cached_property
+    def jacobians(self) -> Floats:
+        """(n, 3, D) derivatives of the world coordinates in the reference coordinates."""
+        return pointwise.jacobians(self.patch, self.rows, self.points)
+
+    def _derivative(self, field: int, order: int) -> Floats:
+        """(n,), (n, 3) or (n, 3, 3) a field's values, first or second derivatives; NaN where the patch lacks it."""
+        if self.patch.fields[field] is None:
+            return np.full((len(self), *(3,) * order), np.nan)
+        return (self._values, self._gradients, self._hessians)[order](field)
+
+    def _values(self, field: int) -> Floats:
+        return pointwise.values(self.patch, field, self.rows, self.points)
+
+    def _gradients(self, field: int) -> Floats:
+        return pointwise.gradients(self.patch, field, self.rows, self.points)
+
+    def _hessians(self, field: int) -> Floats:
+        return hessians(self.patch, field, self.rows, self.points)
+
+
+class Lattice(ElementPoints):
+    """The same points (q, D) in each of some elements (e,), one element after the other: tables of modes are shared."""
+
+    def __init__(self, patch: Patch, elements: Ints, lattice: Floats) -> None:
+        super().__init__(patch, np.repeat(elements, len(lattice)), np.tile(lattice, (len(elements), 1)))
+        self._elements, self._lattice = elements, lattice
+
+    @cached_property
+    def positions(self) -> Floats:
+        """As in `ElementPoints`."""
+        return self._map[0]
+
+    @cached_property
+    def jacobians(self) -> Floats:
+        """As in `ElementPoints`."""
+        return self._map[1]
+
+    @cached_property
+    def _map(self) -> tuple[Floats, Floats]:
+        patch, own = self.patch, self.patch.shape.dimension
+        coefficients = patch.geometry_coefficients[self._elements]
+        world, plane = evaluate_with_gradients(patch.geometry, coefficients, self._lattice[:, :own])
+        positions = np.ascontiguousarray(world.transpose(0, 2, 1)).reshape(-1, 3)
+        jacobians = np.zeros((len(self), 3, patch.dimension))
+        jacobians[:, :, :own] = plane.transpose(0, 2, 1, 3).reshape(-1, 3, own)
+        for i, (axis, length) in enumerate(patch.periods):
+            positions[:, axis] = length * (1 + self.points[:, own + i]) / 2
+            jacobians[:, axis, own + i] = length / 2
+        return positions, jacobians
+
+    def _values(self, field: int) -> Floats:
+        expansion, coefficients = self.patch.fields[field], self.patch.coefficients[field]
+        assert expansion is not None
+        assert coefficients is not None
+        points = self._lattice[:, : dimension(expansion)]
+        return evaluate(expansion, coefficients[self._elements], points).reshape(-1)
+
+    def _gradients(self, field: int) -> Floats:
+        expansion, coefficients = self.patch.fields[field], self.patch.coefficients[field]
+        assert expansion is not None
+        assert coefficients is not None
+        points = self._lattice[:, : dimension(expansion)]
+        own = evaluate_with_gradients(expansion, coefficients[self._elements], points)[1]
+        own = own.reshape(len(self), -1)
+        duals = tangents.duals(self.jacobians)[:, :, : own.shape[1]]
+        return np.asarray(np.einsum("nci,ni->nc", duals, own))
+
+
+def hessians(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
+    """(n, 3, 3) second derivatives of a field in world coordinates; not finite where the Jacobian is singular.
+
+    From u(x(xi)): u_xixi = J^T H J + sum_c g_c x_c,xixi, with the gradient g and the Jacobian J.
+    """
+    expansion, coefficients = patch.fields[field], patch.coefficients[field]
+    d = patch.shape.dimension
+    if patch.homogeneous or not patch.is_flat or expansion is None or coefficients is None:
+        raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found other ones")
+    bent = hessians_at(expansion, coefficients, rows, points)
+    maps = hessians_at(patch.geometry, patch.geometry_coefficients, rows, points)
+    gradients = pointwise.gradients(patch, field, rows, points)
+    inverse = tangents.duals(pointwise.jacobians(patch, rows, points))[:, :, :d]
+    with np.errstate(invalid="ignore"):
+        bent = bent - np.einsum("nc,ncij->nij", gradients, maps)
+        return np.asarray(np.einsum("nai,nij,nbj->nab", inverse, bent, inverse))

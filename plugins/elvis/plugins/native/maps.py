@@ -1,0 +1,78 @@
+"""What a part has of its elements' maps alone, which the steps of a series share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.mapping.boxes import Boxes, element_boxes
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, to_bernstein
+from elvis.plugins.native.weights import weights
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """Scaled Bernstein control points of elements, and boxes that hold these.
+
+    points   (m, 3)
+    indices  (n * k,) the control points of one element after the other
+    boxes    (n, 6) see Part
+    """
+
+    points: Floats
+    indices: NDArray[np.uint32]
+    boxes: Boxes
+
+    @staticmethod
+    def of(patches: Sequence[Patch], space: BernsteinSpace) -> Maps:
+        """Those of all elements of some patches, in one space."""
+        boxes = np.concatenate([element_boxes(patch) for patch in patches])
+        return Maps(*_control_points(patches, space), boxes)
+
+
+#: gives what was made before for a key, or what the function makes
+Keep: TypeAlias = Callable[[Hashable, Callable[[], Maps]], Maps]
+
+
+def keep_nothing(_: Hashable, make: Callable[[], Maps]) -> Maps:
+    """Makes it each time."""
+    return make()
+
+
+def _control_points(patches: Sequence[Patch], space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
+    """Scaled Bernstein control points (m, 3) of the maps of patches, and which of them each element has, (n * count,).
+
+    Where all are straight, the points are the vertices of the mesh: the same array for all its parts.
+    """
+    corners = patches[0].corners
+    found = (_vertex_rows(patch, space) for patch in patches)
+    rows = [own for own in found if own is not None]
+    if corners is not None and len(rows) == len(patches):
+        return corners.vertices, np.concatenate(rows)
+    points = np.concatenate([_controls(patch, space) for patch in patches]).reshape(-1, 3)
+    return frozen_floats(points), np.arange(len(points), dtype=np.uint32)
+
+
+def _vertex_rows(patch: Patch, space: BernsteinSpace) -> NDArray[np.uint32] | None:
+    """(n * count,) the vertices of the mesh that are a patch's control points in a space; None where some aren't."""
+    if patch.corners is None:
+        return None
+    matrix = to_bernstein(patch.geometry, space) * weights(space)
+    is_choice = np.isin(matrix, (0, 1)).all() and (matrix.sum(axis=0) == 1).all()
+    if not is_choice:
+        return None
+    return patch.corners.rows.astype(np.uint32)[:, matrix.argmax(axis=0)].reshape(-1)
+
+
+def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
+    """(n, k, 3) scaled Bernstein control points of the patch's maps."""
+    n, directions, modes = patch.geometry_coefficients.shape
+    flat = patch.geometry_coefficients.reshape(n * directions, modes)
+    nets = bernstein_coefficients(patch.geometry, flat, space).reshape(n, directions, space.count)
+    return np.ascontiguousarray(nets.transpose(0, 2, 1)) * weights(space)[:, None]

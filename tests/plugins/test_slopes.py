@@ -1,0 +1,64 @@
+"""Bounds of derivatives of expressions hold what differences show, on bent elements of every shape."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Dataset
+from elvis.core.quantities import Expression
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.shapes import Shape
+from elvis.core.testing import VORTICES, approximated, curved, grid, scattered, swirled
+from elvis.plugins.native import NativeVolume
+
+TEXTS = ("q_criterion", "sin(2*u)/(3 + v) + x*exp(v)", "d(u,x)^3 - sqrt(2 + u*u)*y", "log(2 + u) - atan(w*d(v,y))")
+FLAT = ("vorticity", "x*exp(u)/(3 + v)")
+STEP = 1e-3
+
+
+def slopes_of(dataset, text, elements):
+    (part,) = NativeVolume.of(dataset, ["u", text]).parts
+    return part.quantities[text].slopes.of(elements, 1.25)
+
+
+def flow(shape, cells=1):
+    mesh = Dataset(curved(grid(shape, cells), swirled, 3))
+    return replace(mesh, fields=tuple(approximated(mesh, name, wave, 4) for name, wave in VORTICES.items()))
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1 and shape is not Shape.PYRAMID])
+def test_no_difference_is_greater_than_the_bounds(shape):
+    """Centred differences are derivatives somewhere between their ends; bounds are not a hundred times as large."""
+    dataset, axes = flow(shape, 3), np.eye(shape.dimension)
+    texts = TEXTS if shape.dimension == 3 else FLAT
+    evaluator = Evaluator(dataset, [Expression.of(dataset, text) for text in texts])
+    (patch,) = evaluator.patches
+    middle = shape.vertices.mean(axis=0)
+    reference = middle + 0.95 * (scattered(shape, 100, seed=2) - middle)
+    elements = np.arange(0, len(patch), 1 + len(patch) // 10)
+    own = np.resize(np.arange(len(elements)), len(reference))
+    rows = elements[own]
+
+    for expression in evaluator.expressions:
+        found = slopes_of(dataset, expression.text, elements)
+
+        def at(offset, expression=expression):
+            return evaluator.values(expression, patch, rows, reference + STEP * offset)
+
+        first = sum(np.abs(at(a) - at(-a)) for a in axes) / (2 * STEP)
+        second = sum(np.abs(at(a + b) - at(a - b) - at(b - a) + at(-a - b)) for a in axes for b in axes)
+        second = second / (4 * STEP**2)
+        assert (first <= found.gradient[own]).all(), expression.text
+        assert (second <= found.curvature[own] + 1e-6 * second.max()).all(), expression.text
+        assert np.isfinite(found.curvature).mean() > 0.4, expression.text
+        assert np.median(found.gradient) < 100 * first.max(), expression.text
+        assert np.median(found.noise) < 1e-8 * np.ptp(at(np.zeros(len(axes)))), expression.text
+
+
+def test_nothing_is_said_of_kinks_poles_and_second_derivatives():
+    dataset = flow(Shape.HEXAHEDRON)
+    for text in ("abs(u)", "max(u, v)", "laplacian(u)", "u^0.5", "lambda2", "jacobian"):
+        assert NativeVolume.of(dataset, ["u", text]).parts[0].quantities[text].slopes is None, text
+    for text in ("1/(u - u*v)", "sqrt(d(u,x))", "tan(20*d(u,x))"):
+        assert np.isinf(slopes_of(dataset, text, np.zeros(1, int)).curvature).all(), text
