@@ -25,7 +25,7 @@ demo: $(DEMO)
 	@$(RUN) examples/demo.py
 
 test: lint
-	@sh tools/browser.sh
+	@sh tools/programs.sh
 	@$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 check: lint
@@ -47,7 +47,7 @@ pages: $(READY)
 	@$(RUN) tools/notebooks.py out/data
 
 every-test: $(READY)
-	@sh tools/browser.sh
+	@sh tools/programs.sh
 	@EVERY_TEST=1 $(RUN) -m pytest -m sampled --numprocesses auto --maxprocesses 4 --dist worksteal
 
 docs: $(READY)

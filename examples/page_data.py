@@ -4,6 +4,7 @@
 
 wing       all volume shapes, curved, with p, u, v, w
 cylinder   2D: potential flow past a cylinder (generate.py)
+wave       2D: wave_0.chk to wave_8.chk, a standing wave that loses strength, at times 0 to 2
 bend       3D: flow through a bent duct (generate.py)
 delta      3D: vortex over a half delta wing (cases.py, where Gmsh is installed)
 SOURCES    files that solvers wrote
@@ -14,12 +15,15 @@ from __future__ import annotations
 import shutil
 import sys
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from elvis.core.testing import approximated, curved, mixed_volume, ripple
+from elvis.core.arrays import Floats
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.formats import Dataset, write
 
 #: name in the pages -> solver's file; a folder and a pattern stand for all that fit, under their own names
@@ -53,6 +57,7 @@ def lay_out(folder: Path, data: Path | None = None, quick: bool = True) -> None:
     import generate
 
     write(wing(), folder / "wing.xml")
+    _write_waves(folder)
     generate.main(folder)
     if find_spec("gmsh"):
         import cases
@@ -63,6 +68,25 @@ def lay_out(folder: Path, data: Path | None = None, quick: bool = True) -> None:
             for each in (source,) if isinstance(source, str) else source:
                 for path in data.glob(each):
                     shutil.copy(path, folder / (name or path.name))
+
+
+def _write_waves(folder: Path) -> None:
+    """A mesh of 16 squares, and a field u of order 7 at nine times."""
+    mesh = grid(Shape.QUADRILATERAL, 4)
+    write(Dataset(mesh), folder / "wave.xml")
+    (folder / "wave.fld").unlink(missing_ok=True)
+    for step in range(9):
+        time = step / 4
+        field = approximated(Dataset(mesh), "u", partial(_wave, time), modes=8)
+        write(Dataset(mesh, (field,), time), field_path=folder / f"wave_{step}.chk")
+
+
+def _wave(time: float, x: Floats) -> Floats:
+    """Values (n,) of the wave at points (n, 3)."""
+    shape = np.cos(2 * np.pi * x[:, 0]) * np.cos(np.pi * x[:, 1])
+    moving = np.sin(3 * np.pi * x[:, 0]) * np.sin(2 * np.pi * x[:, 1])
+    waves: Floats = np.exp(-time / 4) * (np.cos(np.pi * time) * shape + np.sin(np.pi * time) * moving)
+    return waves
 
 
 def wing() -> Dataset:

@@ -9,7 +9,12 @@ from collections import defaultdict
 from importlib.metadata import version
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+# what examples take says how busy the machine is, nothing of the code
+hypothesis.settings.register_profile("busy", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile("busy")
 
 # NumPy reads this once, when it is first imported: beside other workers, threads of its matrix products wait for each
 # other at a cost of milliseconds per product

@@ -32,7 +32,7 @@ def main(arguments: list[str]) -> int:
         print(f"{page}: there is no report; python examples/reports/make.py {name} makes it", file=sys.stderr)
         return 1
     if browser is None:
-        print(f"needs a browser: {' or '.join(BROWSERS)}; tools/browser.sh brings one", file=sys.stderr)
+        print(f"needs a browser: {' or '.join(BROWSERS)}; tools/programs.sh brings one", file=sys.stderr)
         return 1
     shoot(browser, page, Path(rest[0]) if rest else ROOT / "docs" / "report.png")
     return 0

@@ -4,11 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from audit.families.expressions import Rays, Values, crossings
 from audit.running import Gallery, case_of
 from audit.validating import Count
+from audit.worlds import margins
 
+from elvis.core.sampling import sample
 from elvis.renderer import Scene, Status
-from elvis.scene.frame import Drawing
+from elvis.scene.frame import Drawing, Frame
+from elvis.scene.view import View
 
 SEED = 1
 #: families, and cases of theirs whose kernels other tests need as well
@@ -127,3 +131,53 @@ def test_the_audit_sees_what_is_wrong(drawn, family, number):
         found = case.count(case, spoilt(frame, **fault))
         assert found.wrong == 1, kind
         assert kind in found.first[0]
+
+
+def test_no_value_of_an_expression_is_beyond_its_certified_range(gallery):
+    total = Count()
+    for number in range(8):
+        total.add(gallery("reference").count(case_of("ranges of expressions", SEED, number)))
+    assert not total.first
+    assert (total.pixels, total.failed, total.ambiguous) == (8, 0, 0)
+
+
+@pytest.mark.parametrize("kind", ["proved", "any", "named"])
+def test_the_audit_of_expressions_sees_what_is_wrong(kind):
+    """Of a frame that shows what samples show, without a device; its expressions have the values of `sample`."""
+    case = case_of(f"expressions: {kind}", SEED, 0, (24, 18))
+    own, fields, expression, level = case.count.args
+    straight = np.random.default_rng(1).uniform(0.01, 0.99, (50, 3))
+    values = expression.value(Values(own, fields, straight))
+    found = sample(case.data, [expression.text], own.placed(own.bent(straight))).values[:, 0]
+    np.testing.assert_allclose(found, values, 1e-9, 1e-9)
+
+    view = View.through(case.scene["camera"], case.scene["size"])
+    pixels, depths = crossings(Rays(own, fields, expression, level, view))
+    nearest = np.full(view.count, np.inf)
+    np.minimum.at(nearest, pixels, depths)
+    frame = frame_of(case, own, view, nearest)
+    assert case.count(case, frame).wrong == 0
+    one = np.arange(view.count) == pixels[0]
+    faults = {
+        "missed what must be seen": np.where(one, np.inf, nearest),
+        "seen where nothing is": nearest - np.where(one, 1e-6 * depths[0], 0.0),
+    }
+    for sentence, depth in faults.items():
+        found = case.count(case, frame_of(case, own, view, depth))
+        assert found.wrong == 1, sentence
+        assert sentence in found.first[0]
+
+
+def frame_of(case, own, view, depth):
+    """A frame of depths (n,), with the elements that hold the places; all of it certain."""
+    rows, hit = (view.height, view.width), np.isfinite(depth)
+    origins, ways = view.every_ray()
+    straight = own.straightened(origins + np.where(hit, depth, 0.0)[:, None] * ways)
+    sides = own.sides()
+    away = [margins(sides, np.full(view.count, element), straight) for element in range(len(sides))]
+    element = np.where(hit, np.argmax(away, axis=0), -1).reshape(rows)
+    nothing = np.full((*rows, 3), np.nan)
+    drawing = Drawing(depth.reshape(rows), nothing, nothing, ())
+    status = np.where(hit, Status.CERTAIN, Status.MISS).astype(np.uint8).reshape(rows)
+    scene = Scene(**case.scene)
+    return Frame(scene, view, np.full(rows, np.nan), element, nothing, status, {}, drawing)

@@ -183,7 +183,7 @@ def test_expressions_mean_what_mathematics_says(text, value):
         ("(" * 99 + "x", "at most 60 levels"),
         ("+".join("x" * 1999), "at most 1000 words"),
         ("1e999", "expected a number of double precision, found 1e999"),
-        ("d(u,t)", "expected x, y or z, found 't'"),
+        ("d(u,s)", "expected x, y, z or t, found 's'"),
         ("d(u)", "expected , and a coordinate"),
         ("x+d(d(d(u,x),x),x)", "character 3: expected derivatives of at most second order"),
         ("jump(2*u)", "expected a field in jump"),
@@ -382,6 +382,12 @@ def test_ranges_without_bounds_are_infinite_and_those_without_values_are_none():
     assert quantity_range(dataset, Expression.of(dataset, "1/(x-1)")).upper == np.inf
     assert quantity_range(dataset, Expression.of(dataset, "laplacian(u)")).lower == -np.inf
     assert quantity_range(dataset, Expression.of(dataset, "sqrt(-1-u^2)")) is None
+
+
+def test_ranges_of_what_has_values_in_a_small_part_alone():
+    dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
+    found = quantity_range(dataset, Expression.of(dataset, "sqrt(0.03 - (x-0.3)^2 - (y-0.3)^2 - (z-0.3)^2)"))
+    assert 0.1 < found.greatest <= found.upper
 
 
 @pytest.mark.parametrize("name", [*FUNCTIONS, *OPERATORS])

@@ -159,7 +159,7 @@ def test_nothing_half_written_is_left(study, tmp_path, monkeypatch):
     def fail(value):
         raise RuntimeError("no more disk")
 
-    monkeypatch.setattr("elvis.reference.report.writing._json", fail)
+    monkeypatch.setattr("elvis.reference.report.writing.json_text", fail)
     with pytest.raises(RuntimeError, match="no more disk"):
         write_report(study, tmp_path / "report")
     assert list(tmp_path.iterdir()) == []

@@ -101,13 +101,13 @@ def test_what_others_put_into_a_report_stops_it(study, drawn, tmp_path, name):
 def test_what_comes_while_a_report_is_made_stops_it(study, drawn, tmp_path, monkeypatch):
     folder = tmp_path / "report"
     write_report(study, folder)
-    put = writing._put
+    put = writing.put
 
     def slowly(path, content):
         (folder / "notes.txt").write_text("mine")
         put(path, content)
 
-    monkeypatch.setattr(writing, "_put", slowly)
+    monkeypatch.setattr(writing, "put", slowly)
     with pytest.raises(ElvisError, match=r"did not write notes\.txt"):
         write_report(study, folder)
     assert (folder / "notes.txt").read_text() == "mine"

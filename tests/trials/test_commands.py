@@ -97,8 +97,10 @@ $ elvis render blocks.fld [1]
 give the mesh file too, perhaps blocks.xml
 $ elvis info escher.u.gf [1]
 give the .mesh file
-$ elvis render case.pyfrm case-00.pyfrs case-01.pyfrs [1]
-of the steps of a series give one solution
+$ elvis render case.pyfrm case-00.pyfrs case-01.pyfrs
+wrote case.png
+step 1 of 0 to 1, time 0.02: --step and --time choose others
+> case.png
 $ elvis info cylinder.xml blocks.fld [1]
 expected element 0 to be a triangle as in the mesh
 $ elvis convert flow.vtu

@@ -198,3 +198,14 @@ def test_a_map_given_by_fields_is_told_as_a_map_alone(elvis, elvis_json, tmp_pat
     assert "map_x" not in table
     assert "GeometryMap" not in table
     assert elvis_json("info", *files)["metadata"]["GeometryMap"] == "map_x,map_y"
+
+
+def test_extremes_have_places(nektar, elvis, elvis_json):
+    """u = 1 - z^2 on [-1, 1]^3."""
+    channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
+    found = elvis_json("info", *channel, "--extrema", "--field", "u")
+    assert list(found) == ["u"]
+    assert found["u"]["greatest"]["value"] == pytest.approx(1, abs=1e-12)
+    assert found["u"]["greatest"]["place"][2] == pytest.approx(0, abs=1e-5)
+    assert abs(found["u"]["least"]["place"][2]) == pytest.approx(1)
+    assert elvis("info", *channel, "--extrema", "--field", "p").splitlines()[0].split()[:2] == ["field", "value"]

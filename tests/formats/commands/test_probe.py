@@ -179,3 +179,31 @@ def test_a_grid_does_not_replace_its_data(elvis, tmp_path):
     (tmp_path / "m.nrrd").symlink_to("m.xml")
     with pytest.raises(ElvisError, match=r"m\.nrrd: not written: it is the input"):
         elvis("probe", tmp_path / "m.xml", "--grid", "2,2,1", "-o", tmp_path / "m.nrrd")
+
+
+def test_another_solution_in_an_expression(channel, elvis, monkeypatch):
+    """The same files twice; beyond the domain there is nothing to be told."""
+    told = []
+    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    other = f"--other=ref={channel[0]},{channel[1]}"
+    found = table(elvis("probe", *channel, other, "--line", "0,0,0:0,0,2", "-n", 5, "--field", "u - ref:u"))
+    np.testing.assert_allclose(found["u - ref:u"], [0, 0, 0, np.nan, np.nan], atol=1e-12)
+    assert not told
+    with pytest.raises(ElvisError, match="--other: expected NAME=FILE,FILE"):
+        elvis("probe", *channel, "--other", "ref", "--point", "0,0,0")
+
+
+def test_even_steps_of_a_curve(channel, elvis, tmp_path):
+    """u = 1 - z^2 along the normal of a wall at z = -1, and round a circle about z."""
+    along = ["--along", "normal:1:0,0,-0.5:1", "-n", 5, "--fields", "u"]
+    found = table(elvis("probe", *channel, *along))
+    assert next(iter(found)) == "length"
+    np.testing.assert_allclose(np.abs(found["z"]), 1 - found["length"], atol=1e-12)
+    np.testing.assert_allclose(found["u"], 2 * found["length"] - found["length"] ** 2, atol=1e-12)
+    assert elvis("probe", *channel, *along, "--plot", tmp_path / "u.svg") == ""
+    assert "length" in (tmp_path / "u.svg").read_text()
+    round_z = table(elvis("probe", *channel, "--along", "circle:0,0,0.5:0,0,1:0.5", "-n", 4))
+    np.testing.assert_allclose(round_z["u"], 0.75, atol=1e-12)
+    for wrong, sentence in (("arc:0,0", "expected a curve, one of line"), ("line:0,0", "expected line:P:Q")):
+        with pytest.raises(ElvisError, match=sentence):
+            elvis("probe", *channel, "--along", wrong)
