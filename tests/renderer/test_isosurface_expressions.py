@@ -84,7 +84,7 @@ def refute(iso, dataset, quantity, value, size, share, camera=CAMERA):
 
 
 @pytest.mark.sampled(free=("shape",))
-@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON])
 def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
     """The Q criterion on bent elements is a fraction."""
     refute(iso, flow(shape), "q_criterion", 1.0, (20, 16), 0.99)
@@ -109,7 +109,7 @@ def test_zeros_of_products_on_straight_tetrahedra_are_those_of_polynomials(iso):
     refute(iso, flow(Shape.TETRAHEDRON, bent=False), "lambda2", -1.0, (28, 22), 0.995)
 
 
-@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON])
 def test_values_at_nodes_are_those_of_the_quantity(renderer, shape):
     """Sums over series of elements, one direction after the other, are what samples are: on a random part of each."""
     dataset, rng = flow(shape), np.random.default_rng(3)

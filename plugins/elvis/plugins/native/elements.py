@@ -151,12 +151,9 @@ class Elements:
         return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure, slopes=steepness)
 
     def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
-        """What a formula is made of, on solid elements.
-
-        Not on pyramids: derivatives have no limit at the apex, next to which halving would not end.
-        """
+        """What a formula is made of, on solid elements."""
         shape, names = self.geometry.shape, tuple(formula.fields)
-        if shape.dimension < 3 or shape is Shape.PYRAMID or not names or not formula.is_enclosed:
+        if shape.dimension < 3 or not names or not formula.is_enclosed:
             return None
         return Enclosure(
             type=f"LeavesOf<{type}, Given>",
