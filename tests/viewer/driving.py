@@ -5,6 +5,12 @@ import struct
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+#: whether the page is about to send something, or waits for an answer
+BUSY = """() => {
+  const { sizing, pending, rolling, waiting } = window.elvis ?? { pending: true };
+  return Boolean(sizing || pending || rolling || waiting.size);
+}"""
+
 
 def finished(work):
     """The result of a coroutine, by a loop in a thread of its own: a browser may have one in this thread."""
@@ -29,7 +35,7 @@ def _is_at_rest(page, session):
     """Whether nothing is on its way, neither from the page nor to it, and the last picture is of the last scene."""
     # an answer comes after all that the page has sent before
     page.evaluate("window.elvis?.ask('copy', 'Python').catch(() => null)")
-    if page.evaluate("Boolean(window.elvis?.sizing || window.elvis?.pending)") or session._wake.is_set():
+    if page.evaluate(BUSY) or session._wake.is_set():
         return False
     if session._leavable or any(one.waiting or one.sent > one.confirmed for one in session.viewers):
         return False

@@ -115,12 +115,15 @@ class _Drawing:
         self._data = self._moments.data
         self._pictures = Pictures(self._data, source.device)
         self._newest = newest
+        #: the last whole picture, and the number of its request
         self._frame: Frame | None = None
+        self._frame_number = 0
         self._histograms: dict[str, Table] = {}
         self._answers: dict[str, Callable[[int, Any], Any]] = {
             "facts": self._facts,
             "draw": self._draw,
             "pick": self._pick,
+            "seen": self._seen,
             "line": self._line,
             "check": self._check,
             "histogram": self._histogram,
@@ -185,13 +188,13 @@ class _Drawing:
             frame = self._pictures.draw(scene)
         drawn = perf_counter()
         if is_final:
-            self._frame = frame
+            self._frame, self._frame_number = frame, number
         file, layout = lossless(frame) if is_final else lossy(frame)
         if content["proof"]:
             file = with_proof(file, frame, layout.corner)
         facts = _facts_of(frame, layout)
         facts["seconds"] = {"draw": drawn - start, "encode": perf_counter() - drawn}
-        return {**facts, "final": is_final}, file
+        return {**facts, "number": number, "final": is_final}, file
 
     def _take(self, data: Dataset | PluginData) -> None:
         """Show these data from now on."""
@@ -216,13 +219,18 @@ class _Drawing:
         return self._moments.range_of(text)
 
     def _pick(self, _: int, content: Table) -> Table:
-        """What the last picture shows at a column and row of its pixels."""
+        """What the last whole picture shows at a column and row of its pixels.
+
+        content  ``row``, ``column``; ``number`` of the picture that the page shows, which has to be this one
+        """
         from elvis.core.errors import ElvisError
         from elvis.scene.frame import Status
 
         frame = self._frame
         if frame is None:
             raise ElvisError("there is no picture yet")
+        if content.get("number", self._frame_number) != self._frame_number:
+            raise ElvisError("there is another picture by now")
         row, column = int(content["row"]), int(content["column"])
         height, width = frame.element.shape
         if not (0 <= row < height and 0 <= column < width):
@@ -239,6 +247,15 @@ class _Drawing:
             "position": position,
             **self._known_of(position),
         }
+
+    def _seen(self, _: int, __: Any) -> list[list[float]] | None:
+        """Least and greatest coordinates of what the last whole picture shows; None where that is nothing."""
+        frame = self._frame
+        if frame is None or not frame.seen.any():
+            return None
+        points = frame.position[frame.seen]
+        ends = [points.min(axis=0), points.max(axis=0)]
+        return [[float(value) for value in end] for end in ends]
 
     def _known_of(self, position: list[float]) -> Table:
         """Order and Jacobian determinant of the element at a point, where the data tell."""

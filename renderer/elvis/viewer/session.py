@@ -150,7 +150,7 @@ class Session:
             case "linear":
                 found = await self._ask_leavably(kind, message["content"])
                 return {"type": "answer", "id": message["id"], "content": found}
-            case "pick" | "line" | "check" | "histogram" | "extremes" | "history" | "series range":
+            case "pick" | "seen" | "line" | "check" | "histogram" | "extremes" | "history" | "series range":
                 found = await self._drawer.ask(kind, message["content"])
                 return {"type": "answer", "id": message["id"], "content": found}
             case "copy":

@@ -83,6 +83,9 @@ function rayThrough(camera, x, y, [width, height]) {
   return { start, way: unit(camera.fov ? plus(times(distance, forward), aside) : forward) };
 }
 
+// whether a scene's camera shows the same whatever is seen
+const isFixed = (camera) => Boolean(camera?.fov || camera?.height);
+
 const plain = ({ eye, at, up, fov, height }) => (fov ? { eye, at, up, fov } : { eye, at, up, height });
 
 // ---------------------------------------------------------------- small helpers of the page
@@ -110,12 +113,27 @@ function shape(tag, attributes = {}, text = "") {
 const valueAt = (table, key) => key.split(/[.[\]]+/).filter(Boolean).reduce((value, step) => value?.[step], table);
 
 const short = (value) => (typeof value === "number" ? String(Number(value.toPrecision(6))) : String(value));
+// a number in as many digits as a field has room for
+function brief(value) {
+  const texts = [7, 6, 5, 4, 3].map((digits) => String(Number(value.toPrecision(digits))));
+  return texts.find((text) => text.length <= 9) ?? texts.at(-1);
+}
+
 const words = (name) => name.replaceAll("_", " ");
 let counter = 0;
+
+// names of boundaries after one was ticked or not: "all" stands alone, and for none
+function ticked(names, name, isTicked) {
+  const others = names.filter((one) => one !== name && one !== "all");
+  if (!isTicked) return others.length ? others : ["all"];
+  return name === "all" ? ["all"] : [...others, name];
+}
 
 // ---------------------------------------------------------------- controls, made from the schema of scenes
 
 const QUANTITIES = new Set(["field", "quantity", "expression"]);
+//: cosines of directions that count as equal
+const NEARLY = 0.05;
 const OPTIONAL = (schema) => schema.anyOf?.some((one) => one.type === "null");
 
 class Controls {
@@ -131,7 +149,7 @@ class Controls {
   start(schema, key) {
     const own = this.resolve(schema);
     const usual = {
-      point: this.middle(), center: this.middle(), apex: this.middle(), normal: [0, 0, 1], axis: [0, 0, 1],
+      point: this.middle(), center: this.middle(), apex: this.middle(), normal: this.axis(), axis: this.axis(),
       radius: this.extent() / 4, angle: 30, expression: this.facts?.quantities?.[0] ?? "x", values: [0], count: 10,
       densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
     };
@@ -150,14 +168,29 @@ class Controls {
     return { number: own.minimum ?? own.exclusiveMinimum ?? 1, integer: own.minimum ?? 1, boolean: false, string: "", array: [] }[own.type];
   }
 
-  middle() {
-    const box = this.facts?.box;
-    return this.facts?.place ?? (box ? times(0.5, plus(box[0], box[1])) : [0, 0, 0]);
+  // around what was seen when an object was added, else around all data
+  get box() {
+    return this.facts?.seen ?? this.facts?.box;
   }
 
-  extent() {
-    const box = this.facts?.box;
+  // where new objects begin: at a peak that was found, else in the middle of what is seen
+  middle() {
+    return this.facts?.place ?? (this.box ? times(0.5, plus(...this.box)) : [0, 0, 0]);
+  }
+
+  extent(box = this.box) {
     return box ? length(minus(box[1], box[0])) : 1;
+  }
+
+  // the axis along which one looks most nearly; of several, that along which most is seen
+  axis() {
+    const { forward } = this.facts ?? {};
+    if (!forward) return [0, 0, 1];
+    const sides = this.box ? minus(this.box[1], this.box[0]) : [0, 0, 0];
+    const nearest = Math.max(...forward.map(Math.abs));
+    const equal = [0, 1, 2].filter((i) => Math.abs(forward[i]) > nearest - NEARLY);
+    const chosen = equal.reduce((best, i) => (sides[i] > sides[best] ? i : best));
+    return [0, 1, 2].map((i) => Number(i === chosen));
   }
 
   // a labelled control of a setting; set(value, isMoving), undefined where it is to have its default
@@ -167,7 +200,8 @@ class Controls {
     const control = this.control(key, own, value, set, id);
     if (control.tagName === "DETAILS") return control;
     const label = make("label", { htmlFor: id, title: own.description ?? "" }, words(key));
-    return make("div", { className: "elvis-row" }, label, control);
+    const isVector = own.prefixItems?.length > 2 && key !== "color";
+    return make("div", { className: isVector ? "elvis-row elvis-wide" : "elvis-row" }, label, control);
   }
 
   control(key, own, value, set, id) {
@@ -200,8 +234,14 @@ class Controls {
   numbers(key, own, value, set, id) {
     if (key === "color") return this.color(value, set, id);
     const current = [...(value ?? own.prefixItems.map(() => 0))];
-    const fields = current.map((one, i) => make("input", { id: i ? "" : id, type: "number", step: "any", value: Number(one.toPrecision(9)),
-      "aria-label": `${key} ${i + 1}`, onchange: (e) => { current[i] = Number(e.target.value); set([...current]); } }));
+    const put = (i, e) => {
+      current[i] = Number(e.target.value);
+      e.target.title = e.target.value;
+      set([...current]);
+    };
+    // a field that is not touched keeps all digits of its number, which its title shows
+    const fields = current.map((one, i) => make("input", { id: i ? "" : id, type: "number", step: "any", value: brief(one), title: String(one),
+      "aria-label": `${key} ${i + 1}`, onchange: (e) => put(i, e) }));
     return make("div", { className: "elvis-several" }, ...fields);
   }
 
@@ -225,8 +265,10 @@ class Controls {
     const field = make("input", { id, type: "text", value, spellcheck: false, placeholder: usual,
       onchange: (e) => set(e.target.value === "" ? undefined : e.target.value) });
     if (!names) return field;
-    const listed = make("datalist", { id: `${id}-names` }, ...names.map((name) => make("option", { value: name })));
-    field.setAttribute("list", listed.id);
+    // a list of its own, as browsers offer only names that hold what stands in the field
+    const choose = (e) => e.target.selectedIndex && set(names[e.target.selectedIndex - 1]);
+    const listed = make("select", { className: "elvis-names", "aria-label": `names: ${words(key)}`, title: "Names to choose from", onchange: choose },
+      make("option", {}, ""), ...names.map((name) => make("option", {}, name)));
     const note = make("div", { className: "elvis-note" });
     if (QUANTITIES.has(key)) {
       field.addEventListener("input", async () => {
@@ -235,7 +277,7 @@ class Controls {
         note.textContent = answer ?? "";
       });
     }
-    return make("div", {}, field, listed, note);
+    return make("div", {}, make("div", { className: "elvis-several" }, field, listed), note);
   }
 
   list(key, own, value, set, id) {
@@ -246,7 +288,7 @@ class Controls {
       onchange: (e) => set(read(e.target.value)) });
     if (!isText || !this.facts?.boundaries?.length) return field;
     const boxes = ["all", ...this.facts.boundaries].map((name) => make("label", {}, make("input", { type: "checkbox", checked: value.includes(name),
-      onchange: (e) => set(e.target.checked ? [...value, name] : value.filter((one) => one !== name)) }), ` ${name} `));
+      onchange: (e) => set(ticked(value, name, e.target.checked)) }), ` ${name} `));
     return make("div", {}, field, ...boxes);
   }
 
@@ -257,7 +299,7 @@ class Controls {
       return make("div", { className: "elvis-item" }, this.control(`${key} ${i + 1}`, this.resolve(own.items), one, take, `elvis-${++counter}`), remove);
     });
     const add = make("button", { type: "button", onclick: () => set([...value, this.start(own.items, key)]) }, `add`);
-    return this.fold(key, "", [...rows, add], value.length > 0);
+    return this.fold(key, "", [...rows, add], false);
   }
 
   optional(key, own, value, set, id) {
@@ -385,7 +427,7 @@ class Handles {
 
   // a cross with its value, where a field is least or greatest
   mark({ field, value, position }) {
-    const { x, y } = this.seen(position), reach = 9 * (window.devicePixelRatio || 1);
+    const { x, y } = this.seen(position), reach = 9 * this.viewer.density;
     const texts = ["elvis-under", "elvis-over"].map((name) => shape("text", { x: x + 1.5 * reach, y: y - reach, class: name, "font-size": 1.5 * reach }, `${field} = ${short(value)}`));
     return [...this.segment({ x: x - reach, y }, { x: x + reach, y }), ...this.segment({ x, y: y - reach }, { x, y: y + reach }), ...texts];
   }
@@ -400,7 +442,7 @@ class Handles {
   }
 
   grip(name, title, { x, y }, pull) {
-    const ratio = window.devicePixelRatio || 1;
+    const ratio = this.viewer.density;
     const grip = shape("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 8 * ratio, class: "elvis-grip" });
     grip.dataset.name = name;
     grip.append(shape("title", {}, title));
@@ -422,7 +464,7 @@ class Handles {
 
   // an arrow from a point along a direction, as long on the page everywhere: its tip, and where that is shown
   arrow(hold, way) {
-    const start = this.seen(hold), ratio = window.devicePixelRatio || 1;
+    const start = this.seen(hold), ratio = this.viewer.density;
     const tip = plus(hold, times(ARROW * ratio * start.pixel, way));
     return { start, tip, end: this.apart(start, this.seen(tip), APART * ratio) };
   }
@@ -525,7 +567,7 @@ class Handles {
   drag(event) {
     const own = this.dragged;
     if (!own) return;
-    const ratio = window.devicePixelRatio || 1;
+    const ratio = this.viewer.density;
     const pulled = own.pull((event.clientX - own.x) * ratio, (event.clientY - own.y) * ratio, { isShift: event.shiftKey });
     own.surface = { ...own.start, ...pulled };
     own.isMoved = true;
@@ -543,10 +585,8 @@ class Handles {
     else this.draw();
   }
 
-  // a camera that fits itself to what is seen would run away under the hand: it stays
   send({ key, surface }, isMoving) {
-    const isFixed = typeof this.viewer.table.camera === "object" && this.viewer.table.camera;
-    this.viewer.change({ [key]: surface, ...(isFixed ? {} : { camera: plain(this.camera) }) }, isMoving);
+    this.viewer.change({ [key]: surface, ...this.viewer.still() }, isMoving);
   }
 }
 
@@ -717,7 +757,7 @@ class BarGrips {
     // a bar that is held keeps its values, though pictures at rest have come since
     const held = this.dragged?.bar;
     this.svg.replaceChildren(...bars.flatMap((bar) => this.grips(bar.title === held?.title ? Object.assign(held, { box: bar.box, upright: bar.upright }) : bar)));
-    if (focused) [...this.svg.children].find((one) => one.getAttribute("aria-label") === focused)?.focus();
+    if (focused) [...this.svg.children].find((one) => one.getAttribute("aria-label") === focused)?.focus({ preventScroll: true });
   }
 
   // where a range stands in the scene: the scene's own, or those of the objects that show another quantity, or have one
@@ -730,7 +770,7 @@ class BarGrips {
   }
 
   grips(bar) {
-    const [left, top, width, height] = bar.box, ratio = window.devicePixelRatio || 1;
+    const [left, top, width, height] = bar.box, ratio = this.viewer.density;
     return ["low", "high"].map((end) => {
       const value = this.dragged?.bar === bar ? this.dragged[end] : bar[end];
       const part = this.partOf(bar, value);
@@ -763,7 +803,7 @@ class BarGrips {
   drag(event) {
     const own = this.dragged;
     if (!own) return;
-    const ratio = window.devicePixelRatio || 1, { bar, end } = own;
+    const ratio = this.viewer.density, { bar, end } = own;
     const step = bar.upright ? ((own.y - event.clientY) * ratio) / bar.box[3] : ((event.clientX - own.x) * ratio) / bar.box[2];
     Object.assign(own, this.put(bar, end, step), { isMoved: true });
     this.draw();
@@ -863,7 +903,8 @@ class LinearSide {
 
   // over the image, from the divider on
   place() {
-    const ratio = window.devicePixelRatio || 1;
+    if (this.canvas.hidden) return;
+    const ratio = this.viewer.density;
     const [left, top, width, height] = this.viewer.picture.image.map((one) => one / ratio);
     const at = this.split * width;
     Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px`, clipPath: `inset(0 0 0 ${at}px)` });
@@ -1001,14 +1042,37 @@ class TimeBar {
 // ---------------------------------------------------------------- the viewer
 
 const VIEWS = { "+x": "+x", "−x": "-x", "+y": "+y", "−y": "-y", "+z": "+z", "−z": "-z", iso: "iso" };
+//: from where named views look, and what is upwards
+const SENSES = { "+x": "from the left, z upwards", "-x": "from the right, z upwards", "+y": "from the front, z upwards",
+  "-y": "from the back, z upwards", "+z": "from below, y upwards", "-z": "from above, y upwards", iso: "from where x, y and z are greatest" };
+//: what can be added that a surface bounds, and the surface's name in the schema
+const SURFACES = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
 const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
 const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "font_size"];
 const STEP = Math.PI / 24;
+//: a page and its image, column, row, width and height, before anything is known of either
+const FIRST = { size: [720, 670], image: [13, 39, 600, 600] };
+//: pixels by which a page may be smaller than its place
+const SLACK = 20;
+
+// whether a small picture has the sides of another image, but for the rounding of its pixels
+function isOtherShape([width, height], image) {
+  return Math.abs(Math.log((width * image[3]) / (height * image[2]))) > 1 / Math.min(width, height) + 0.01;
+}
+
+// where the image of a draft lies, which is as large as it can be within a page
+function imageWithin(own, page) {
+  const part = Math.min(...page) / Math.min(...FIRST.size);
+  const [left, top] = FIRST.image.map((one) => Math.round(one * part));
+  const free = page.map((side, i) => side - part * (FIRST.size[i] - FIRST.image[2 + i]));
+  const scale = Math.min(free[0] / own[0], free[1] / own[1]);
+  return [left, top, ...own.map((side) => Math.round(side * scale))];
+}
 
 class Viewer {
   constructor(model, el) {
-    Object.assign(this, { model, table: {}, facts: null, picture: null, hidden: [], histograms: new Map(), waiting: new Map(), mode: "turn", line: [] });
+    Object.assign(this, { model, table: {}, facts: null, picture: null, hidden: [], histograms: new Map(), waiting: new Map(), resting: [], mode: "turn", line: [] });
     this.build(el);
     model.on((message, buffer) => this.receive(message, buffer));
     model.open();
@@ -1036,6 +1100,8 @@ class Viewer {
     el.append(this.root);
     this.listen();
     new ResizeObserver(() => this.sized()).observe(this.stage);
+    // another window has had a size of its own
+    window.addEventListener("focus", () => this.size && this.resize(this.size));
   }
 
   tools() {
@@ -1049,17 +1115,23 @@ class Viewer {
     for (const one of [this.proofButton, this.lineButton, this.freeButton, this.perspectiveButton]) one.ariaPressed = "false";
     this.saving = make("select", { "aria-label": "save", onchange: (e) => this.save(e.target) },
       ...["save…", "picture .png", "figure .svg", "figure .pdf", "record .npz", "record .exr", "scene .toml", "scene .yaml", "copy command", "copy Python", ...(this.model.restore ? ["copy link"] : [])].map((text) => make("option", {}, text)));
-    const views = Object.entries(VIEWS).map(([text, view]) => button(text, `View ${view}`, () => this.change({ camera: view })));
+    const turnTo = (view) => {
+      this.camera = null;
+      this.refit = false;
+      this.change({ camera: view });
+    };
+    const views = Object.entries(VIEWS).map(([text, view]) => button(text, `View ${view}: ${SENSES[view]}`, () => turnTo(view)));
+    this.turning = [...views, this.perspectiveButton, this.freeButton];
     const menu = button("≡", "Objects and colours", () => this.root.classList.toggle("elvis-open"));
     menu.className = "elvis-menu";
-    return make("div", { className: "elvis-tools" }, menu, button("fit", "Show all (f)", () => this.fit()), ...views,
-      this.perspectiveButton, this.freeButton, this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
+    return make("div", { className: "elvis-tools" }, menu, button("fit", "Show all that there is, from this side (f)", () => this.fit()), ...this.turning,
+      this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
   }
 
   // ---- messages
 
   receive(message, buffer) {
-    const act = { schema: () => this.learn(message), state: () => this.update(message), frame: () => this.show(message, buffer),
+    const act = { schema: () => this.learn(message), state: () => this.update(message), frame: () => this.queue(message, buffer),
       answer: () => this.settle(message.id, buffer ?? message.content), error: () => this.fail(message), closed: () => this.lose(message) }[message.type];
     act?.();
   }
@@ -1071,11 +1143,14 @@ class Viewer {
 
   update({ table, facts, undo, redo, proof, revision, start, writes, stale, hidden }) {
     Object.assign(this, { revision, hidden });
-    Object.assign(this, { table, facts: facts ? { ...facts, shown: this.facts?.shown, place: this.facts?.place } : this.facts });
+    const { shown, place, seen, forward } = this.facts ?? {};
+    Object.assign(this, { table, facts: facts ? { ...facts, shown, place, seen, forward } : this.facts });
+    // 2D data have one side
+    for (const one of this.turning) one.hidden = this.facts?.kind === "plane";
     this.undoButton.disabled = !undo;
     this.redoButton.disabled = !redo;
     this.proofButton.ariaPressed = String(proof);
-    if (!this.dragged) this.camera = null;
+    this.follow(start);
     this.controls();
     this.timeBar.update();
     this.handles.draw();
@@ -1106,6 +1181,8 @@ class Viewer {
       this.waiting.delete(id);
       return;
     }
+    // a change that was refused has left the camera where it was
+    if (!this.dragged && !this.rolling) this.camera = null;
     this.error.textContent = text;
     this.error.hidden = false;
     this.failed = { until, revision: Math.max(this.revision ?? 0, this.drawn ?? 0) };
@@ -1140,50 +1217,38 @@ class Viewer {
 
   // ---- pictures
 
-  async show(facts, buffer) {
-    const picture = await createImageBitmap(new Blob([buffer]));
+  // pictures are shown in the order in which they come, however long each takes to be decoded
+  queue(facts, buffer) {
+    const decoded = createImageBitmap(new Blob([buffer]));
+    this.showing = Promise.all([decoded, this.showing]).then(([picture]) => this.show(facts, picture));
+  }
+
+  show(facts, picture) {
     this.model.send({ type: "shown" });
     this.drawn = facts.revision;
     this.recover("picture", facts.revision);
     const context = this.canvas.getContext("2d");
+    if (facts.final || !this.picture || isOtherShape(facts.size, this.picture.image)) this.lay(facts);
+    context.drawImage(picture, ...(facts.final ? [0, 0] : this.picture.image));
     if (facts.final) {
-      this.canvas.width = facts.size[0];
-      this.canvas.height = facts.size[1];
-      const ratio = window.devicePixelRatio || 1;
-      this.canvas.style.width = `${facts.size[0] / ratio}px`;
-      this.canvas.style.height = `${facts.size[1] / ratio}px`;
-      context.drawImage(picture, 0, 0);
-      const margins = [facts.size[0] - facts.image[2], facts.size[1] - facts.image[3]];
-      // what stands around the image grows with it: a few steps fit the whole page into the window
-      const differ = !this.margins || margins.some((one, i) => Math.abs(one - this.margins[i]) > 2);
-      this.fitting = differ ? (this.fitting ?? 0) + 1 : 0;
-      this.margins = margins;
-      this.picture = facts;
       this.told(facts);
-      if (differ && this.fitting < 4) this.sized();
-    } else if (this.picture) {
-      context.imageSmoothingEnabled = true;
-      context.drawImage(picture, ...this.picture.image);
-    } else {
-      this.canvas.width = facts.size[0];
-      this.canvas.height = facts.size[1];
-      context.drawImage(picture, 0, 0);
-      this.picture = facts;
+      this.adjust();
     }
     this.frames = (this.frames ?? 0) + 1;
-    if (!this.dragged) this.camera = null;
     if (this.facts && this.facts.shown !== facts.field) {
       this.facts.shown = facts.field;
       this.controls();
     }
     this.picture.camera = facts.camera;
     this.picture.ranges = facts.ranges;
+    this.perspectiveButton.ariaPressed = String(Boolean(facts.camera.fov));
     this.root.dataset.final = facts.final ? facts.revision : "";
     picture.close();
-    this.handles.draw();
-    this.barGrips.draw();
-    if (facts.final) this.linear.ask();
-    else this.linear.clear();
+    this.overlay();
+    if (!facts.final) return this.linear.clear();
+    for (const resume of this.resting.splice(0)) resume();
+    this.linear.ask();
+    if (this.refit && !facts.camera.fov) this.look((camera) => projected(camera, true));
   }
 
   told({ counts, remarks }) {
@@ -1192,17 +1257,77 @@ class Viewer {
     this.counts.title = remarks.join("\n");
   }
 
-  sized() {
+  // the page of a picture; that of a draft which comes before any picture is as the one to come will be
+  lay(facts) {
+    const room = this.room, size = facts.final ? facts.size : room;
+    Object.assign(this.canvas, { width: size[0], height: size[1] });
+    this.picture = facts.final ? facts : { ...facts, size, image: imageWithin(facts.size, room) };
+    this.stage.style.background = this.paper;
+    this.fill();
+  }
+
+  // the colour of the picture's background
+  get paper() {
+    const [red, green, blue] = (this.table.background ?? [1, 1, 1]).map((part) => Math.round(255 * part));
+    return `rgb(${red}, ${green}, ${blue})`;
+  }
+
+  // pixels of the screen that there are for the picture
+  get room() {
     const ratio = window.devicePixelRatio || 1;
-    const room = [this.stage.clientWidth * ratio, this.stage.clientHeight * ratio];
-    // what stands around an image is proportional to its smaller side
-    const own = this.margins ? Math.min(...this.picture.image.slice(2)) : 600;
-    const part = Math.min(...room) / (own + Math.max(...(this.margins ?? [120, 70])));
-    const size = (this.margins ?? [120, 70]).map((margin, i) => Math.max(64, Math.floor(room[i] - margin * part)));
+    return [this.stage.clientWidth, this.stage.clientHeight].map((side) => Math.floor(side * ratio));
+  }
+
+  // pixels of the picture in one of the page
+  get density() {
+    return this.canvas.width / (this.canvas.getBoundingClientRect().width || this.canvas.width);
+  }
+
+  // pixels of the picture are those of the screen; one that has another size, as the window had or as another window has, fills its place
+  fill() {
+    const { room, canvas } = this, part = Math.min(room[0] / canvas.width, room[1] / canvas.height);
+    const isFitting = part >= 1 && part < 1.08;
+    const scale = (isFitting ? 1 : part) / (window.devicePixelRatio || 1);
+    Object.assign(canvas.style, { width: `${canvas.width * scale}px`, height: `${canvas.height * scale}px` });
+  }
+
+  // the size of an image whose page fills the stage, as what stands around it is proportional to its smaller side
+  sized() {
+    const { room } = this;
+    if (Math.min(...room) < 1) return;
+    this.adjusted = 0;
+    const { size, image } = this.picture?.final ? this.picture : FIRST;
+    const margins = [size[0] - image[2], size[1] - image[3]];
+    const part = Math.min(...room) / (Math.min(...image.slice(2)) + Math.max(...margins));
+    this.resize(room.map((side, i) => side - margins[i] * part));
+    if (!this.picture) return;
+    this.fill();
+    this.overlay();
+  }
+
+  // what lies over the picture, and follows its place
+  overlay() {
+    this.handles.draw();
+    this.barGrips.draw();
+    this.linear.place();
+  }
+
+  // once the picture of that size is there, what lacks or is too much is known: texts have their own widths
+  adjust() {
+    const { room } = this, { size, image } = this.picture;
+    const isOwn = this.size && image[2] === this.size[0] && image[3] === this.size[1];
+    const lack = room.map((side, i) => side - size[i]);
+    if (!isOwn || lack.every((one) => one >= 0 && one < SLACK) || this.adjusted >= 4) return;
+    this.adjusted += 1;
+    this.resize(lack.map((one, i) => image[2 + i] + one - SLACK / 4));
+  }
+
+  resize(size) {
+    this.size = size.map((side) => Math.max(64, Math.floor(side)));
     clearTimeout(this.sizing);
     this.sizing = setTimeout(() => {
       this.sizing = 0;
-      if (this.schema) this.model.send({ type: "size", size });
+      if (this.schema) this.model.send({ type: "size", size: this.size });
     }, 120);
   }
 
@@ -1217,11 +1342,18 @@ class Viewer {
     return { ...camera, up, pole };
   }
 
+  // The page's own camera is ahead of the scene's until that has come to it: pictures on their way show older ones.
+  follow(isStart) {
+    const isGesture = this.dragged || this.rolling;
+    const isReached = this.camera && JSON.stringify(this.table.camera) === JSON.stringify(plain(this.camera));
+    if (isStart || (isReached && !isGesture)) this.camera = null;
+  }
+
   look(change, moving = false) {
     const camera = this.current();
     if (!camera) return;
     this.camera = change(camera);
-    this.perspectiveButton.ariaPressed = String(Boolean(this.camera.fov));
+    this.refit = false;
     if (!moving) {
       this.change({ camera: plain(this.camera) });
       return;
@@ -1233,9 +1365,22 @@ class Viewer {
     });
   }
 
+  // all that is shown, seen from where one looks; the direction of a named view is its own
   fit() {
     this.centre = null;
-    this.change({ camera: "fit" });
+    const camera = this.current();
+    if (!camera || typeof (this.table.camera ?? "fit") === "string") return this.change({ camera: this.table.camera ?? "fit" });
+    const { eye, at, up, fov } = camera;
+    this.camera = null;
+    // the fit is parallel; its perspective view follows, as one step that is undone
+    this.refit = Boolean(fov);
+    this.change({ camera: { eye, at, up } }, this.refit);
+  }
+
+  // a camera that fits itself to what is seen would run away under the hand, or with what is added: it stays
+  still() {
+    const { camera } = this.table;
+    return isFixed(camera) || !this.picture ? {} : { camera: plain(this.current()) };
   }
 
   pixels() {
@@ -1251,15 +1396,16 @@ class Viewer {
   }
 
   listen() {
-    const stage = this.canvas;
-    stage.addEventListener("pointerdown", (e) => this.press(e));
+    const { canvas, stage } = this;
+    canvas.addEventListener("pointerdown", (e) => this.press(e));
+    canvas.addEventListener("pointerup", (e) => this.release(e));
+    canvas.addEventListener("pointercancel", (e) => this.release(e));
+    canvas.addEventListener("dblclick", (e) => this.recentre(e));
+    // grips lie over the picture: what is under them is seen and zoomed, too
     stage.addEventListener("pointermove", (e) => (this.dragged ? this.drag(e) : this.hover(e)));
-    stage.addEventListener("pointerup", (e) => this.release(e));
-    stage.addEventListener("pointercancel", (e) => this.release(e));
     stage.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
-    stage.addEventListener("dblclick", (e) => this.recentre(e));
     stage.addEventListener("contextmenu", (e) => e.preventDefault());
-    this.stage.addEventListener("keydown", (e) => this.key(e));
+    stage.addEventListener("keydown", (e) => this.key(e));
   }
 
   press(event) {
@@ -1269,7 +1415,7 @@ class Viewer {
   }
 
   drag(event) {
-    const ratio = window.devicePixelRatio || 1;
+    const ratio = this.density;
     const dx = event.clientX - this.dragged.x, dy = event.clientY - this.dragged.y;
     Object.assign(this.dragged, { x: event.clientX, y: event.clientY, way: this.dragged.way + Math.abs(dx) + Math.abs(dy) });
     if (this.dragged.way < 4 || !this.picture) return;
@@ -1295,7 +1441,10 @@ class Viewer {
     this.dragged = null;
     this.look((camera) => zoom(camera, factor, x - width / 2, y - height / 2, height), true);
     clearTimeout(this.rolling);
-    this.rolling = setTimeout(() => this.look((camera) => camera), 150);
+    this.rolling = setTimeout(() => {
+      this.rolling = 0;
+      this.look((camera) => camera);
+    }, 150);
   }
 
   async recentre(event) {
@@ -1327,17 +1476,23 @@ class Viewer {
 
   // ---- values
 
+  // what the whole picture shows under the pointer: drafts tell nothing, and one that comes in between shows another
   async pick(event) {
     const [column, row] = this.place(event).map(Math.floor);
+    if (!this.isWhole) await new Promise((resume) => this.resting.push(resume));
     try {
-      return await this.ask("pick", { row, column });
+      return await this.ask("pick", { row, column, number: this.picture.number });
     } catch (error) {
       return null;
     }
   }
 
+  get isWhole() {
+    return Boolean(this.root.dataset.final);
+  }
+
   async hover(event) {
-    if (this.isPicking || !this.picture?.final) return;
+    if (this.isPicking || !this.isWhole) return;
     this.isPicking = true;
     const found = await this.pick(event);
     this.isPicking = false;
@@ -1427,10 +1582,10 @@ class Viewer {
     const make_ = new Controls(this.schema, this.facts, this.palettes, check);
     const section = (title, names) => [make("h2", {}, title), ...names.map((name) =>
       make_.row(name, this.schema.properties[name], this.table[name], (value, moving) => this.change({ [name]: value ?? null }, moving)))];
-    const scroll = this.panel.scrollTop, focused = this.panel.contains(document.activeElement) ? this.index(document.activeElement) : -1;
+    const scroll = this.panel.scrollTop, focused = this.panel.contains(document.activeElement) ? this.nameOf(document.activeElement) : null;
     this.panel.replaceChildren(...this.objects(make_), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
     this.panel.scrollTop = scroll;
-    if (focused >= 0) this.panel.querySelectorAll("input,select,button,summary,[tabindex]")[focused]?.focus();
+    if (focused) this.focusable().find((one) => this.nameOf(one) === focused)?.focus({ preventScroll: true });
   }
 
   // where the field is least and greatest, which is proved: shown, told, and where new objects begin
@@ -1450,8 +1605,18 @@ class Viewer {
     }
   }
 
-  index(element) {
-    return [...this.panel.querySelectorAll("input,select,button,summary,[tabindex]")].indexOf(element);
+  focusable() {
+    return [...this.panel.querySelectorAll("input,select,button,summary,[tabindex]")];
+  }
+
+  // of a control, by the folds that it is in, so that it is found again once controls are made anew
+  nameOf(element) {
+    const own = (one) => `${one.tagName} ${one.getAttribute("aria-label") ?? one.labels?.[0]?.textContent ?? one.textContent}`;
+    const folds = [];
+    for (let at = element.closest("details"); at; at = at.parentElement.closest("details")) folds.push(at.firstChild.textContent.split(":")[0]);
+    const name = [own(element), ...folds].join("/");
+    const twins = [...(element.closest("details") ?? this.panel).querySelectorAll(element.tagName)].filter((one) => own(one) === own(element));
+    return `${name}/${twins.indexOf(element)}`;
   }
 
   // the shortcut `plane` is the first object
@@ -1587,22 +1752,40 @@ class Viewer {
         oninput: (e) => move(e, true), onchange: (e) => move(e, false) }));
   }
 
-  add(item) {
-    this.change({ [`objects[${(this.table.objects ?? []).length}]`]: item });
+  // the view stays as it is
+  add(item, more = this.still()) {
+    this.change({ [`objects[${(this.table.objects ?? []).length}]`]: item, ...more });
   }
 
-  create(kind, controls) {
+  // a new object, begun where one looks
+  async create(kind, controls) {
+    await this.survey();
     const field = this.picture?.field || this.facts.fields[0] || "x";
     const range = this.picture?.ranges?.[field] ?? [0, 1];
     const middle = (range[0] + range[1]) / 2;
-    const surfaces = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
-    const surface = kind in surfaces ? { kind: surfaces[kind].toLowerCase(), ...controls.start(this.schema.$defs[surfaces[kind]]) } : null;
-    if (surface) this.selected = kind === "clip" ? `clip[${(this.table.clip ?? []).length}].surface` : `objects[${(this.table.objects ?? []).length}].surface`;
-    if (kind === "clip") this.change({ [`clip[${(this.table.clip ?? []).length}]`]: { surface: { ...surface, normal: [1, 0, 0] } } });
-    else if (surface) this.add({ kind: "cut", surface });
-    else if (kind === "faces") this.add({ kind: "faces", select: ["all"] });
+    const densities = [0, 0, 4 / controls.extent(this.facts.box)];
+    if (kind in SURFACES) this.createSurface(kind, controls);
+    else if (kind === "faces") this.add({ kind: "faces", select: ["all"] }, {});
     else if (kind === "isosurface") this.add({ kind: "isosurface", values: [middle] });
-    else this.add({ kind: "volume", transfer: { values: [range[0], middle, range[1]], densities: [0, 0, 4 / controls.extent()] } });
+    else this.add({ kind: "volume", transfer: { values: [range[0], middle, range[1]], densities } });
+  }
+
+  // a cut; or a clip, which takes away the half of what is seen that is nearer
+  createSurface(kind, controls) {
+    const surface = { kind: SURFACES[kind].toLowerCase(), ...controls.start(this.schema.$defs[SURFACES[kind]]) };
+    const list = kind === "clip" ? "clip" : "objects";
+    this.selected = `${list}[${(this.table[list] ?? []).length}].surface`;
+    if (kind !== "clip") return this.add({ kind: "cut", surface });
+    const away = Math.sign(dot(surface.normal, this.facts.forward ?? [0, 0, 1])) || 1;
+    const clip = { surface: { ...surface, normal: times(away, surface.normal) } };
+    this.change({ [`clip[${(this.table.clip ?? []).length}]`]: clip, ...this.still() });
+  }
+
+  // what is seen, and along which direction: where new objects begin
+  async survey() {
+    const camera = this.current();
+    this.facts.forward = camera && frameOf(camera, 1).forward;
+    this.facts.seen = await this.ask("seen", null).catch(() => null);
   }
 
   // ---- files
