@@ -88,19 +88,6 @@ def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None =
     return found
 
 
-def files_of_others(texts: Iterable[str]) -> dict[str, tuple[Path, ...]]:
-    """``NAME=FILE,FILE`` texts by name; ElvisError for others."""
-    found: dict[str, tuple[Path, ...]] = {}
-    for text in texts:
-        name, _, files = (part.strip() for part in text.partition("="))
-        if not name.isidentifier() or not files or name in found:
-            raise ElvisError(
-                f"--other: expected NAME=FILE,FILE, such as ref=b.xml,b.fld, each name once, found {text!r}"
-            )
-        found[name] = tuple(Path(file) for file in files.split(","))
-    return found
-
-
 class TextType(click.ParamType):  # type: ignore[type-arg]
     """The type of an option whose text a function reads; what is wrong with it is an error of usage."""
 

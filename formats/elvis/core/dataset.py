@@ -126,6 +126,8 @@ class Dataset:
     remarks  sentences on how the data were come by, which belong to all that is made of them
     rates    derivatives in time of the fields, None where the data are no moment of a series
     others   datasets that expressions may name, by the names that they have in these: `ref:p`
+    shared   the names of those on the same mesh (`elvis.core.one_mesh`), whose fields are fields of this one too, as
+             `field("ref:p")`
     """
 
     mesh: Mesh
@@ -136,6 +138,7 @@ class Dataset:
     remarks: tuple[str, ...] = ()
     rates: Rates | None = None
     others: Mapping[str, Dataset] = default(default_factory=dict)
+    shared: frozenset[str] = frozenset()
 
     @property
     def map_names(self) -> tuple[str, ...]:
@@ -151,7 +154,11 @@ class Dataset:
 
     def beside(self, **others: Dataset) -> Dataset:
         """The same with other datasets that expressions may name: after ``beside(ref=other)`` p - ref:p is one."""
-        return replace(self, others={**self.others, **others})
+        from elvis.core.one_mesh import are_on_one_mesh
+
+        shared = {name for name, other in others.items() if are_on_one_mesh(self, other)}
+        kept = self.shared - others.keys()
+        return replace(self, others={**self.others, **others}, shared=kept | shared)
 
     def field(self, name: str) -> Field:
         """The field of this name, or a derivative in time; KeyError, with a near name, where there is none."""
@@ -160,6 +167,9 @@ class Dataset:
                 return candidate
         if self.rates is not None and is_rate(name):
             return self.rates.field(name[2:-3])
+        owner, _, own = name.partition(":")
+        if owner in self.shared:
+            return replace(self.others[owner].field(own), name=name)
         names = list(self)
         known = f"the fields are {', '.join(names)}" if names else "the data hold no fields"
         raise KeyError(f"there is no field {name!r}{perhaps(str(name), names)}; {known}")

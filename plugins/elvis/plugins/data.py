@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -25,12 +25,14 @@ class Reading:
     options  of the converter, by name; ``from`` is the name of the converter itself
     is_kept  whether a conversion is kept for the next time, and one that was kept is taken
     moment   which step of a series, or which time
+    others   datasets that expressions may name, each as NAME=FILE,FILE
     """
 
     plugin: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     is_kept: bool = True
     moment: Moment = field(default_factory=Moment)
+    others: tuple[str, ...] = ()
 
 
 def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:
@@ -59,6 +61,19 @@ def pairs(texts: Sequence[str]) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in found}
 
 
+def files_of_others(texts: Iterable[str]) -> dict[str, tuple[Path, ...]]:
+    """``NAME=FILE,FILE`` texts by name; ElvisError for others."""
+    found: dict[str, tuple[Path, ...]] = {}
+    for text in texts:
+        name, _, files = (part.strip() for part in text.partition("="))
+        if not name.isidentifier() or not files or name in found:
+            raise ElvisError(
+                f"--other: expected NAME=FILE,FILE, such as ref=b.xml,b.fld, each name once, found {text!r}"
+            )
+        found[name] = tuple(Path(file) for file in files.split(","))
+    return found
+
+
 def open_data(
     paths: Sequence[Path], reading: Reading | None = None, report: Callable[[str], object] = str
 ) -> Dataset | PluginData:
@@ -78,6 +93,8 @@ def open_data(
         return dataset_of(paths, reading)
     if reading.moment.step is not None:
         raise ElvisError(f"expected data of several steps, found what the plugin {opened.name} opens as one")
+    if reading.others:
+        raise ElvisError(f"--other: expected elements of a known map, found what the plugin {opened.name} opens")
     return opened if reading.moment.time is None else replace(opened, time=reading.moment.time)
 
 
@@ -94,7 +111,26 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
     series = series_of(paths, reading)
     if series is not None:
         return series.at_moment(reading.moment)
-    return reading.moment.of_one_state(state_of(paths, reading))
+    return reading.moment.of_one_state(state_with_others(paths, reading))
+
+
+def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
+    """As `state_of`, in which expressions may name other datasets."""
+    return beside_others(state_of(paths, reading), others_of(reading))
+
+
+def others_of(reading: Reading) -> dict[str, Dataset]:
+    """The datasets that expressions may name, by their names; raises as `read`, and ElvisError for no NAME=FILE."""
+    files = files_of_others(reading.others)
+    return {name: dataset_of(paths, Reading(is_kept=reading.is_kept)) for name, paths in files.items()}
+
+
+def beside_others(dataset: Dataset, others: Mapping[str, Dataset]) -> Dataset:
+    """A dataset in which expressions may name others, whose remarks it has, too."""
+    if not others:
+        return dataset
+    remarks = [f"{name}: {remark}" for name, other in others.items() for remark in other.remarks]
+    return replace(dataset.beside(**others), remarks=(*dataset.remarks, *remarks))
 
 
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:

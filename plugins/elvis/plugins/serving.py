@@ -30,17 +30,17 @@ from elvis.plugins.opening import PluginData, call_plugin
 from elvis.plugins.volume import Part, PartsVolume, Quantity, Solution, Volume
 
 
-def volume_of(data: Dataset | PluginData, quantities: Sequence[str]) -> Volume:
+def volume_of(data: Dataset | PluginData, quantities: Sequence[str | Expression]) -> Volume:
     """The elements that have the first quantity, each with all of them.
 
-    quantities  fields, expressions or predefined quantities (see `elvis.core.quantities`); every part has them by
-                these names in ``Part.quantities``, and the first as its own field
+    quantities  fields, expressions or predefined quantities (see `elvis.core.quantities`), texts or what was read of
+                them; every part has them by these texts in ``Part.quantities``, and the first as its own field
 
     ElvisError for what names no quantity.
     """
     if isinstance(data, Dataset):
         return NativeVolume.of(data, quantities)
-    return _open(data, quantities)
+    return _open(data, [one.text if isinstance(one, Expression) else one for one in quantities])
 
 
 def names_of(data: Dataset | PluginData) -> Names:

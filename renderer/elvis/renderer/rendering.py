@@ -32,6 +32,8 @@ from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
+from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.other_data import OtherData
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.request import Request, reading_of
@@ -305,18 +307,23 @@ class Renderer:
     def load(self, dataset: Dataset, *quantities: str) -> None:
         """Bring fields of a dataset, or other quantities, to the device; the first is the field of its scenes."""
         start = perf_counter()
-        self.show(volume_of(dataset, quantities), dataset)
+        before = None if self._stages is None else self._stages.others
+        others = OtherData.of(self.device, dataset, quantities, before)
+        self.show(volume_of(dataset, others.own), dataset, others)
         self.seconds["load"] = perf_counter() - start
 
-    def show(self, volume: Volume, dataset: Dataset | None = None) -> None:
-        """Bring a volume to the device; ``dataset`` is what it was made of, None where a runtime plugin has made it."""
+    def show(self, volume: Volume, dataset: Dataset | None = None, others: OtherData | None = None) -> None:
+        """Bring a volume to the device; ``dataset`` is what it was made of, None where a runtime plugin has made it.
+
+        others  what its quantities ask of data on other meshes
+        """
         # of runtime plugins nothing says that maps are still what they were
         last = self._stages
         before = None if last is None or last.dataset is None or dataset is None else last.loaded
         loaded = DeviceVolume(self.device, volume, before)
         if before is None or not (self._is_set and loaded.shares_elements(before)):
             self._fitted = None
-        self._stages = Stages(loaded, volume, dataset)
+        self._stages = Stages(loaded, volume, dataset, others)
 
     @property
     def stages(self) -> Stages:
@@ -399,7 +406,7 @@ class Renderer:
         with suppress(Exception):
             self.device.close()
         self.device = Device(name)
-        self.show(stages.volume, stages.dataset)
+        self.show(stages.volume, stages.dataset, stages.others.on(self.device))
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene: that of the last scene where it shows the same from the same camera."""
@@ -430,7 +437,7 @@ class Renderer:
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool) -> Frame:
         """Indices of elements become element ids; pixels become rows."""
         cutter, loaded = self.stages.cutter, self.stages.loaded
-        pixels, shape = cutter.draw(view, references=references), (view.height, view.width)
+        pixels, shape = self._plane_hits(scene, view, references), (view.height, view.width)
         element = loaded.ids.take(pixels.owner, mode="clip")
         if scene.range == "all":
             scene = replace(scene, range=automatic_range(np.array(self.stages.bounds(scene.field))))
@@ -440,3 +447,10 @@ class Renderer:
         sizes = {"volume": loaded.bytes, "image": 12 * pixels.owner.size}
         frame.stats.update(tiles=cutter.tiles, bytes=sizes, seconds=dict(cutter.clock.seconds))
         return frame
+
+    def _plane_hits(self, scene: Scene, view: PlaneView, references: bool) -> HitBuffer:
+        """What the scene's only plane shows."""
+        stages = self.stages
+        stages.others.check(scene)
+        found = stages.cutter.draw(view, references=references or stages.others.needs_references)
+        return stages.resampled(found, None, stages.others.field, view, view.plane)

@@ -27,7 +27,7 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
 
     is_kept  whether conversions are kept
     """
-    return Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment)
+    return Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
 
 
 @dataclass(frozen=True)

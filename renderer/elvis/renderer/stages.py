@@ -20,6 +20,7 @@ from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.other_data import OtherData
 from elvis.renderer.passes.faces.faces import FaceDrawer, FacesInView
 from elvis.renderer.passes.isosurface.distance import DistanceDrawer
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
@@ -75,10 +76,13 @@ class Stages:
     """The stages over a loaded volume, each made when it is first needed.
 
     dataset  what the volume was made of; None where a runtime plugin has made it
+    others   what quantities ask of data on other meshes
     """
 
-    def __init__(self, loaded: DeviceVolume, volume: Volume, dataset: Dataset | None) -> None:
-        self.loaded, self.volume = loaded, volume
+    def __init__(
+        self, loaded: DeviceVolume, volume: Volume, dataset: Dataset | None, others: OtherData | None = None
+    ) -> None:
+        self.loaded, self.volume, self.others = loaded, volume, others or OtherData()
         self._ranges: dict[str, tuple[float, float]] = {}
         self.dataset = dataset
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
@@ -188,7 +192,8 @@ class Stages:
         return None if name in (None, scene.field) else name
 
     def draw_calls(self, scene: Scene) -> list[DrawCall]:
-        """All surfaces of a scene, in its order."""
+        """All surfaces of a scene, in its order; SceneError for what is not drawn of data on other meshes."""
+        self.others.check(scene)
         found: list[DrawCall] = []
         for number, item in enumerate(scene.every_object, start=-1 if scene.plane else 0):
             if isinstance(item, VolumeRendering):
@@ -209,8 +214,10 @@ class Stages:
         """Element faces."""
 
         def draw(view: View, beyond: Floats | None) -> HitBuffer:
-            return self.faces.draw(view, item.select, beyond, own)
+            hits = self.faces.draw(view, item.select, beyond, None if is_compound else own)
+            return self.resampled(hits, None, own, view) if is_compound else hits
 
+        is_compound = self.others.text_of(own) is not None
         return DrawCall(name, item.style, own, draw, item.style.lit is not False)
 
     def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> DrawCall:
@@ -227,7 +234,7 @@ class Stages:
             hits = self._at_level(view, of, value, beyond)
             if is_distance and beyond is None and not np.any(hits.owner != NOBODY):
                 self._in_range(asked, of, value)
-            return self.resampled(hits, of, own)
+            return self.resampled(hits, of, own, view)
 
         level = value if own == of else None
         return DrawCall(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False, level=level)
@@ -268,17 +275,35 @@ class Stages:
         """What a surface meets of the volume."""
         if isinstance(surface, Implicit):
             hits = self._at_level(view, surface.expression, 0.0, beyond)
-            return self.resampled(hits, surface.expression, quantity)
+            return self.resampled(hits, surface.expression, quantity, view)
         if not isinstance(surface, Plane):
-            return self.solids.draw(view, surface, beyond, quantity)
+            return self.resampled(self.solids.draw(view, surface, beyond), None, quantity, view)
         sight = PlaneView.on(view, surface)
         if sight.edge_on:
             return HitBuffer.empty(view.count)
-        hits = self.resampled(self.cutter.draw(sight), None, quantity)
+        hits = self.resampled(self.cutter.draw(sight), None, quantity, view, surface)
         return hits if beyond is None else hits.without(~(hits.depth > beyond))
 
-    def resampled(self, hits: HitBuffer, known: str | None, wanted: str | None) -> HitBuffer:
-        """The hit buffer with another quantity as its field."""
+    def resampled(
+        self,
+        hits: HitBuffer,
+        known: str | None,
+        wanted: str | None,
+        view: View | None = None,
+        plane: Plane | None = None,
+    ) -> HitBuffer:
+        """The hit buffer with another quantity as its field.
+
+        view, plane  of the hits, for quantities that name data on other meshes; the plane that all lie on, where one is
+        """
+        text = self.others.text_of(wanted)
+        if text is not None and view is not None:
+            own = self._valued(hits, known, None)
+            return self.others.shown(self.loaded, own, text, view, plane)
+        return self._valued(hits, known, wanted)
+
+    def _valued(self, hits: HitBuffer, known: str | None, wanted: str | None) -> HitBuffer:
+        """The hit buffer with another quantity of the volume as its field."""
         return hits if known == wanted else hits.showing(values_at_hits(self.loaded, hits, wanted))
 
     def hit_buffers(self, draw_call: DrawCall, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:

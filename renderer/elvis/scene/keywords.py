@@ -6,6 +6,7 @@ and names (``(p, n)``, ``10``, ``"turbo"``), or the text that the option takes (
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from functools import cache
@@ -110,7 +111,7 @@ def _meaning(name: str, keyword: Keyword, value: Any) -> Any:
     """The value of an option: of repeatable ones a tuple."""
     form = FORMS.get(keyword.key, lambda plain: plain)
     try:
-        if not keyword.setting.repeatable or keyword.key == "reader":
+        if not keyword.setting.repeatable or keyword.key in ("reader", "others"):
             return _one(keyword.setting, form, value)
         several = value if _is_several(keyword.key, value) else [value]
         return tuple(_one(keyword.setting, form, each) for each in several)
@@ -232,6 +233,14 @@ def _reader(value: Any) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else tuple(value)
 
 
+def _others(value: Any) -> tuple[str, ...]:
+    """``{"ref": ["b.xml", "b.fld"]}``, or texts NAME=FILE,FILE."""
+    if not isinstance(value, Mapping):
+        return _reader(value)
+    files = {name: [own] if isinstance(own, (str, os.PathLike)) else own for name, own in value.items()}
+    return tuple(f"{name}={','.join(map(str, own))}" for name, own in files.items())
+
+
 #: plain values of keys that hold models, or lists of numbers in lists
 FORMS: dict[str, Callable[[Any], Any]] = {
     "plane": _plane,
@@ -246,6 +255,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "bar": lambda value: ColorBar(**value) if isinstance(value, Mapping) else _of(ColorBar, value),
     "region": _floats,
     "reader": _reader,
+    "others": _others,
     "outputs": str,
     "size": lambda value: tuple(int(side) for side in value),
     "color": _floats,

@@ -133,9 +133,15 @@ def _numbers(value: Any) -> Iterator[float]:
 
 @dataclass(frozen=True)
 class Text:
-    """A text that names files, by its kind: always, where it ends in .xml, or where it measures distances to them."""
+    """A text that names files, by its kind.
 
-    kind: Literal["file", "palette", "expression"]
+    file        it is a name
+    palette     it is one where it ends in .xml
+    expression  it may measure distances to triangles in files
+    other       a name in expressions, =, and files with commas between them
+    """
+
+    kind: Literal["file", "palette", "expression", "other"]
 
     def changed(self, text: str, change: Callable[[str], str]) -> str:
         """The text with other names of files."""
@@ -143,6 +149,9 @@ class Text:
             from elvis.core.distances.triangle_files import renamed
 
             return renamed(text, change)
+        if self.kind == "other":
+            name, equals, files = text.partition("=")
+            return name + equals + ",".join(change(file.strip()) for file in files.split(",") if file.strip())
         return change(text) if self.kind == "file" or text.lower().endswith(".xml") else text
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
@@ -160,6 +169,8 @@ FilePath: TypeAlias = Annotated[str, Text("file")]
 PaletteName: TypeAlias = Annotated[str, Text("palette")]
 #: a field, an expression or a predefined quantity
 Quantity: TypeAlias = Annotated[str, Text("expression")]
+#: the files of another dataset, and the name that expressions have for it
+OtherFiles: TypeAlias = Annotated[str, Text("other")]
 
 
 class Model:
@@ -279,7 +290,7 @@ def type_words(hint: Any) -> str:
     text = _of_kind(Text, hint)
     own = choices(hint)
     if text:
-        return "a text" if text.kind == "expression" else f"a {text.kind} name"
+        return _TEXTS[text.kind]
     if all(map(is_dataclass, own)):
         return "a table"
     if len(own) > 1:
@@ -294,5 +305,7 @@ def type_words(hint: Any) -> str:
     return _PLAIN[hint]
 
 
+#: what texts that name files are called, by kind
+_TEXTS = {"file": "a file name", "palette": "a palette name", "expression": "a text", "other": "NAME=FILE,FILE"}
 #: what plain values of a type are called
 _PLAIN: dict[Any, str] = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}

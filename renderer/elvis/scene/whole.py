@@ -9,7 +9,7 @@ from elvis.core.hints import nearest, perhaps
 from elvis.core.moments import BETWEEN, Moment
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import COLOR, POSITIVE, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
-from elvis.scene.settings import FilePath, Model, PaletteName, Quantity, Setting, check, settings
+from elvis.scene.settings import FilePath, Model, OtherFiles, PaletteName, Quantity, Setting, check, settings
 from elvis.scene.surfaces import Plane, Surface, Vector, cross, unit
 
 if TYPE_CHECKING:
@@ -333,6 +333,18 @@ class Scene(Model):
             metavar="NAME=VALUE",
             option_help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; "
             "from=NAME names it.",
+            repeatable=True,
+        ),
+    ] = ()
+    others: Annotated[
+        tuple[OtherFiles, ...],
+        Setting(
+            "Other solutions that expressions may name, of any mesh, order and format, as ref=b.xml,b.fld: then "
+            "p - ref:p is a quantity.",
+            option="--other",
+            metavar="NAME=FILE,...",
+            option_help="Another solution that expressions may name, of any mesh, order and format, as "
+            "ref=b.xml,b.fld: then p - ref:p is a quantity.",
             repeatable=True,
         ),
     ] = ()

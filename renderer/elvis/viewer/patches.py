@@ -16,7 +16,7 @@ from elvis.scene.tables import Table, input_files, scene_of, steps_of
 from elvis.scene.whole import Scene
 
 #: keys of a scene that say what is read, run or written, or what is no matter of a page
-FIXED = {"data", "plugin", "reader", "device", "outputs", "stats", "scenes", "panels", "timeout"}
+FIXED = {"data", "plugin", "reader", "others", "device", "outputs", "stats", "scenes", "panels", "timeout"}
 #: keys of objects
 _OBJECT = re.compile(r"plane|(objects|clip)\[(\d{1,9})\]")
 
@@ -105,7 +105,7 @@ def scene_of_page(table: Table, own: Scene) -> Scene:
         place = path.resolve()
         if place not in known and not any(folder in place.parents for folder in folders):
             raise SceneError(f"{path}: a page may read files in the folder of the data alone")
-    settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "device")}
+    settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "others", "device")}
     return replace(scene, **settled)
 
 

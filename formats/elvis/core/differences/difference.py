@@ -16,7 +16,7 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.differences.greatest import greatest_at_points, greatest_of_fields
-from elvis.core.differences.pairing import are_on_one_mesh, common_fields, paired, theirs
+from elvis.core.differences.pairing import REFERENCE, common_fields, paired, theirs
 from elvis.core.errors import ElvisError
 from elvis.core.extrema import Extreme
 from elvis.core.files.columns import Columns
@@ -164,8 +164,8 @@ def diff(
     names = _chosen(first, second, fields)
     if not 0 < error < 1:
         raise ElvisError(f"expected an error between 0 and 1, found {error:g}")
-    is_same_mesh = are_on_one_mesh(first, second)
-    both = paired(first, second, is_same_mesh)
+    both = paired(first, second)
+    is_same_mesh = REFERENCE in both.shared
     found = [_Compared(both, name, is_same_mesh, error) for name in names]
     rows = [own.difference() for own in found]
     elements = sum(len(patch) for patch in found[0].evaluator.patches)

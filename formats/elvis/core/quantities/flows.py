@@ -84,6 +84,11 @@ class Flow:
     parameters: Mapping[str, Node]
 
     @property
+    def shared(self) -> frozenset[str]:
+        """See `others`."""
+        return frozenset()
+
+    @property
     def others(self) -> Mapping[str, object]:
         """No formula names other datasets."""
         return {}

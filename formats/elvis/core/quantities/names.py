@@ -39,6 +39,7 @@ class Names:
     boundaries  names that distances may be measured to
     rates       derivatives in time of the fields, where the data are a moment of a series
     others      what names stand for in other datasets, by the names of these
+    shared      the names of those datasets that are on the same mesh
     """
 
     fields: tuple[str, ...]
@@ -48,6 +49,7 @@ class Names:
     boundaries: tuple[str, ...] = ()
     rates: Rates | None = None
     others: Mapping[str, Names] = field_of(default_factory=dict)
+    shared: frozenset[str] = frozenset()
 
     @staticmethod
     def of(dataset: Dataset) -> Names:
@@ -59,7 +61,8 @@ class Names:
         sides = (ALL, *named) if mesh.dimension > 1 else ()
         fields = tuple(one.name for one in dataset.solution)
         others = {name: Names.of(other) for name, other in dataset.others.items()}
-        return Names(fields, dimension, dataset.time, _parameters(dataset.metadata), sides, dataset.rates, others)
+        noted, rates = _parameters(dataset.metadata), dataset.rates
+        return Names(fields, dimension, dataset.time, noted, sides, rates, others, dataset.shared)
 
     @cached_property
     def flow(self) -> Flow:

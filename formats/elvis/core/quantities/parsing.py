@@ -6,7 +6,8 @@ In addition to those of `functions` there are d(f, x), the partial derivative, a
 length of the gradient, laplacian(f), jump(u), the greatest jump of a field across an element's faces, and distance(b),
 the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name stands in quotes.
 
-ref:p is p in another dataset that is called ref here, ref:(u^2+v^2) and ref:d(p,x) are expressions in it.
+ref:p is p in another dataset that is called ref here, ref:(u^2+v^2) and ref:d(p,x) are expressions in it.  Where
+both have one mesh, they are made of its fields, by coefficients.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from elvis.core.quantities.tree import (
     at_time,
     attribute,
     call,
+    in_dataset,
     leaves,
     negative,
     number,
@@ -51,6 +53,9 @@ class Scope(Protocol):
 
     @property
     def others(self) -> Mapping[str, Any]: ...  # noqa: D102
+
+    @property
+    def shared(self) -> frozenset[str]: ...  # noqa: D102
 
     def meaning(self, name: str) -> Node | None: ...  # noqa: D102
 
@@ -99,10 +104,13 @@ class Parser(Grammar[Node]):
         """An operand in another dataset, the colon taken: the text that it is."""
         scope, first = self._names, self._token()[2]
         self._names = scope.others[name]
-        self._operand()
+        operand = self._operand()
         self._names = scope
         _, last, start = self._tokens[self._next - 1]
-        return other(name, self._text[first : start + len(last)])
+        text = self._text[first : start + len(last)]
+        if name in scope.shared and not any(leaf.op == "attribute" for leaf in leaves(operand)):
+            return in_dataset(operand, name)
+        return other(name, text)
 
     def _sentence(self, name: str) -> str:
         """What is wrong with a name that says nothing."""

@@ -87,6 +87,15 @@ def other_of(name: str) -> tuple[str, str] | None:
     return None if found is None else (found[1], found[2])
 
 
+def in_dataset(root: Node, dataset: str) -> Node:
+    """An expression of fields of another dataset on the same mesh, by the names that these have here."""
+
+    def leaf(node: Node) -> Node:
+        return field(f"{dataset}:{node.name}", node.axes) if node.op == "field" else node
+
+    return fold(root, leaf, lambda node, operands: call(node.op, *operands))
+
+
 _OTHER = re.compile(r"([^\W\d]\w*):(.+)", re.S)
 ZERO, ONE = number(0.0), number(1.0)
 #: the time, while an expression is differentiated along it

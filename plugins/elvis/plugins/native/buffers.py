@@ -39,14 +39,14 @@ class NativeVolume:
         return Path(__file__).parent
 
     @staticmethod
-    def of(dataset: Dataset, quantities: str | Sequence[str]) -> NativeVolume:
+    def of(dataset: Dataset, quantities: str | Sequence[str | Expression]) -> NativeVolume:
         """The elements that have the first quantity, with all of them: fields, expressions, predefined ones.
 
         Elements of one shape and one pair of degrees make a part; quasi-3D data become one period of their planes along
         z, or of their lines along z or y and z.  Raises ElvisError for what names no quantity, and for lines.
         """
         texts = (quantities,) if isinstance(quantities, str) else tuple(quantities)
-        expressions = [Expression.of(dataset, text) for text in texts]
+        expressions = [one if isinstance(one, Expression) else Expression.of(dataset, one) for one in texts]
         names = tuple(dict.fromkeys(name for each in expressions for name in each.fields))
         carried = expressions[0].fields
         found = [

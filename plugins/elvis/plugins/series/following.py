@@ -14,7 +14,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.formats.field_heads import field_head
 from elvis.formats.reading import is_native
-from elvis.plugins.data import Reading, state_of
+from elvis.plugins.data import Reading, state_with_others
 from elvis.plugins.series.series import Series, series_in
 from elvis.plugins.series.step_names import expanded, groups
 
@@ -66,7 +66,7 @@ class Following:
         """The newest step of files that do not change; None where it is the one that was shown last."""
         series = series_in(list(stable), self._reading)
         if series is None:
-            found, files = state_of(tuple(stable), self._reading), tuple(stable)
+            found, files = state_with_others(tuple(stable), self._reading), tuple(stable)
         else:
             if self._series is not None and self._is_old(series.common, stable):
                 series.take_mesh_of(self._series)

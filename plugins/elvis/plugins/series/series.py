@@ -77,6 +77,7 @@ class Series(Sequence[Dataset]):
         self.steps: tuple[Step, ...] = tuple(found.steps)
         self.common, self.remarks = found.common, list(found.remarks)
         self.is_native, self._reading = found.is_native, reading
+        self._others: dict[str, Dataset] | None = None
         self._first: Dataset | None = None
         self._kept: OrderedDict[int, Dataset] = OrderedDict()
         self._room = _KEPT
@@ -106,7 +107,7 @@ class Series(Sequence[Dataset]):
             return [self[i] for i in range(*number.indices(count))]
         if not -count <= number < count:
             raise IndexError(f"expected a step from 0 to {count - 1}, found {number}")
-        return self._load(number % count)
+        return self._beside(self._load(number % count))
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -154,10 +155,10 @@ class Series(Sequence[Dataset]):
         nearest = min(numbers, key=lambda number: abs(self.times[number] - time))
         if abs(self.times[nearest] - time) <= slack:
             return self._at_step(nearest, notes, between)
-        steps = [self[number] for number in numbers]
+        steps = [self._load(number) for number in numbers]
         if len(steps) > 1 and not all(is_one_mesh(steps[0], step) for step in steps[1:]):
             notes.append("the mesh changes between steps, which are not interpolated")
-            steps = [self[nearest]]
+            steps = [self._load(nearest)]
         if len(steps) == 1:
             words = f"time {time:.10g}: step {nearest}, time {self.times[nearest]:.10g}, is the nearest"
             return self._at_step(nearest, [*notes, words], "nearest")
@@ -179,7 +180,7 @@ class Series(Sequence[Dataset]):
     def _at_step(self, number: int, notes: Sequence[str], between: str) -> Dataset:
         """The dataset of a step, with derivatives in time."""
         rates = StepRates(self, float(self.times[number]), between)
-        return self._told(replace(self[number], rates=rates), notes)
+        return self._told(replace(self._load(number), rates=rates), notes)
 
     def last_readable(self) -> int:
         """The number of the last step that can be read."""
@@ -239,7 +240,16 @@ class Series(Sequence[Dataset]):
         return self._left
 
     def _told(self, dataset: Dataset, notes: Sequence[str]) -> Dataset:
-        return replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self.remarks, *notes))))
+        told = replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self.remarks, *notes))))
+        return self._beside(told)
+
+    def _beside(self, dataset: Dataset) -> Dataset:
+        """A step in which expressions may name other datasets."""
+        from elvis.plugins.data import beside_others, others_of
+
+        if self._others is None:
+            self._others = others_of(self._reading)
+        return beside_others(dataset, self._others)
 
     def _load(self, number: int) -> Dataset:
         """The dataset of a step, on the mesh of the first that was read where it is the same."""

@@ -149,7 +149,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         scene_text(scene, output / "scene.toml")
     if scene.range == "series":
         raise SceneError("range: series is for films: expected seen, all or two values")
-    reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment)
+    reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others)
     dataset = dataset_of(tuple(map(Path, scene.data)), reading)
     for remark in dataset.remarks:
         note(remark)

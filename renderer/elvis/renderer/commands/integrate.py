@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elvis.core.arguments import field_option, json_option, overwrite_option, times_option
-from elvis.renderer.commands.sources import Data, data_options
+from elvis.renderer.commands.sources import Data, NativeSource, data_options
 
 if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
@@ -158,7 +158,7 @@ def _of_series(data: Data, times: tuple[float, float, int] | str, integrals: Cal
     series, moments = data.moments(times)
     found: _Moments = []
     for time in track(moments.tolist(), "integrating"):
-        source = data.beside_others(series.at(time, data.between), is_quiet=True)
+        source = NativeSource(series.at(time, data.between), is_quiet=True)
         found.append(({"time": time}, integrals(source)))
     data.tell_of(series, moments)
     return found

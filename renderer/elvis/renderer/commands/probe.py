@@ -20,7 +20,7 @@ from elvis.core.arguments import (
     triples,
 )
 from elvis.core.errors import ElvisError
-from elvis.renderer.commands.sources import Data, data_options
+from elvis.renderer.commands.sources import Data, NativeSource, data_options
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -282,7 +282,7 @@ def _at(
     series, moments = data.moments(times)
     parts: list[Columns] = []
     for time in track(moments.tolist(), f"probing {len(places)} points"):
-        source = data.beside_others(series.at(time, data.between), is_quiet=True)
+        source = NativeSource(series.at(time, data.between), is_quiet=True)
         wanted = _check(source.expressions(texts))
         texts = [each.text for each in wanted]
         found = source.probe(places, wanted, every)

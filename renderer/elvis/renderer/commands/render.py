@@ -146,7 +146,7 @@ def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list
 
 def _key(scene: Scene) -> object:
     """What the data of a scene depend on."""
-    return scene.data, scene.plugin, scene.reader, scene.step, scene.time, scene.between
+    return scene.data, scene.plugin, scene.reader, scene.others, scene.step, scene.time, scene.between
 
 
 def _open(scene: Scene, is_kept: bool) -> Dataset | PluginData:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, wraps
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
@@ -15,7 +15,6 @@ from elvis.core.arguments import (
     between_option,
     cache_option,
     data_argument,
-    files_of_others,
     inputs,
     other_option,
     plugin_option,
@@ -56,6 +55,8 @@ class Data:
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
+        from elvis.plugins.data import files_of_others
+
         further = [path for paths in files_of_others(self.others).values() for path in paths]
         return inputs((*self.paths, *further), self.plugin, points)
 
@@ -64,7 +65,8 @@ class Data:
         from elvis.core.moments import Moment
         from elvis.plugins.data import Reading, pairs
 
-        return Reading(self.plugin, pairs(self.reader), self.is_kept, Moment(self.step, self.time, self.between))
+        moment = Moment(self.step, self.time, self.between)
+        return Reading(self.plugin, pairs(self.reader), self.is_kept, moment, self.others)
 
     def source(self) -> Source:
         """What answers questions about the files, after a word on what a conversion lost.
@@ -109,35 +111,15 @@ class Data:
     def source_of(self, opened: Dataset | PluginData) -> Source:
         """What answers questions about data that are open, after a word on how they were come by."""
         from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
         from elvis.core.terminal import note, warn
 
         if isinstance(opened, Dataset):
             for remark in opened.remarks:
                 note(remark)
-            return self.beside_others(opened)
-        if self.others:
-            raise ElvisError(f"--other: expected elements of a known map, found what the plugin {opened.name} opens")
+            return NativeSource(opened)
         from elvis.renderer.evaluation import Evaluation
 
         return Evaluation(opened, warn)
-
-    def beside_others(self, dataset: Dataset, is_quiet: bool = False) -> NativeSource:
-        """What answers questions about a dataset, in which expressions may name the others."""
-        return NativeSource(dataset.beside(**self._others), is_quiet)
-
-    @cached_property
-    def _others(self) -> dict[str, Dataset]:
-        """The other datasets, by the names that they have in expressions."""
-        from elvis.core.terminal import note
-        from elvis.plugins.data import Reading, dataset_of
-
-        found = {}
-        for name, paths in files_of_others(self.others).items():
-            found[name] = dataset_of(paths, Reading(is_kept=self.is_kept))
-            for remark in found[name].remarks:
-                note(f"{name}: {remark}")
-        return found
 
 
 def data_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -15,7 +15,7 @@ from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.whole import Scene
 
 #: keys of a scene whose options stand before all others in the help
-FIRST = ("field", "plugin", "reader", "plane", "objects")
+FIRST = ("field", "plugin", "reader", "others", "plane", "objects")
 #: options of the style of every object, by the key of Style
 STYLES = tuple(name for name, setting in settings(Style).items() if setting.option)
 #: options that add objects, by the key ``kind``
@@ -23,7 +23,7 @@ OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
 
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {
-    "Data": ("field", "plugin", "reader", "step", "time", "between", "device"),
+    "Data": ("field", "plugin", "reader", "others", "step", "time", "between", "device"),
     "Objects": ("plane", *OBJECTS, "clip"),
     "Colours and lines": ("palette", "range", "bar", *STYLES, "background", "lights", "ambient"),
     "Camera": ("camera", "region", "zoom", "size", "samples"),
