@@ -32,7 +32,6 @@ from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
-from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
@@ -437,7 +436,7 @@ class Renderer:
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool) -> Frame:
         """Indices of elements become element ids; pixels become rows."""
         cutter, loaded = self.stages.cutter, self.stages.loaded
-        pixels, shape = self._plane_hits(scene, view, references), (view.height, view.width)
+        pixels, shape = self.stages.plain_cut(scene, view, references), (view.height, view.width)
         element = loaded.ids.take(pixels.owner, mode="clip")
         if scene.range == "all":
             scene = replace(scene, range=automatic_range(np.array(self.stages.bounds(scene.field))))
@@ -447,10 +446,3 @@ class Renderer:
         sizes = {"volume": loaded.bytes, "image": 12 * pixels.owner.size}
         frame.stats.update(tiles=cutter.tiles, bytes=sizes, seconds=dict(cutter.clock.seconds))
         return frame
-
-    def _plane_hits(self, scene: Scene, view: PlaneView, references: bool) -> HitBuffer:
-        """What the scene's only plane shows."""
-        stages = self.stages
-        stages.others.check(scene)
-        found = stages.cutter.draw(view, references=references or stages.others.needs_references)
-        return stages.resampled(found, None, stages.others.field, view, view.plane)

@@ -284,6 +284,12 @@ class Stages:
         hits = self.resampled(self.cutter.draw(sight), None, quantity, view, surface)
         return hits if beyond is None else hits.without(~(hits.depth > beyond))
 
+    def plain_cut(self, scene: Scene, view: PlaneView, references: bool) -> HitBuffer:
+        """What the only plane of a scene shows, with the scene's field."""
+        self.others.check(scene)
+        found = self.cutter.draw(view, references=references or self.others.needs_references)
+        return self.resampled(found, None, self.others.field, view, view.plane)
+
     def resampled(
         self,
         hits: HitBuffer,
