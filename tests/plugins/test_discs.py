@@ -45,13 +45,24 @@ NAMES = list(FUNCTIONS)
 
 
 @pytest.fixture(scope="module")
-def made(renderer):
-    """Pairs of discs, and what becomes of them: (n, 8) middle, radius, error, whether smooth, slope and rest."""
+def kernel_of(renderer):
+    """The device, and a kernel of the tests' own."""
     device = renderer("vulkan").device
-    folders = list(device._folders)
-    device.include(Path(__file__).parent / "shaders")
-    kernel = device.kernel("discs_check")
-    device.include(folders[-1])
+
+    def load(stage):
+        folders = list(device._folders)
+        device.include(Path(__file__).parent / "shaders")
+        kernel = device.kernel(stage)
+        device.include(folders[-1])
+        return device, kernel
+
+    return load
+
+
+@pytest.fixture(scope="module")
+def made(kernel_of):
+    """Pairs of discs, and what becomes of them: (n, 8) middle, radius, error, whether smooth, slope and rest."""
+    device, kernel = kernel_of("discs_check")
 
     def make(name, first, second, slopes=(0.0, 0.0)):
         pairs = np.zeros(len(first), kernel.dtype("pairs"))
@@ -162,3 +173,34 @@ def test_radii_are_those_of_the_derivative_where_discs_are_small(made):
         rows = made(name, first, first)
         bound = 1e-6 * derivative(first[:, 0])
         assert (rows[:, 1] <= (1.01 if name != "sinh" else 1.5) * bound).all(), name
+
+
+def test_signs_of_eigenvalues_are_those_of_all_matrices_in_discs(kernel_of):
+    """1: the second is never 0; -1: the first is below 0, the third above.  Told wherever discs are small enough."""
+    rng = np.random.default_rng(6)
+    spread = 10.0 ** rng.uniform(-4.0, 0.0, COUNT)
+    turns = np.linalg.qr(rng.normal(size=(COUNT, 3, 3)))[0]
+    ends = np.sort(rng.uniform(-1.0, 1.0, (COUNT, 3)), axis=1)
+    ends[::2, 1] *= 0.1
+    middles = np.einsum("nik,nk,njk->nij", turns, ends, turns)
+    rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    slopes = spread[:, None, None] * rng.normal(size=(COUNT, 6, 3))
+    rest = 0.1 * spread[:, None] * rng.uniform(size=(COUNT, 6))
+
+    device, kernel = kernel_of("eigenvalues_check")
+    entries = np.concatenate([middles[:, rows, columns][..., None], slopes, rest[..., None]], axis=2)
+    verdicts = device.empty(np.float64, COUNT)
+    kernel(COUNT, {"entries": device.buffer(entries.reshape(-1)), "verdicts": verdicts})
+    verdict = device.read(verdicts, np.float64)[:COUNT]
+
+    t = rng.choice([-1.0, 1.0, 0.3], (COUNT, POINTS, 3))
+    values = entries[:, None, :, 0] + np.einsum("nek,npk->npe", slopes, t)
+    values += rest[:, None] * rng.uniform(-1.0, 1.0, values.shape)
+    matrices = np.zeros((COUNT, POINTS, 3, 3))
+    matrices[..., rows, columns] = matrices[..., columns, rows] = values
+    found = np.linalg.eigvalsh(matrices)
+    assert (np.abs(np.sign(found[..., 1]).sum(axis=1)) == POINTS)[verdict == 1].all()
+    assert ((found[..., 0] < 0) & (found[..., 2] > 0)).all(axis=1)[verdict == -1].all()
+    known = 8 * spread < np.max([np.abs(ends[:, 1]), np.minimum(-ends[:, 0], ends[:, 2])], axis=0)
+    assert (verdict[known] != 0).mean() > 0.98
+    assert min((verdict == 1).sum(), (verdict == -1).sum()) > COUNT / 10

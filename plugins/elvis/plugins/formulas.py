@@ -49,7 +49,7 @@ _MOST = 1000
 #: the greatest power that kernels take by products; see ``power`` in ``shaders/elementary.slang``
 _MOST_FACTORS = 1024
 
-_SOURCE = """import formula; import elementary;
+_SOURCE = """import formula; import elementary; import eigenvalues;
 struct Given : IFormula
 {{
     static double at<V : IVolume>(uint element, double3 r, double3 about)
@@ -94,6 +94,7 @@ class Formula:
     ideal   (3, 3) from the reference to the ideal element, for the quality
     facets  (k, 4) of the reference shape, as coefficients of x, y, z and 1; none where the shape isn't known
     spurious  optional: what is positive where the expression's level isn't to be shown (`elvis.core.quantities.levels`)
+    matrix    optional: entries that tell the same, more closely (`elvis.core.quantities.levels`)
     """
 
     expression: Expression
@@ -102,6 +103,7 @@ class Formula:
     dimension: int
     facets: Floats
     spurious: Node | None = None
+    matrix: Sequence[Node] = ()
 
     @property
     def constants(self) -> tuple[str, ...]:
@@ -141,7 +143,8 @@ class Formula:
     @property
     def _enclosed(self) -> tuple[Node, ...]:
         """What discs are asked of."""
-        return (self.expression.root, *([] if self.spurious is None else [self.spurious]))
+        others = self.matrix or ([] if self.spurious is None else [self.spurious])
+        return (self.expression.root, *others)
 
     @property
     def _leaves(self) -> Sequence[Node]:
@@ -178,7 +181,11 @@ class Formula:
         for k, m in enumerate(rows):
             yield f"Disc3 gradient{m} = gradients[{k}];"
         names = yield from self._statements(self._discs, *self._enclosed)
-        yield f"spurious = {'Disc(-1.0lf)' if self.spurious is None else names[self.spurious]};"
+        spurious = "Disc(-1.0lf)" if self.spurious is None else names.get(self.spurious)
+        if self.matrix:
+            entries = ", ".join(names[entry] for entry in self.matrix)
+            spurious = f"leaves.real ? Symmetric({entries}).second_apart_from_zero() : anything()"
+        yield f"spurious = {spurious};"
         yield f"return {names[self.expression.root]};"
 
     def _gradient(self) -> Iterator[str]:

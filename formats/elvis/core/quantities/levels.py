@@ -7,8 +7,8 @@ polynomials, of which proofs are known.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 
 from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, fold, negative, number, whole_exponent
@@ -33,11 +33,14 @@ class Level:
 
     spurious  positive where only the first has its value, negative where both have, but for single points and curves;
               None where there are no such places
+    matrix    xx, yy, zz, xy, xz, yz of a symmetric matrix whose second eigenvalue is 0 where both have their values, its
+              determinant where the first has; empty where there is none without poles
     """
 
     root: Node
     value: float
     spurious: Node | None = None
+    matrix: tuple[Node, ...] = ()
 
 
 def same_level(root: Node, value: float) -> Level | None:
@@ -50,7 +53,10 @@ def same_level(root: Node, value: float) -> Level | None:
     except OverflowError:
         return None
     if root.op in _PRODUCTS and math.isfinite(value):
-        return _of_product(_PRODUCTS[root.op](*root.operands, value=value))
+        found = _of_product(_PRODUCTS[root.op](*root.operands, value=value))
+        if found is None or root.op != "middle_eigenvalue":
+            return found
+        return replace(found, matrix=_less(root.operands, value))
     squares = _square(root) if value > 0 else None
     fraction = _fraction(root)
     if fraction is None and squares is not None and squares[1] <= 1:
@@ -83,6 +89,13 @@ def _larger(a: Node, b: Node, value: float) -> tuple[Node, Node]:
 def _smaller(a: Node, b: Node, value: float) -> tuple[Node, Node]:
     product, total = _larger(a, b, value)
     return product, negative(total)
+
+
+def _less(entries: Sequence[Node], value: float) -> tuple[Node, ...]:
+    """A symmetric matrix less a value times the identity; empty where it has poles."""
+    fractions = [_fraction(_minus(entry, number(value)) if k < 3 else entry) for k, entry in enumerate(entries)]
+    found = [above for above, below in filter(None, fractions) if below is ONE]
+    return tuple(found) if len(found) == len(entries) else ()
 
 
 def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Node, value: float) -> tuple[Node, Node]:

@@ -135,7 +135,8 @@ class Elements:
             degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
             return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
         ideal = _ideal(shape, shape.dimension + self._directions)
-        formula = Formula(expression, names, *ideal, facets_of(shape), spurious)
+        matrix = () if stands_for is None else stands_for.matrix
+        formula = Formula(expression, names, *ideal, facets_of(shape), spurious, matrix)
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         highest = HIGHEST_STRAIGHT if stands_for and self._is_straight else HIGHEST
