@@ -35,7 +35,10 @@ def lattice(level: int) -> tuple[Floats, Ints]:
 
 
 class FacePieces:
-    """Chosen faces of a dataset's tetrahedra in 4^level linear triangles each; tables are at hand beforehand."""
+    """Chosen faces of a dataset's tetrahedra in 4^level linear triangles each; tables are at hand beforehand.
+
+    counts  of faces, by block and by face of the reference element
+    """
 
     def __init__(self, dataset: Dataset, field: str, words: tuple[str, ...], level: int) -> None:
         points, self._cells = lattice(level)
@@ -51,7 +54,8 @@ class FacePieces:
                 tables = values(patch.geometry, where), values(patch.fields[0], where)  # type: ignore[arg-type]
                 places = np.ascontiguousarray(patch.geometry_coefficients[chosen].transpose(0, 2, 1))
                 self._parts.append((*tables, places, patch.coefficients[0][chosen]))  # type: ignore[index]
-        self.count = sum(len(modes) for *_, modes in self._parts) * len(self._cells)
+        self.counts = [len(modes) for *_, modes in self._parts]
+        self.count = sum(self.counts) * len(self._cells)
 
     def grid(self, shift: float = 0.0) -> Any:
         """The triangles as vtkPolyData, with the values raised by ``shift``."""

@@ -20,6 +20,7 @@ import conversion
 import floor
 import large
 import machine
+import measures
 import measuring
 import million
 import orders
@@ -161,6 +162,13 @@ def series(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [steps.table(numbers)]
 
 
+def measure(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Integrals, extremes, differences."""
+    side, rounds = (60, 1) if options.quick else (1000, max(3, options.rounds // 2))
+    numbers = measures.measure(options.device, side, rounds, options.quick)
+    return numbers, measures.tables(numbers)
+
+
 PARTS: dict[str, Part] = {
     "cut": cut,
     "surfaces": surfaces,
@@ -177,6 +185,7 @@ PARTS: dict[str, Part] = {
     "large": size,
     "targets": promised,
     "series": series,
+    "measure": measure,
 }
 
 

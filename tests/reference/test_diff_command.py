@@ -1,10 +1,12 @@
 """`elvis diff`: tables, files, reports, gates."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
@@ -55,15 +57,24 @@ def test_a_gate(files):
 
 def test_a_report_of_a_family(files, tmp_path):
     report = tmp_path / "report"
-    table = run(files["a"], files["b"], files["t"], "-o", report).splitlines()
+    table = run(files["a"], files["b"], files["t"], "-o", report, "--no-maps").splitlines()
     assert table[0].split()[-3:] == ["order", "of", "L2"]
     assert float(table[-1].split()[-1]) == pytest.approx(3, abs=0.1)
     assert {path.name for path in report.rglob("*.*")} == {"index.html", "summary.json", "report.json", "order.svg"}
     numbers = json.loads((report / "summary.json").read_text())
     assert numbers["orders"]["p"][0] is None
     assert "Order of convergence" in (report / "index.html").read_text()
-    run(files["a"], files["t"], "-o", report)
+    (tmp_path / "small.toml").write_text("size = [30, 20]\n")
+    run(files["b"], files["same"], "-o", report, "--scene", tmp_path / "small.toml")
     assert not (report / "plots").exists()
+    images = [np.asarray(Image.open(report / "pictures" / f"0-{number}.png")) for number in range(3)]
+    assert [image.shape[:2] for image in images] == [(20, 30)] * 3
+    assert np.abs(images[0].astype(int) - images[1]).max() < 32 < np.abs(images[0].astype(int) - images[2]).max()
+    page = (report / "index.html").read_text()
+    assert page.count("<h2>Maps of p</h2>") == 1
+    greatest = json.loads((report / "summary.json").read_text())["members"][0]["fields"]["p"]["Linf"]
+    low, high = re.search(r"less same.xml,same.fld</b>: (\S+) to ([\d.e-]+)", page).groups()
+    assert -float(low) == float(high) == pytest.approx(greatest, rel=0.2)
     run(files["a"], files["b"], files["t"], "-o", tmp_path / "table.csv")
     assert (tmp_path / "table.csv").read_text().startswith("data,field,elements,size,L1,L1_order")
 

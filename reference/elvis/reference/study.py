@@ -155,7 +155,7 @@ def compare_scene(
             "1D data are drawn as curves from points of their own: there are no linear pictures to compare with, and "
             "nothing to compare"
         )
-    draw, scene = draw or _renderer(), replace(scene, samples=1, outputs=(), stats=None)
+    draw, scene = draw or drawing_device(), replace(scene, samples=1, outputs=(), stats=None)
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
     seconds = {"exact": perf_counter() - start}
@@ -284,7 +284,7 @@ def _from_file(shown: SceneObject) -> bool:
     return isinstance(shown, CutSurface) and isinstance(shown.surface, TriangleMesh)
 
 
-def _renderer() -> Callable[..., Frame]:
+def drawing_device() -> Callable[..., Frame]:
     """What draws unless another device is asked for; the reference itself knows no renderer."""
     from elvis.plugins.registry import load
 

@@ -12,6 +12,7 @@ from elvis.core.arguments import TextType, cache_option, json_option, overwrite_
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.core.differences import Differences, Family
+    from elvis.reference.report.difference_maps import Maps
 
 EPILOG = """\b
 Examples:
@@ -19,6 +20,7 @@ Examples:
   elvis diff wing.xml,wing.fld wing.vtu --fields p --json
   elvis diff run.xml,run.fld kept.xml,kept.fld --max 1e-9
   elvis diff a.xml,a.fld b.xml,b.fld c.xml,c.fld -o report/
+  elvis diff wing.xml,wing.fld fine.xml,fine.fld --scene wing.toml -o report/
 
 Exit status 1 where --max is exceeded; what was asked for is written all the same.
 """
@@ -50,6 +52,14 @@ def _files(text: str) -> tuple[Path, ...]:
     type=click.Path(path_type=Path),
     help="Table to write, .csv or .npz, or the folder of a report, which opens from disk.",
 )
+@click.option(
+    "--scene",
+    "scene_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Scene file (.toml, .yaml, .json) of the maps in a report: what is drawn, from where.  [default: outer faces; "
+    "2D data in their plane]",
+)
+@click.option("--maps/--no-maps", "has_maps", default=True, show_default=True, help="Whether a report has maps.")
 @overwrite_option
 @cache_option
 def diff(
@@ -59,6 +69,8 @@ def diff(
     limit: float | None,
     as_json: bool,
     output: Path | None,
+    scene_file: Path | None,
+    has_maps: bool,
     overwrite: bool,
     no_cache: bool,
 ) -> None:
@@ -68,7 +80,7 @@ def diff(
     taken by coefficients, exactly, and their maximum is proved. Else B is located exactly at every point of quadrature
     on the elements of A, which are halved where borders of B's elements make kinks; every norm has an error in
     --json. What B doesn't cover is left out, and told. With several A, from coarse to fine, the order of convergence to
-    B is told, too.
+    B is told, too. A report shows the fields of the last A, of B and their difference in one scene.
     """
     from elvis.core.differences import family
     from elvis.core.terminal import print_json, stage, warn
@@ -92,12 +104,35 @@ def diff(
     if output is not None and is_table:
         _write_table(output, found)
     elif output is not None:
-        write_difference_report(found, names[-1], output, read, overwrite)
+        maps, remarks = (
+            _maps(members[-1], reference, (names[-2], names[-1]), found, scene_file) if has_maps else ([], [])
+        )
+        write_difference_report(found, names[-1], output, read, overwrite, maps, remarks)
     if as_json:
         print_json(_facts(found))
     elif not is_table:
         _print(found)
     _check(limit, found.members[-1])
+
+
+def _maps(
+    first: Dataset, second: Dataset, names: tuple[str, str], found: Family, scene_file: Path | None
+) -> tuple[list[Maps], list[str]]:
+    """The pictures of all fields, or a sentence on why there are none."""
+    from elvis.core.errors import ElvisError
+    from elvis.core.terminal import stage
+    from elvis.reference.report.difference_maps import difference_maps
+    from elvis.scene import Scene
+    from elvis.scene.files import read_scene
+
+    scene = Scene() if scene_file is None else read_scene(scene_file)
+    try:
+        with stage("drawing"):
+            return list(difference_maps(first, second, names, found.fields, scene)), []
+    except ElvisError as error:
+        if scene_file is not None:
+            raise
+        return [], [f"There are no maps: {error}."]
 
 
 def _check_table(output: Path, read: list[Path], overwrite: bool) -> None:

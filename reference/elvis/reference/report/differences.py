@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from elvis.core.differences import Family
 from elvis.core.differences.convergence import HEADERS as ORDERS
 from elvis.core.differences.difference import HEADERS
+from elvis.reference.report.difference_maps import Maps
 from elvis.reference.report.page import filled
 from elvis.reference.report.plots import plot
 from elvis.reference.report.writing import json_text, plain, put, report_folder
@@ -28,15 +29,39 @@ _COLORS = ("#253494", "#bd0026", "#238b45", "#fd8d3c", "#6a51a3", "#252525")
 
 
 def write_difference_report(
-    found: Family, reference: str, folder: Path, inputs: Iterable[Path] = (), overwrite: bool = False
+    found: Family,
+    reference: str,
+    folder: Path,
+    inputs: Iterable[Path] = (),
+    overwrite: bool = False,
+    maps: Sequence[Maps] = (),
+    remarks: Sequence[str] = (),
 ) -> None:
-    """Write the report of a family, or of one member; an earlier report in its place is replaced."""
+    """Write the report of a family, or of one member; an earlier report in its place is replaced.
+
+    maps     pictures of fields of the last member
+    remarks  sentences on them
+    """
     with report_folder(folder, inputs, overwrite) as temporary:
-        files = {"plots/order.svg": _orders(found)} if len(found.members) > 1 else {}
-        put(temporary / "index.html", filled(_told(found, reference, list(files))))
+        files: dict[str, Any] = {"plots/order.svg": _orders(found)} if len(found.members) > 1 else {}
+        told = _told(found, reference, list(files))
+        told["numbers"]["remarks"] += remarks
+        told["maps"] = [_map(number, own, files) for number, own in enumerate(maps)]
+        put(temporary / "index.html", filled(told))
         for name, content in files.items():
             put(temporary / name, content)
         put(temporary / "summary.json", json_text(_numbers(found, reference)))
+
+
+def _map(number: int, maps: Maps, files: dict[str, Any]) -> dict[str, Any]:
+    """The pictures of one field, which become files."""
+    pictures = []
+    for k, (name, image) in enumerate(maps.pictures.items()):
+        file = f"pictures/{number}-{k}.png"
+        files[file] = image
+        pictures.append({"file": file, "name": name, "words": maps.words[k]})
+    words = "The field of both data in one range of colours, and the exact difference at every pixel."
+    return {"title": f"Maps of {maps.field}", "words": words, "legend": [], "pictures": pictures}
 
 
 def _numbers(found: Family, reference: str) -> dict[str, Any]:
@@ -53,7 +78,9 @@ def _numbers(found: Family, reference: str) -> dict[str, Any]:
 
 def _told(found: Family, reference: str, files: list[str]) -> dict[str, Any]:
     """What the template of pages asks for."""
-    remarks = list(dict.fromkeys(remark for own in found.members for remark in own.remarks))
+    several = len(found.members) > 1
+    told = [(name, remark) for name, own in zip(found.names, found.members, strict=True) for remark in own.remarks]
+    remarks = [f"{name}: {remark}" if several else remark for name, remark in told]
     return {
         "title": f"Difference of {', '.join(found.names)} and {reference}",
         "numbers": {"verdict": _verdict(found), "remarks": remarks},
@@ -108,6 +135,8 @@ def _orders(found: Family) -> str:
             axes.plot(sizes, values, marker="o", markersize=5, color=_COLORS[number % len(_COLORS)], label=label)
         axes.set_xscale("log")
         axes.set_yscale("log")
+        axes.set_xticks(sizes, [f"{size:.3g}" for size in sizes])
+        axes.set_xticks([], minor=True)
         axes.set_xlabel("size of elements")
         axes.set_ylabel("L2 norm of the difference")
         axes.legend(fontsize=8)
