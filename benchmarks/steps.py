@@ -18,7 +18,7 @@ from statistics import median
 from typing import Any
 
 from cases import FIELD, Case, mild
-from measuring import Timing, forget_peak, peak_memory
+from measuring import ENVIRONMENT, Timing, forget_peak, peak_memory
 from tables import Table, mebibytes, seconds
 
 from elvis.formats import Shape, write
@@ -44,7 +44,7 @@ def measure(device: str, cells: int, steps: int, side: int, kinds: Sequence[str]
         found["elements"] = write_steps(Path(folder), cells, steps)
         for kind in kinds:
             command = [sys.executable, __file__, kind, folder, str(side), device]
-            process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+            process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=ENVIRONMENT)
             found["kinds"][kind] = json.loads(process.stdout.splitlines()[-1])
     return found
 

@@ -14,6 +14,8 @@ from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid, mixed_plane
 from elvis.formats import Dataset, ElvisError, FormatError, open_series, read, sample, write
+from elvis.plugins.data import Reading
+from elvis.plugins.series.series import series_in
 from elvis.plugins.testing.steps import polynomial, steps_of, waves
 
 POINTS = np.array([[0.31, 0.22, 0.0], [0.55, 0.71, 0.0], [0.83, 0.4, 0.0]])
@@ -106,7 +108,7 @@ def test_steps_on_another_mesh_are_passed_over(tmp_path, elvis):
     mean = sample(read(files[0], tmp_path / "mean.fld"), "u", POINTS)["u"]
     assert np.abs(mean - polynomial(POINTS, 1.0, 1)).max() < 1e-12
     series = open_series(*files)
-    assert series.readable() == [0, 2]
+    assert list(series.readable()) == [0, 2]
     (fault,) = series.told
     assert fault.startswith("run_1.chk can't be read and is passed over: ")
     assert fault.endswith("found 5 elements that the mesh lacks, which other steps don't have")
@@ -234,3 +236,44 @@ def test_solutions_of_pyfr_are_steps(solvers, monkeypatch, tmp_path):
             assert np.allclose(own.coefficients, mean, rtol=0, atol=1e-14 * np.abs(mean).max())
     assert series[0].mesh is series[1].mesh
     assert read(*files).time == last.time
+
+
+@pytest.mark.parametrize("form", ["xml", "hdf5"])
+def test_of_steps_only_what_quantities_need_is_read(tmp_path, form):
+    """Fields of one section and of several, in one order of modes each."""
+    mesh = mixed_plane(seed=3)
+    orders = {"u": 3, "v": 3, "w": 4, "p": 3}
+    fields = [approximated(Dataset(mesh), name, lambda x, n=n: x[:, 0] ** n, n) for name, n in orders.items()]
+    for step in range(2):
+        write(Dataset(mesh, fields, float(step)), tmp_path / "a.xml", tmp_path / f"a_{step}.fld", field_format=form)
+    files = [tmp_path / "a.xml", tmp_path / "a_*.fld"]
+    whole = open_series(*files)[1]
+
+    def read_for(*quantities):
+        found = series_in(files, Reading(quantities=quantities))[1]
+        for field in found.fields:
+            for one, other in zip(field.blocks, whole[field.name].blocks, strict=True):
+                assert np.array_equal(one.coefficients, other.coefficients)
+        return [field.name for field in found.fields]
+
+    assert read_for() == ["u", "v", "p", "w"]
+    assert read_for("v") == ["v"]
+    assert read_for("d(w,t) + x", "u") == ["u", "w"]
+    # the first field stands for an empty text, and for none; what is unknown, or of all fields, takes them all
+    assert read_for("") == read_for("x + t") == ["u"]
+    assert read_for("p + q") == read_for("order") == ["u", "v", "p", "w"]
+    assert sorted(read_for("speed")) == ["u", "v", "w"]
+
+
+def test_what_follows_the_fields_that_are_wanted_is_not_looked_at(tmp_path):
+    files = steps_of(tmp_path, [0.0, 1.0], waves)
+    dataset = read(*files[:2])
+    fields = [replace(dataset["u"], name=name) for name in "uv"]
+    for number in range(2):
+        write(replace(dataset, fields=fields, time=number), field_path=files[1 + number])
+    text = files[2].read_text()
+    end = text.index("</ELEMENTS>")
+    files[2].write_text(text[: end - 4] + text[end:])
+    assert series_in(files, Reading(quantities=("u",)))[1].time == 1.0
+    with pytest.raises(FormatError, match="ends early"):
+        series_in(files, Reading(quantities=("v",)))[1]

@@ -31,7 +31,7 @@ from elvis.renderer import (
     Sphere,
     Status,
 )
-from elvis.renderer.stages import quantities
+from elvis.scene.quantities import quantities
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
 FIELD, PLACE = 1e-11, 1e-10

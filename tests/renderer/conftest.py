@@ -20,7 +20,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.volume_rendering import Medium, VolumeRenderer
 from elvis.renderer.rendering import completed
-from elvis.renderer.stages import quantities
+from elvis.scene.quantities import quantities
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 #: nearer to the border of an element than this, neighbours may hold a point

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -87,6 +88,28 @@ def test_the_next_step_is_read_while_one_is_drawn(files, drawn, monkeypatch):
     assert asked[:3] == [0, 1, 0]
     assert asked[-1] == 2
     assert [own.step for own in drawn] == [0, 1, 0, 2]
+
+
+def test_each_step_is_read_once(files, tmp_path, drawn, monkeypatch):
+    """The range of all steps reads each once before that.  Steps that can't be read are left out."""
+    steps, whole = [], Series._read
+    monkeypatch.setattr(Series, "_read", lambda own, step: steps.append(step.time) or whole(own, step))
+    run("animate", *files, *FAST, "-o", tmp_path / "frames")
+    assert steps == [0.0, 1.0, 3.0]
+    run("animate", *files, *FAST, "--range", "series", "-o", tmp_path / "ranged")
+    assert steps[3:] == 2 * [0.0, 1.0, 3.0]
+    files[2].write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", files[2].read_text()))
+    run("animate", *files, *FAST, "--key", "zoom=1:3", "-o", tmp_path / "film.webp")
+    assert [path.name for path in sorted((tmp_path / "film-frames").glob("*.png"))] == [
+        "frame-00000.png",
+        "frame-00002.png",
+    ]
+    with Image.open(tmp_path / "film.webp") as film:
+        assert film.n_frames == 2
+    for path in files[1:]:
+        path.write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", path.read_text()))
+    with pytest.raises(ElvisError, match=r"expected a step that can be read, found none from m_0\.chk on"):
+        run("animate", *files, *FAST, "-o", tmp_path / "none")
 
 
 def still(files, path, **options):

@@ -71,8 +71,11 @@ def stage(description: str) -> Iterator[None]:
         yield
 
 
-def track(items: Sequence[Item], description: str) -> Iterator[Item]:
-    """The items one by one, with a progress bar on a terminal."""
+def track(items: Iterable[Item], description: str, count: int | None = None) -> Iterator[Item]:
+    """The items one by one; on a terminal with a bar, and how long the rest will take.
+
+    count  of the items, where they are no sequence; some may be missing
+    """
     if not sys.stderr.isatty():
         yield from items
         return
@@ -81,7 +84,7 @@ def track(items: Sequence[Item], description: str) -> Iterator[Item]:
     from rich.progress import track as rich_track
 
     shown = escape(one_line(description))
-    yield from rich_track(items, description=shown, console=Console(stderr=True), transient=True)
+    yield from rich_track(items, total=count, description=shown, console=Console(stderr=True), transient=True)
 
 
 @contextmanager

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import re
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from os.path import isfile
 from pathlib import Path
+from typing import TypeAlias
 
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import leading
 from elvis.core.mesh import Mesh
@@ -30,6 +31,9 @@ _HDF5_NAME = re.compile(rb"""HDF5FILE\s*=\s*["']([^"'<>]+)["']""")
 #: bytes at the beginning of a file in which it says what it is, and names another
 _HEAD = 1 << 20
 _PARTITIONS = ("Partition", "MultipleFldFiles")
+
+#: names of the fields that are wanted, of those of a dataset
+Choice: TypeAlias = Callable[[Dataset], Collection[str]]
 
 
 def read(*paths: str | Path) -> Dataset:
@@ -63,13 +67,16 @@ def read_data(paths: Iterable[str | Path]) -> Dataset:
         return read(*files)
 
 
-def with_fields(dataset: Dataset, *paths: str | Path) -> tuple[Dataset, int]:
+def with_fields(dataset: Dataset, *paths: str | Path, choose: Choice | None = None) -> tuple[Dataset, int]:
     """The dataset with the fields, the time and the metadata of other field files; elements that the mesh lacks.
 
     Its mesh is taken as it is, and not read again: so steps of a series share it.  Fields are left out on elements
     that the mesh lacks, whose number comes second.  Raises as `read`.
+
+    choose  which fields are read, of those of a dataset whose fields have no blocks yet; others are passed over, and
+            what is wrong with them is not found
     """
-    reader = _Reader()
+    reader = _Reader(choose)
     try:
         for path in paths:
             reader.add(Path(path))
@@ -110,9 +117,14 @@ def named_files(paths: Iterable[str | Path]) -> list[Path]:
 
 
 class _Reader:
-    """Collects what files hold; fields are decoded at once, a mesh when it is known which of several holds."""
+    """Collects what files hold; fields are decoded at once, a mesh when it is known which of several holds.
 
-    def __init__(self) -> None:
+    choose  see `with_fields`: then fields wait until all their names are known
+    """
+
+    def __init__(self, choose: Choice | None = None) -> None:
+        self._choose = choose
+        self._waiting: list[Element] = []
         self._tags: dict[str, Element] = {}
         self._geometries: dict[str | None, Element] = {}  # pieces by number or file, a whole mesh under None
         self._bare: list[Path] = []
@@ -141,9 +153,23 @@ class _Reader:
 
     def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
         """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""
+        if self._choose is not None:
+            self._decode(dataset, self._choose)
         fields = fields_input.assemble(self._sections, dataset.mesh)
         found = replace(dataset, fields=fields, time=time_of(self._field_metadata), metadata=self._field_metadata)
         return found, fields_input.lacking(self._sections, dataset.mesh)
+
+    def _decode(self, dataset: Dataset, choose: Choice) -> None:
+        """Keep the chosen fields alone, and decode what waited."""
+        own = [section.space.names for section in self._sections]
+        own += [fields_input.field_names(element) for element in self._waiting]
+        fields = tuple(Field(name, ()) for name in dict.fromkeys(name for names in own for name in names))
+        metadata = self._field_metadata
+        wanted = frozenset(choose(replace(dataset, fields=fields, time=time_of(metadata), metadata=metadata)))
+        kept = [section.of(wanted) for section in self._sections if wanted.intersection(section.space.names)]
+        chosen = [element for element in self._waiting if wanted.intersection(fields_input.field_names(element))]
+        self._sections = [*kept, *(fields_input.read_section(element, wanted) for element in chosen)]
+        self._waiting.clear()
 
     def _add_folder(self, folder: Path) -> None:
         names = sorted(entry.name for entry in folder.iterdir())
@@ -181,7 +207,9 @@ class _Reader:
             is_field = False
             for child in root.children():
                 is_field |= child.tag in ("ELEMENTS", *_PARTITIONS)
-                if child.tag == "ELEMENTS":
+                if child.tag == "ELEMENTS" and self._choose is not None:
+                    self._waiting.append(child)
+                elif child.tag == "ELEMENTS":
                     self._sections.append(fields_input.read_section(child))
                 elif child.tag == "Metadata":
                     metadata.update(fields_input.read_metadata(child))

@@ -26,6 +26,8 @@ class Reading:
     is_kept  whether a conversion is kept for the next time, and one that was kept is taken
     moment   which step of a series, or which time
     others   datasets that expressions may name, each as NAME=FILE,FILE
+    quantities  that alone will be asked for, the empty one for the first field: of steps of the native format only the
+                fields that these need are read; none where that is not known
     """
 
     plugin: str | None = None
@@ -33,6 +35,7 @@ class Reading:
     is_kept: bool = True
     moment: Moment = field(default_factory=Moment)
     others: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
 
 
 def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:

@@ -13,13 +13,14 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
+from elvis.core.errors import FormatError
 from elvis.core.moments import Moment
 from elvis.core.terminal import warn
 from elvis.plugins.data import open_data
 from elvis.plugins.series.series import Series, series_in
 from elvis.plugins.series.step_names import expanded
 from elvis.renderer.rendering import Pictures
-from elvis.renderer.request import reading_of
+from elvis.renderer.request import reading_for
 from elvis.scene import Camera, Scene
 from elvis.scene.commandline.composing import with_settings
 from elvis.scene.errors import SceneError
@@ -78,40 +79,79 @@ def orbited(camera: Camera, degrees: float) -> Camera:
 
 
 class Film:
-    """The data of a scene, opened once, and its pictures at one moment after another."""
+    """The data of a scene, found once, and its pictures at one moment after another; steps are read when drawn.
+
+    series  the steps that the files are, None where they are one state
+    files   that the scene names
+    """
 
     def __init__(self, scene: Scene, is_kept: bool) -> None:
         if not scene.data:
             raise SceneError("the scene names no data: give the mesh and field files too")
-        files, reading = expanded(tuple(map(Path, scene.data))), reading_of(scene, is_kept)
-        self.files = files
-        self.series: Series | None = series_in(files, reading)
-        self._moment = reading.moment
-        data = open_data(files, reading, warn) if self.series is None else self.series.at_moment(self._moment)
-        self._pictures = Pictures(data, scene.device)
+        self.files, reading = expanded(tuple(map(Path, scene.data))), reading_for([scene], is_kept)
+        self.series: Series | None = series_in(self.files, reading)
+        self._device, self._pictures = scene.device, None
+        if self.series is None:
+            self._pictures = Pictures(open_data(self.files, reading, warn), scene.device)
+        self._moment: Moment | None = None
         # one thread alone reads steps: the next one, while a picture is drawn
         self._reader = ThreadPoolExecutor(1, "elvis-reading")
-        self._next: tuple[Moment, Future[Dataset]] | None = None
+        self._next: tuple[Moment, Future[Dataset | None]] | None = None
 
     def __enter__(self) -> Film:
         return self
 
     def __exit__(self, *_: Any) -> None:
         self._reader.shutdown(cancel_futures=True)
-        self._pictures.close()
+        if self._pictures is not None:
+            self._pictures.close()
 
-    def draw(self, scene: Scene, following: Scene | None = None) -> Frame:
-        """The picture that ``elvis render`` draws of a scene; the data of the ``following`` one are read meanwhile."""
-        if self.series is not None and scene.moment != self._moment:
-            self._pictures.show(self._reading(self.series, scene.moment).result())
-            self._moment = scene.moment
-        self._next = None
-        if self.series is not None and following is not None and following.moment != self._moment:
-            self._next = following.moment, self._reading(self.series, following.moment)
+    def draw(self, scene: Scene, following: Scene | None = None) -> Frame | None:
+        """The picture that ``elvis render`` draws of a scene; the data of the ``following`` one are read meanwhile.
+
+        None of a step that can't be read: the faults of the series tell of it.
+        """
+        is_read = self.series is None or scene.moment == self._moment
+        data = None if self.series is None or is_read else self._reading(self.series, scene.moment).result()
+        self._expect(following)
+        if data is not None:
+            self._show(data, scene.moment)
+        elif not is_read:
+            return None
+        assert self._pictures is not None  # data are shown
         return self._pictures.draw(scene)
 
-    def _reading(self, series: Series, moment: Moment) -> Future[Dataset]:
+    def draw_first(self, scenes: Sequence[Scene]) -> Frame:
+        """The picture of the first of some scenes whose step can be read; FormatError where none can."""
+        for scene in scenes:
+            frame = self.draw(scene)
+            if frame is not None:
+                return frame
+        raise FormatError(f"expected a step that can be read, found none among {len(scenes)}", file=self.files[0])
+
+    def _expect(self, following: Scene | None) -> None:
+        """Begin to read the data of the following scene, unless that is done."""
+        if self.series is None or following is None or following.moment == self._moment:
+            self._next = None
+        elif self._next is None or self._next[0] != following.moment:
+            self._next = following.moment, self._reading(self.series, following.moment)
+
+    def _reading(self, series: Series, moment: Moment) -> Future[Dataset | None]:
         """The data of a moment: those that are being read, where these are meant."""
         if self._next is not None and self._next[0] == moment:
             return self._next[1]
-        return self._reader.submit(series.at_moment, moment)
+        return self._reader.submit(_read, series, moment)
+
+    def _show(self, data: Dataset, moment: Moment) -> None:
+        """Take the data of another moment."""
+        self._moment = moment
+        if self._pictures is None:
+            self._pictures = Pictures(data, self._device)
+        else:
+            self._pictures.show(data)
+
+
+def _read(series: Series, moment: Moment) -> Dataset | None:
+    """The data of a moment; None where that is a step that can't be read."""
+    is_damaged = moment.step is not None and bool(series.fault(moment.step))
+    return None if is_damaged else series.at_moment(moment)

@@ -46,6 +46,10 @@ class FrameFolder:
         """The file of a frame."""
         return self.folder / f"frame-{number:05d}.png"
 
+    def paths(self) -> list[Path]:
+        """The files of the frames that there are, in order: those of steps that can't be read are missing."""
+        return [path for path in map(self.path, range(len(self.scenes))) if path.exists()]
+
     def begin(self) -> list[int]:
         """The numbers of the frames that are to be drawn; others that are there and can't be kept are removed."""
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +81,7 @@ class FrameFolder:
 
     def images(self) -> Iterator[Image.Image]:
         """The frames in order, all of one size, over white: some are larger where numbers on their bars are longer."""
-        paths = [self.path(number) for number in range(len(self.scenes))]
+        paths = self.paths()
         sizes = []
         for path in paths:
             with Image.open(path) as image:

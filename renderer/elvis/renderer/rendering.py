@@ -35,16 +35,17 @@ from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
-from elvis.renderer.request import Request, reading_of
+from elvis.renderer.request import Request, reading_for
 from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
-from elvis.renderer.stages import Stages, quantities
+from elvis.renderer.stages import Stages
 from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
+from elvis.scene.quantities import quantities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
 
@@ -96,7 +97,7 @@ def _at_hand(asked: Request) -> Dataset | PluginData:
     scene = asked.scene
     if not scene.data:
         raise SceneError("expected data first: what read returns, or the mesh and field files; found none")
-    return open_data([Path(file) for file in scene.data], reading_of(scene), warn)
+    return open_data([Path(file) for file in scene.data], reading_for([scene]), warn)
 
 
 def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from elvis.plugins.opening import PluginData
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame
+from elvis.scene.quantities import quantities
 from elvis.scene.tables import input_files
 
 #: how names of files end, and texts of quantities don't
@@ -28,6 +29,12 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
     is_kept  whether conversions are kept
     """
     return Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
+
+
+def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:
+    """How files are read of which nothing but pictures of scenes is made, all of the moment of the first."""
+    texts = dict.fromkeys(text for scene in scenes for text in quantities(scene))
+    return replace(reading_of(scenes[0], is_kept), quantities=tuple(texts))
 
 
 @dataclass(frozen=True)

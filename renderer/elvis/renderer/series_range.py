@@ -11,7 +11,7 @@ from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.terminal import track
 from elvis.plugins.series.series import Series, series_in
-from elvis.renderer.request import reading_of
+from elvis.renderer.request import reading_for
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.palette import automatic_range
@@ -28,7 +28,8 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None)
     if scene.range != "series":
         return scene
     if series is None:
-        series = series_in(tuple(map(Path, scene.data)), reading_of(scene, is_kept))
+        coloured = replace(scene, plane=None, objects=(), clip=())
+        series = series_in(tuple(map(Path, scene.data)), reading_for([coloured], is_kept))
     if series is None:
         raise SceneError("range: expected several steps of a series, found one state: say seen, all or two values")
     return replace(scene, range=range_over(scene.field, series))
@@ -37,7 +38,7 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None)
 def range_over(text: str, series: Series) -> tuple[float, float]:
     """The least lower and the greatest upper bound of a quantity over all steps; SceneError where none is known."""
     ends: list[float] = []
-    for number in track(series.readable(), "range of all steps"):
+    for number in track(series.readable(), "range of all steps", len(series)):
         dataset = series[number]
         names = Names.of(dataset)
         expression = Expression.parse(text or names.fields[0], names)

@@ -370,19 +370,3 @@ class Stages:
 def _drawer_of_faces(loaded: DeviceVolume, dataset: Dataset | None, volume: Volume) -> FaceDrawer:
     faces = loaded.once("faces", lambda: faces_of(dataset, volume))
     return FaceDrawer(loaded, faces, loaded.once("faces in view", FacesInView))
-
-
-def quantities(scene: Scene) -> tuple[str, ...]:
-    """Names of all that the scene evaluates, its field first, each once."""
-    names: list[str | None] = [scene.field]
-    surfaces: list[Surface] = [clip.surface for clip in scene.clip]
-    for item in scene.every_object:
-        if isinstance(item, CutSurface):
-            surfaces.append(item.surface)
-        if isinstance(item, Isosurface | VolumeRendering):
-            names.append(item.quantity)
-        if not isinstance(item, VolumeRendering):
-            contours = item.style.contours
-            names += [item.style.quantity, contours.quantity if contours else None]
-    names += [surface.expression for surface in surfaces if isinstance(surface, Implicit)]
-    return tuple(dict.fromkeys(name for name in names if name))

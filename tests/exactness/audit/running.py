@@ -14,8 +14,8 @@ from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as reference
 from elvis.renderer import Renderer, Scene, SceneError
 from elvis.renderer.rendering import completed
-from elvis.renderer.stages import quantities
 from elvis.scene.frame import Drawing, Frame, Status
+from elvis.scene.quantities import quantities
 from elvis.scene.view import View
 
 

@@ -33,8 +33,8 @@ class Level:
 
     spurious  positive where only the first has its value, negative where both have, but for single points and curves;
               None where there are no such places
-    matrix    xx, yy, zz, xy, xz, yz of a symmetric matrix whose second eigenvalue is 0 where both have their values, its
-              determinant where the first has; empty where there is none without poles
+    matrix    xx, yy, zz, xy, xz, yz of a symmetric matrix whose second eigenvalue is 0 where both have their values;
+              its determinant is where the first has; empty where there is none without poles
     """
 
     root: Node

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,8 +43,11 @@ if TYPE_CHECKING:
 _ORDERS = re.compile(r"\s*(UNIORDER|MIXORDER)\s*:(.*)", re.DOTALL)
 
 
-def read_section(element: Element) -> Section:
-    """A section ELEMENTS; FormatError where its attributes or its data are wrong."""
+def read_section(element: Element, wanted: Collection[str] | None = None) -> Section:
+    """A section ELEMENTS; FormatError where its attributes or its data are wrong.
+
+    wanted  the only fields that are read, one of which is there; None for all
+    """
     with format_errors_at(element):
         is_compressed(element)
         space = _xml_space(element)
@@ -53,9 +56,20 @@ def read_section(element: Element) -> Section:
 
         # a list of ids is expanded once the coefficients of all its elements are there, which are at least as many
         items = space.total(ids.count)
-        values: Floats = decode_exactly(element.content, items).view("<f8").astype(np.float64, copy=False)
-        element_ids = ids.expand(items)
-        return Section(space, element_ids, values, element.file, f"<ELEMENTS ID={element.attributes['ID'][:40]}>")
+
+        # fields follow one another: what comes behind the last that is wanted is not unpacked
+        names = space.names
+        count = len(names) if wanted is None else max(i + 1 for i, name in enumerate(names) if name in wanted)
+        first = items // len(names) * count
+        values: Floats = decode_exactly(element.content, items, first).view("<f8").astype(np.float64, copy=False)
+        place = f"<ELEMENTS ID={element.attributes['ID'][:40]}>"
+        whole = Section(replace(space, names=names[:count]), ids.expand(items), values, element.file, place)
+        return whole if wanted is None else whole.of(wanted)
+
+
+def field_names(element: Element) -> tuple[str, ...]:
+    """The names of the fields of a section ELEMENTS."""
+    return split(element.require("FIELDS"))
 
 
 def read_metadata(element: Element | None) -> dict[str, str]:
@@ -77,7 +91,7 @@ def _xml_space(element: Element) -> Space:
     attributes = element.attributes
     bases = read_bases(element.require("BASIS"))
     return read_space(
-        split(element.require("FIELDS")),
+        field_names(element),
         element.require("SHAPE"),
         bases,
         _xml_modes(element.require("NUMMODESPERDIR"), len(bases)),

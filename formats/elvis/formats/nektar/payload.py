@@ -26,20 +26,25 @@ _BLANKS = b" \t\r\n\f\v\0"
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 
 
-def decode_exactly(text: memoryview, items: int) -> NDArray[np.uint8]:
+def decode_exactly(text: memoryview, items: int, first: int | None = None) -> NDArray[np.uint8]:
     """(8 items,) bytes of a payload that must hold this many items, as an array of bytes.
+
+    first  how many items at the beginning are wanted: what follows them is not looked at
 
     FormatError where the text is no base64, the stream is damaged or ends early, or holds another number of items.
     """
-    size = 8 * items
+    size, wanted = 8 * items, 8 * (items if first is None else first)
     if size > possible_bytes(text):
         raise FormatError(f"expected {items} numbers, found {len(text)} characters, too few to hold them")
-    out, filled = np.empty(size, np.uint8), 0
+    out, filled = np.empty(wanted, np.uint8), 0
     for piece in _inflate(text):
         if filled + len(piece) > size:
             raise FormatError(f"expected {items} numbers, found more")
-        out[filled : filled + len(piece)] = np.frombuffer(piece, np.uint8)
-        filled += len(piece)
+        taken = min(len(piece), wanted - filled)
+        out[filled : filled + taken] = np.frombuffer(piece, np.uint8, taken)
+        filled += taken
+        if filled == wanted < size:
+            return out
     if filled != size:
         raise FormatError(f"expected {items} numbers, found {_items(filled)}")
     return out

@@ -24,7 +24,7 @@ Remark = tuple[bytes, str]
 
 def read_remarks(data: bytes | bytearray) -> list[Remark]:
     """Lists of composites as ``C[2-3]``, and what the comments behind their entries call them, in file order."""
-    if b"<!--" not in data:
+    if b"!" not in data or b"<!--" not in data:
         return []
     found = []
     for match in _BEHIND.finditer(data):

@@ -8,8 +8,8 @@ How many coefficients an element has is known in closed form, before anything is
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,6 +78,18 @@ class Section:
     values: Floats
     file: str
     place: str
+
+    def of(self, wanted: Collection[str]) -> Section:
+        """The same without the other fields; one of the wanted is there."""
+        names = self.space.names
+        rows = [row for row, name in enumerate(names) if name in wanted]
+        if len(rows) == len(names):
+            return self
+        space = replace(self.space, names=tuple(names[row] for row in rows))
+        fields = self.values.reshape(len(names), -1)
+        # neighbours are not copied
+        own = fields[rows[0] : rows[-1] + 1] if rows[-1] - rows[0] == len(rows) - 1 else fields[rows]
+        return replace(self, space=space, values=own.reshape(-1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.geometry import share
 from elvis.core.moments import BETWEEN, Moment, checked_step
+from elvis.core.quantities.needed import needed_fields
 from elvis.formats.reading import read as read_native
 from elvis.formats.reading import with_fields
 from elvis.plugins.series.between import NEAR, STEPS_OF, combined, is_finite, is_one_mesh, weights, window
@@ -203,10 +205,8 @@ class Series(Sequence[Dataset]):
     @property
     def _left(self) -> list[int]:
         """The steps that are not known to be damaged; FormatError where there are none."""
-        left = [number for number in range(len(self)) if number not in self._damaged]
-        if not left:
-            raise FormatError(f"expected a step that can be read, found none from {self.steps[0].name} on")
-        return left
+        self.check_readable()
+        return [number for number in range(len(self)) if number not in self._damaged]
 
     def _readable(self, time: float, count: int) -> tuple[list[int], list[str]]:
         """The steps around a time that can be read, and sentences on those that can't."""
@@ -232,12 +232,20 @@ class Series(Sequence[Dataset]):
             return fault
         return ""
 
-    def readable(self) -> list[int]:
-        """The steps that can be read, all of which are read for that one after another."""
+    def readable(self) -> Iterator[int]:
+        """The numbers of the steps that can be read, one after another: each is read as it comes, and at hand then.
+
+        Raises FormatError at the end where there was none.
+        """
         for number in range(len(self)):
-            if number not in self._damaged:
-                self.fault(number)
-        return self._left
+            if not self.fault(number):
+                yield number
+        self.check_readable()
+
+    def check_readable(self) -> None:
+        """FormatError where all steps are known to be damaged."""
+        if len(self._damaged) == len(self):
+            raise FormatError(f"expected a step that can be read, found none from {self.steps[0].name} on")
 
     def _told(self, dataset: Dataset, notes: Sequence[str]) -> Dataset:
         told = replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self.remarks, *notes))))
@@ -287,7 +295,9 @@ class Series(Sequence[Dataset]):
             found = state_of((*self.common, *step.files), replace(self._reading, options=options))
             return replace(found, time=step.time)
         self._first = self._first or read_native(*self.common)
-        found, lacking = with_fields(self._first, *step.files)
+        texts = self._reading.quantities
+        choose = partial(needed_fields, texts=texts) if texts else None
+        found, lacking = with_fields(self._first, *step.files, choose=choose)
         found = self._checked(step, found, lacking)
         return found if found.time is not None else replace(found, time=step.time)
 

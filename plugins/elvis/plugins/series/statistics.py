@@ -18,7 +18,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Block, Dataset, Expansion, Field
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.errors import ElvisError
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
@@ -78,9 +78,7 @@ def _states(series: Series, over: str, times: list[float]) -> Iterator[tuple[flo
     """Weights and datasets whose weighted mean is asked for; ``times`` gets those of the steps that could be read."""
     first: Dataset | None = None
     before: tuple[float, Dataset] | None = None
-    for number in track(range(len(series)), "mean of all steps"):
-        if series.fault(number):
-            continue
+    for number in track(series.readable(), "mean of all steps", len(series)):
         step, time = series[number], float(series.times[number])
         first = first or step
         if not is_one_mesh(first, step):
@@ -91,8 +89,7 @@ def _states(series: Series, over: str, times: list[float]) -> Iterator[tuple[flo
         elif before is not None:
             yield from _between(before, (time, step))
         before = time, step
-    if before is None:
-        raise FormatError(f"expected a step that can be read, found none from {series.steps[0].name} on")
+    assert before is not None  # a series has a step that can be read, or raises
     if over != "steps" and len(times) == 1:
         yield 1.0, before[1]
 

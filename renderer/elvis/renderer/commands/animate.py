@@ -112,7 +112,7 @@ def animate(
         note(remark)
     for place in films:
         write_film(found, place, rate)
-    say(f"{len(scenes)} frames: {', '.join(map(str, films or [folder]))}")
+    say(f"{len(found.paths())} frames: {', '.join(map(str, films or [folder]))}")
 
 
 def _places(outputs: tuple[Path, ...], data: tuple[Path, ...], overwrite: bool) -> tuple[Path, list[Path]]:
@@ -144,7 +144,7 @@ def _moments(film: Film, times: tuple[float, float, int] | None, frames: int | N
     if times is not None:
         return [Moment(time=float(time)) for time in np.linspace(*times)]
     if film.series is not None and frames is None:
-        return [Moment(step=number) for number in film.series.readable()]
+        return [Moment(step=number) for number in range(len(film.series))]
     if film.series is not None and not moves:
         own = film.series.times
         return [Moment(time=float(time)) for time in np.linspace(own[0], own[-1], frames or FRAMES)]
@@ -162,7 +162,7 @@ def _filmed(film: Film, scenes: list[Scene], orbit: float | None, path: tuple[Ca
 
     def fitted(camera: Camera | str) -> Camera:
         if isinstance(camera, str) or (camera.fov is None and camera.height is None):
-            return film.draw(replace(scenes[0], camera=camera)).view.camera
+            return film.draw_first([replace(scene, camera=camera) for scene in scenes]).view.camera
         return camera
 
     count = len(scenes)
@@ -191,5 +191,9 @@ def _draw(film: Film, scenes: list[Scene], folder: Path) -> FrameFolder:
     after = dict(pairwise(missing))
     for number in track(missing, f"drawing {len(missing)} of {len(scenes)} frames"):
         path, following = frames.path(number), scenes[after[number]] if number in after else None
-        film.draw(replace(scenes[number], outputs=(str(path),)), following).save(path, plain=scenes[number].plain)
+        frame = film.draw(replace(scenes[number], outputs=(str(path),)), following)
+        if frame is not None:
+            frame.save(path, plain=scenes[number].plain)
+    if film.series is not None and not frames.paths():
+        film.series.check_readable()
     return frames

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elvis.core.arguments import field_option, json_option, overwrite_option, times_option
-from elvis.renderer.commands.sources import Data, NativeSource, data_options
+from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
@@ -153,14 +153,9 @@ def _of_one_state(data: Data, integrals: Callable[[Source], Integrals]) -> _Mome
 
 
 def _of_series(data: Data, times: tuple[float, float, int] | str, integrals: Callable[[Source], Integrals]) -> _Moments:
-    from elvis.core.terminal import track
-
-    series, moments = data.moments(times)
-    found: _Moments = []
-    for time in track(moments.tolist(), "integrating"):
-        source = NativeSource(series.at(time, data.between), is_quiet=True)
-        found.append(({"time": time}, integrals(source)))
-    data.tell_of(series, moments)
+    series, moments = data.moments(times, "integrating")
+    found: _Moments = [({"time": time}, integrals(source)) for time, source in moments]
+    data.tell_of(series, [own["time"] for own, _ in found])
     return found
 
 

@@ -20,7 +20,7 @@ from elvis.core.arguments import (
     triples,
 )
 from elvis.core.errors import ElvisError
-from elvis.renderer.commands.sources import Data, NativeSource, data_options
+from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -277,17 +277,16 @@ def _at(
     """The table at one time after another, with a column of times."""
     import numpy as np
 
-    from elvis.core.terminal import track
-
-    series, moments = data.moments(times)
+    series, moments = data.moments(times, f"probing {len(places)} points")
     parts: list[Columns] = []
-    for time in track(moments.tolist(), f"probing {len(places)} points"):
-        source = NativeSource(series.at(time, data.between), is_quiet=True)
+    taken: list[float] = []
+    for time, source in moments:
         wanted = _check(source.expressions(texts))
         texts = [each.text for each in wanted]
         found = source.probe(places, wanted, every)
         parts.append({"time": np.full(len(found["point"]), time), **found})
-    data.tell_of(series, moments, any(each.has_rates for each in wanted))
+        taken.append(time)
+    data.tell_of(series, taken, any(each.has_rates for each in wanted))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 

@@ -130,10 +130,10 @@ def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list
     from elvis.plugins.opening import PluginData
     from elvis.scene.commandline.composing import in_one_range
 
-    known: dict[object, Dataset | PluginData] = {}
+    alike: dict[object, list[Scene]] = {}
     for scene in scenes:
-        key = _key(scene)
-        known[key] = known[key] if key in known else _open(scene, is_kept)
+        alike.setdefault(_key(scene), []).append(scene)
+    known = {key: _open(some, is_kept) for key, some in alike.items()}
     data = [known[_key(scene)] for scene in scenes]
     frames = list(map(_frame, data, scenes))
     shared = in_one_range(frames) if len(frames) > 1 else None
@@ -149,16 +149,17 @@ def _key(scene: Scene) -> object:
     return scene.data, scene.plugin, scene.reader, scene.others, scene.step, scene.time, scene.between
 
 
-def _open(scene: Scene, is_kept: bool) -> Dataset | PluginData:
-    """The data of the scene, read, converted or opened by a runtime plugin."""
+def _open(scenes: list[Scene], is_kept: bool) -> Dataset | PluginData:
+    """The data of scenes, which are the same, read, converted or opened by a runtime plugin."""
     from elvis.core.terminal import warn
     from elvis.plugins.data import open_data
-    from elvis.renderer.request import reading_of
+    from elvis.renderer.request import reading_for
     from elvis.scene.errors import SceneError
 
-    if not scene.data:
+    data = scenes[0].data
+    if not data:
         raise SceneError("the scene names no data: give the mesh and field files too")
-    return open_data(tuple(map(Path, scene.data)), reading_of(scene, is_kept), warn)
+    return open_data(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
 
 
 def _frame(opened: Dataset | PluginData, scene: Scene) -> Frame:

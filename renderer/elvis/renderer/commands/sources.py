@@ -5,7 +5,7 @@ Which of the two it is is decided here, once: both answer the same questions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -86,18 +86,33 @@ class Data:
             return None
         return series_in(self.paths, self.reading())
 
-    def moments(self, times: tuple[float, float, int] | str) -> tuple[Series, Floats]:
-        """The series that the files are, and the times that ``--times`` says; ElvisError for one state."""
+    def moments(
+        self, times: tuple[float, float, int] | str, description: str
+    ) -> tuple[Series, Iterator[tuple[float, NativeSource]]]:
+        """The series that the files are, and times and sources one after another, as ``--times`` says.
+
+        Each step is read once, with a word on the terminal.  ElvisError for one state.
+        """
         import numpy as np
 
         from elvis.core.errors import ElvisError
+        from elvis.core.terminal import track
 
         series = self.series()
         if series is None:
             raise ElvisError("--times: expected a series, without --step and --time, found one state")
-        return series, series.times[series.readable()] if isinstance(times, str) else np.linspace(*times)
+        if isinstance(times, str):
+            moments: Iterable[float] = (float(series.times[number]) for number in series.readable())
+        else:
+            moments = np.linspace(*times).tolist()
+        count = len(series) if isinstance(times, str) else times[2]
+        sources = (
+            (time, NativeSource(series.at(time, self.between), is_quiet=True))
+            for time in track(moments, description, count)
+        )
+        return series, sources
 
-    def tell_of(self, series: Series, times: Floats, has_rates: bool = False) -> None:
+    def tell_of(self, series: Series, times: Sequence[float], has_rates: bool = False) -> None:
         """Say how steps of a series were brought to times (n,), and what it told of itself meanwhile."""
         import numpy as np
 

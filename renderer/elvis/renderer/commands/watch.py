@@ -54,13 +54,13 @@ def watch(
     from elvis.core.terminal import note, say
     from elvis.plugins.series.following import Following
     from elvis.renderer.rendering import Pictures
-    from elvis.renderer.request import reading_of
+    from elvis.renderer.request import reading_for
     from elvis.scene.commandline.composing import composed
     from elvis.scene.errors import SceneError
 
     scene = composed(data, options, settings, unused=("stats", "panels", "scenes"))
     _check(scene)
-    following = Following([Path(file) for file in scene.data], reading_of(scene, not no_cache))
+    following = Following([Path(file) for file in scene.data], reading_for([scene], not no_cache))
     pictures: Pictures | None = None
     last, told = monotonic(), ""
     try:
