@@ -18,7 +18,7 @@ from elvis.core.testing.meshes import grid
 from elvis.formats import Dataset, ElvisError, write
 from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
-from elvis.renderer import Camera, Scene, render
+from elvis.renderer import Camera, Scene, film_workers, render
 from elvis.renderer.animation import Film, Key, orbited
 from elvis.scene.errors import SceneError
 
@@ -30,6 +30,7 @@ def run(*arguments):
     outcome = CliRunner().invoke(group, [str(argument) for argument in arguments], standalone_mode=False)
     if outcome.exception:
         raise outcome.exception
+    return outcome.output
 
 
 def moving(time, points):
@@ -108,7 +109,7 @@ def test_each_step_is_read_once(files, tmp_path, drawn, monkeypatch):
         assert film.n_frames == 2
     for path in files[1:]:
         path.write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", path.read_text()))
-    with pytest.raises(ElvisError, match=r"expected a step that can be read, found none from m_0\.chk on"):
+    with pytest.raises(ElvisError, match="expected a step that can be read, found none among 3"):
         run("animate", *files, *FAST, "-o", tmp_path / "none")
 
 
@@ -159,6 +160,28 @@ def test_frames_that_are_good_are_kept(files, tmp_path, drawn):
     with pytest.raises(ElvisError, match=r"found frame-00000\.png without film\.json"):
         steps()
     assert len(pictures(folder)) == 2
+
+
+def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
+    """Those of a scheduler in this very process; each tells what it found."""
+    distributed = pytest.importorskip("distributed")
+    scheduling = pytest.importorskip("distributed.scheduler")
+    files[2].write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", files[2].read_text()))
+    os.utime(files[2], (1e9, 1e9))
+    with distributed.LocalCluster(1, processes=False, threads_per_worker=1, dashboard_address=None) as cluster:
+        arguments = ["animate", *files, "-o", tmp_path / "frames", "--scheduler", cluster.scheduler_address]
+        assert run(*arguments).count("m_1.chk can't be read and is passed over") == 1
+        assert sorted(scene.step for scene in drawn) == [0, 2]
+        (tmp_path / "frames" / "frame-00002.png").unlink()
+        run(*arguments)
+        assert sorted(scene.step for scene in drawn) == [0, 2, 2]
+
+    class Ended:
+        def gather(self, _):
+            raise scheduling.KilledWorker("draw_block", None, 0)
+
+    with pytest.raises(ElvisError, match=r"a worker that drew frames was ended .*: frames that are drawn are kept"):
+        film_workers._results(Ended(), [])
 
 
 def test_keys_of_the_scene_move(files, tmp_path, drawn):
@@ -223,4 +246,8 @@ def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch)
     monkeypatch.setitem(__import__("sys").modules, "av", None)
     with pytest.raises(ElvisError, match=r"MP4 needs av, which is not installed; pip install 'elvis-viz\[video\]'"):
         run("animate", *files, *FAST, "-o", tmp_path / "none.mp4")
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(ElvisError, match=r"--workers needs distributed, .* 'elvis-viz\[parallel\]'"):
+        run("animate", *files, *FAST, "--workers", "2", "-o", tmp_path / "none")
     assert not (tmp_path / "none-frames").exists()
+    assert not (tmp_path / "none").exists()

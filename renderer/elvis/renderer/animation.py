@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from elvis.scene.commandline.composing import with_settings
 from elvis.scene.errors import SceneError
 from elvis.scene.files import toml_value
 from elvis.scene.frame import Frame
+
+#: a scene and the file of its picture
+Shot: TypeAlias = tuple[Scene, Path]
 
 
 @dataclass(frozen=True)
@@ -82,12 +85,14 @@ class Film:
     """The data of a scene, found once, and its pictures at one moment after another; steps are read when drawn.
 
     series  the steps that the files are, None where they are one state
-    files   that the scene names
+    scene   that it was opened with
+    files   that this names
     """
 
     def __init__(self, scene: Scene, is_kept: bool) -> None:
         if not scene.data:
             raise SceneError("the scene names no data: give the mesh and field files too")
+        self.scene = scene
         self.files, reading = expanded(tuple(map(Path, scene.data))), reading_for([scene], is_kept)
         self.series: Series | None = series_in(self.files, reading)
         self._device, self._pictures = scene.device, None
@@ -102,9 +107,27 @@ class Film:
         return self
 
     def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the device back."""
         self._reader.shutdown(cancel_futures=True)
         if self._pictures is not None:
             self._pictures.close()
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What the series tells of its steps, those among them that were read."""
+        return () if self.series is None else self.series.told
+
+    def write(self, shots: Sequence[Shot]) -> Iterator[Path]:
+        """Write frames one after another; the file of each, once it is there or its step turns out to be damaged."""
+        following = [scene for scene, _ in shots[1:]]
+        for (scene, path), after in zip(shots, [*following, None], strict=False):
+            frame = self.draw(scene, after)
+            if frame is not None:
+                frame.save(path, plain=scene.plain)
+            yield path
 
     def draw(self, scene: Scene, following: Scene | None = None) -> Frame | None:
         """The picture that ``elvis render`` draws of a scene; the data of the ``following`` one are read meanwhile.

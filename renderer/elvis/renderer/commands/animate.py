@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from elvis.core.moments import Moment
     from elvis.renderer.animation import Film
     from elvis.renderer.film_files import FrameFolder
+    from elvis.renderer.film_workers import Workers
     from elvis.scene import Camera, Scene
 
 #: frames of a film whose number nothing says
@@ -70,6 +71,19 @@ Examples:
     help="A camera that the view goes through, as for --camera; two or more, at equal parts of the film.",
 )
 @click.option("--rate", type=click.FloatRange(0.1, 240), default=25.0, show_default=True, help="Frames a second.")
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 1000),
+    default=1,
+    show_default=True,
+    help="Processes that draw frames at the same time, of Dask.",
+)
+@click.option(
+    "--scheduler",
+    default="",
+    metavar="ADDRESS",
+    help="A Dask scheduler whose workers draw, in place of processes of this machine; they see the same files.",
+)
 @setting_option
 @overwrite_option
 @cache_option
@@ -82,6 +96,8 @@ def animate(
     orbit: float | None,
     path: tuple[Camera | str, ...],
     rate: float,
+    workers: int,
+    scheduler: str,
     settings: tuple[tuple[str, str], ...],
     overwrite: bool,
     no_cache: bool,
@@ -92,24 +108,26 @@ def animate(
     Frames follow the steps of a series, or --times; with --orbit, --path and --key alone the data stand still. Frames
     that are there, newer than the data and of the same scene are kept: a run that was killed goes on where it was.
     """
-    from elvis.core.terminal import note, say
+    from elvis.core.terminal import say
     from elvis.renderer.animation import Film, Key, scenes_of
     from elvis.renderer.film_files import write_film
+    from elvis.renderer.film_workers import Workers
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed
 
     if orbit and path:
         raise click.UsageError("expected --orbit or --path, found both", click.get_current_context())
     scene = composed(data, options, settings, unused=("outputs", "stats"))
+    crew = Workers(workers, scheduler) if workers > 1 or scheduler else None
+    if crew is not None:
+        crew.check()
     moving = [Key.of(*key) for key in keys]
     folder, films = _places(outputs, data, overwrite)
     with Film(scene, not no_cache) as film:
         moments = _moments(film, times, frames, bool(moving or orbit or path))
         scene = with_range(scene, not no_cache, film.series)
         scenes = scenes_of(scene, moments, moving)
-        found = _draw(film, _filmed(film, scenes, orbit, path), folder)
-    for remark in film.series.told if film.series else ():
-        note(remark)
+        found = _draw(film, _filmed(film, scenes, orbit, path), folder, crew, not no_cache)
     for place in films:
         write_film(found, place, rate)
     say(f"{len(found.paths())} frames: {', '.join(map(str, films or [folder]))}")
@@ -177,23 +195,23 @@ def _filmed(film: Film, scenes: list[Scene], orbit: float | None, path: tuple[Ca
     return [replace(scene, camera=camera) for scene, camera in zip(scenes, cameras, strict=True)]
 
 
-def _draw(film: Film, scenes: list[Scene], folder: Path) -> FrameFolder:
-    """Draw the frames that are missing."""
+def _draw(film: Film, scenes: list[Scene], folder: Path, crew: Workers | None, is_kept: bool) -> FrameFolder:
+    """Draw the frames that are missing, and tell what the series told."""
     from dataclasses import replace
-    from itertools import pairwise
 
-    from elvis.core.terminal import track
+    from elvis.core.terminal import note, track
     from elvis.renderer.film_files import FrameFolder
     from elvis.scene.tables import table_of
 
     frames = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files)
     missing = frames.begin()
-    after = dict(pairwise(missing))
-    for number in track(missing, f"drawing {len(missing)} of {len(scenes)} frames"):
-        path, following = frames.path(number), scenes[after[number]] if number in after else None
-        frame = film.draw(replace(scenes[number], outputs=(str(path),)), following)
-        if frame is not None:
-            frame.save(path, plain=scenes[number].plain)
-    if film.series is not None and not frames.paths():
-        film.series.check_readable()
+    shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
+    told: list[str] = []
+    drawn = film.write(shots) if crew is None else crew.draw(film.scene, shots, is_kept, told)
+    for _ in track(drawn, f"drawing {len(missing)} of {len(scenes)} frames", len(missing)):
+        pass
+    for remark in dict.fromkeys([*film.told, *told]):
+        note(remark)
+    if not frames.paths():
+        raise ElvisError(f"expected a step that can be read, found none among {len(scenes)}")
     return frames
