@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from time import perf_counter
 from typing import cast
 
@@ -11,11 +12,22 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import ALL, boundaries
 from elvis.core.errors import ElvisError
 from elvis.core.memory import free_memory
 from elvis.core.needing import MissingPackageError
 from elvis.core.patch import Patch
 from elvis.core.picturing import Kind
+from elvis.reference.baseline.deviations import (
+    Deviation,
+    Sampled,
+    border_distances,
+    deviation,
+    face_points,
+    picture_distances,
+    triangle_distances,
+    why_not,
+)
 from elvis.reference.baseline.distances import SurfaceDistance, surface_distance
 from elvis.reference.baseline.exact import FINE, exact_isosurface
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
@@ -26,7 +38,7 @@ from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
 from elvis.reference.tolerances import Check, check_tolerances
-from elvis.scene import CutSurface, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
+from elvis.scene import CutSurface, Faces, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
 from elvis.scene.frame import Frame, Status
 from elvis.scene.view import View
 
@@ -48,6 +60,8 @@ class Rival:
     counts     simplices, points and bytes
     seconds    by name
     surfaces   distances of its isosurfaces, by value
+    deviations  distances of its faces and isosurfaces, by name, where open3d is there
+    apart      (h, w) distances of what the exact picture shows from these
     meshes     that it was drawn from, by file name without suffix, where they were asked for
     skipped    why there is no picture
     """
@@ -60,6 +74,8 @@ class Rival:
     counts: Mapping[str, int] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     surfaces: Mapping[str, SurfaceDistance | None] = field(default_factory=dict)
+    deviations: Mapping[str, Deviation | None] = field(default_factory=dict)
+    apart: Floats | None = None
     meshes: Mapping[str, LinearMesh] = field(default_factory=dict)
     skipped: str | None = None
 
@@ -164,7 +180,8 @@ def compare_scene(
     values = _contours(completed, exact, frame.range)
     quantities, allowed = Quantities(dataset, names), memory_limit() if limit is None else limit
     surfaces = exact_surfaces(dataset, completed, quantities, allowed)
-    rivals = Rivals(dataset, completed, frame.view, exact, frame.range, values, quantities, surfaces, meshes)
+    sampled = sampled_surfaces(dataset, completed, quantities, surfaces)
+    rivals = Rivals(dataset, completed, frame.view, exact, frame.range, values, quantities, surfaces, sampled, meshes)
     fine = max(levels) + 1
     return Study(
         exact,
@@ -179,7 +196,7 @@ def compare_scene(
         sum(map(_stored_bytes, quantities.patches)),
         (fine, estimate(quantities.patches, fine, len(names))[2]),
         seconds,
-        frame.remarks,
+        (*frame.remarks, *_left_out(completed)),
         {f"exact-isosurface-{i}": mesh for i, (_, mesh) in enumerate(surfaces.values())} if meshes else {},
     )
 
@@ -196,6 +213,7 @@ class Rivals:
     contours: Sequence[float]
     quantities: Quantities
     surfaces: Mapping[str, tuple[Isosurface, LinearMesh]]
+    sampled: Mapping[str, Sampled]
     keeps_meshes: bool = False
 
     def at(self, level: int, limit: int) -> Rival:
@@ -225,6 +243,7 @@ class Rivals:
             {**counts, **made.counts},
             dict(made.seconds),
             self._surfaces(made),
+            *self._deviations(made),
             self._meshes(made) if self.keeps_meshes else {},
         )
 
@@ -258,6 +277,12 @@ class Rivals:
             for name, (shown, exact) in self.surfaces.items()
         }
 
+    def _deviations(self, made: Baseline) -> tuple[dict[str, Deviation | None], Floats | None]:
+        """How far each surface is from the exact points, and what the exact picture shows from all of them."""
+        meshes = {name: made.triangles(own.shown, self.scene.field) for name, own in self.sampled.items()}
+        found = {name: deviation(own, meshes[name]) for name, own in self.sampled.items()}
+        return found, picture_distances(self.exact.position, list(meshes.values())) if meshes else None
+
 
 def _is_empty(record: Record) -> bool:
     """Whether a picture shows nothing, so that there is nothing to score."""
@@ -277,6 +302,33 @@ def exact_surfaces(
             mesh = exact_isosurface(dataset, quantities, quantity, value, level)
             found[f"{quantity} = {value:g}"] = Isosurface((value,), quantity), mesh
     return found
+
+
+def sampled_surfaces(
+    dataset: Dataset, scene: Scene, quantities: Quantities, surfaces: Mapping[str, tuple[Isosurface, LinearMesh]]
+) -> dict[str, Sampled]:
+    """The faces and isosurfaces of a scene in space by name; none where open3d is not there."""
+    if dataset.mesh.dimension < 3 or why_not():
+        return {}
+    found = {
+        name: Sampled(shown, mesh.points, partial(triangle_distances, mesh=mesh) if len(mesh) else None)
+        for name, (shown, mesh) in surfaces.items()
+    }
+    known = (ALL, *boundaries(dataset.mesh))
+    for shown in scene.every_object:
+        if isinstance(shown, Faces):
+            is_border = len(shown.select) == 1 and shown.select[0] in known
+            back = border_distances(dataset, shown.select[0]) if is_border else None
+            points = face_points(dataset, quantities.patches, shown.select)
+            found[f"faces {', '.join(shown.select)}"] = Sampled(shown, points, back)
+    return found
+
+
+def _left_out(scene: Scene) -> list[str]:
+    """A sentence where distances of surfaces are missing."""
+    has_some = any(isinstance(shown, Faces | Isosurface) for shown in scene.every_object)
+    reason = why_not() if has_some else ""
+    return [reason] if reason else []
 
 
 def _from_file(shown: SceneObject) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from elvis.reference.extras import comparison_module
 from elvis.reference.report import pictures as drawn
 from elvis.reference.report import plots
@@ -104,7 +106,8 @@ def _bar(study: Study, files: Files) -> dict[str, str] | None:
 
 def _maps(study: Study, files: Files) -> list[dict[str, Any]]:
     """Maps of errors: values, positions where they differ, contours, and the worst places."""
-    found = [_value_maps(study, files), _position_maps(study, files), _contour_maps(study, files), _worst(study, files)]
+    makers = (_value_maps, _position_maps, _distance_maps, _contour_maps, _worst)
+    found = [make(study, files) for make in makers]
     return [own for own in found if own["pictures"]]
 
 
@@ -139,6 +142,21 @@ def _position_maps(study: Study, files: Files) -> dict[str, Any]:
         pictures.append({"file": name, "name": rival.name, "words": f"up to {some(rival.errors.pixel_max)} pixels"})
     words = "How far the point that a pixel shows lies from the exact one, in pixels."
     return {"title": "Where surfaces are misplaced", "words": words, "legend": legend, "pictures": pictures}
+
+
+def _distance_maps(study: Study, files: Files) -> dict[str, Any]:
+    """How far the exact surfaces lie from the linear ones, at right angles."""
+    pictures: list[Any] = []
+    legend: list[drawn.Legend] = []
+    for rival in _drawn_rivals(study):
+        if rival.apart is None:
+            continue
+        name = f"pictures/{rival.key}-distance.png"
+        files[name], legend = drawn.distance_map(rival.apart, _pixel(rival))
+        words = f"up to {some(float(np.nanmax(rival.apart, initial=0.0)))} units of the data"
+        pictures.append({"file": name, "name": rival.name, "words": words})
+    words = "The distance of each point that is seen from the linear surfaces, wherever these are nearest, in pixels."
+    return {"title": "How far surfaces are apart", "words": words, "legend": legend, "pictures": pictures}
 
 
 def _pixel(rival: Rival) -> float:
@@ -183,7 +201,11 @@ def _plots(study: Study, files: Files) -> list[dict[str, str]]:
         return []
     files["plots/refinement.svg"] = plots.against_refinement(study)
     files["plots/memory.svg"] = plots.against_memory(study)
-    return [{"file": f"plots/{name}.svg", "name": f"error against {name}"} for name in ("refinement", "memory")]
+    found = [{"file": f"plots/{name}.svg", "name": f"error against {name}"} for name in ("refinement", "memory")]
+    if any(rival.deviations for rival in study.rivals):
+        files["plots/distances.svg"] = plots.of_distances(study)
+        found.append({"file": "plots/distances.svg", "name": "histogram of distances"})
+    return found
 
 
 def _times(study: Study, files: Files) -> dict[str, Any] | None:

@@ -68,6 +68,13 @@ def position_map(exact: Record, other: Record, pixel: float) -> tuple[Pixels, li
     return _band(measure, DISTANCES, exact.seen & ~other.seen, other.seen & ~exact.seen)
 
 
+def distance_map(apart: Floats, pixel: float) -> tuple[Pixels, list[Legend]]:
+    """How far what is seen lies from linear surfaces, in pixels of the size ``pixel``."""
+    nowhere = np.zeros(apart.shape, bool)
+    picture, legend = _band(apart / pixel, DISTANCES, nowhere, nowhere)
+    return picture, legend[: len(DISTANCES)]
+
+
 def _band(measure: Floats, bands: Sequence[Any], missing: Bools, spurious: Bools) -> tuple[Pixels, list[Legend]]:
     """A map of a measure (h, w), NaN where it has no meaning."""
     picture, legend, low = np.full((*measure.shape, 3), 255, np.uint8), [], -1.0

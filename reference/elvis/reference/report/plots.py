@@ -57,6 +57,23 @@ def against_memory(study: Study) -> str:
     return plot(draw)
 
 
+def of_distances(study: Study) -> str:
+    """Histograms of the distances of exact points from linear surfaces, by refinement."""
+
+    def draw(axes: Any) -> None:
+        for rival in study.rivals:
+            for name, own in rival.deviations.items():
+                if own is not None and own.away.greatest > 0:
+                    axes.stairs(own.shares, own.edges, label=f"{name}, {rival.name}")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("distance, units of the data")
+        axes.set_ylabel("share of the exact points")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=8)
+
+    return plot(draw)
+
+
 def against_time(study: Study) -> str:
     """Errors by the seconds for mesh and picture; a line where the exact picture is."""
     drawn = [rival for rival in study.rivals if rival.errors and rival.seconds]

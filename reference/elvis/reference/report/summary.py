@@ -60,6 +60,7 @@ def rival_facts(rival: Rival) -> dict[str, Any]:
     if rival.errors is not None:
         found |= {"right": is_right(rival), **asdict(rival.errors)}
         found |= {"contour_max": rival.errors.contour_max, "contours_lost": rival.errors.lost}
+    found["deviations"] = {name: own and asdict(own) for name, own in rival.deviations.items()}
     found["surfaces"] = {name: own and asdict(own) for name, own in rival.surfaces.items()}
     return found
 

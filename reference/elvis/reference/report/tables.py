@@ -84,7 +84,7 @@ def _ends(degrees: Sequence[int]) -> str:
 
 def every_table(study: Study) -> list[Table]:
     """Bars, errors, what the meshes cost, contours, isosurfaces; those that have rows."""
-    found = [_bars(study), _errors(study), _costs(study), _contours(study), _surfaces(study)]
+    found = [_bars(study), _errors(study), _costs(study), _contours(study), _surfaces(study), _deviations(study)]
     return [table for table in found if table["rows"]]
 
 
@@ -173,6 +173,26 @@ def _surfaces(study: Study) -> Table:
     heads = ["isosurface", "picture", "Hausdorff distance", "Chamfer distance", "components, exact / other", "handles"]
     words = "Distances between the exact isosurface and the linear one in units of the data; what both are made of."
     return _table("Isosurfaces", heads, sorted(rows, key=lambda row: row[0]), words)
+
+
+def _deviations(study: Study) -> Table:
+    """Distances of linear surfaces from points of the exact ones."""
+    rows, points = [], dict[str, str]()
+    for rival in study.rivals:
+        for name, own in rival.deviations.items():
+            if own is None:
+                rows.append([name, rival.name, *["–"] * 5, "lost or invented"])
+                continue
+            points.setdefault(name, f"{name}: {own.points:,} points, {own.density:.3g} for a unit of area")
+            spreads = [own.away, *([] if own.back is None else [own.back])]
+            cells = [some(value) for one in spreads for value in (one.mean, one.most)]
+            rows.append([name, rival.name, *cells, *["–"] * (4 - len(cells)), some(own.hausdorff)])
+    heads = ["surface", "picture", "mean", "95 % within", "mean back", "95 % back within", "Hausdorff distance"]
+    words = (
+        "Distances of exact points from the linear surface, by open3d, and back from the middles of its triangles to "
+        f"the exact one, in units of the data. Exact points: {'; '.join(points.values())}."
+    )
+    return _table("Distances of surfaces", heads, sorted(rows, key=lambda row: row[0]), words)
 
 
 def _bars(study: Study) -> Table:
