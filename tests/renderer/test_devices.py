@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from elvis.renderer import DeviceError, adapters
-from elvis.renderer.adapters import Adapter, UnfitError, first_fit, lacking
+from elvis.renderer.adapters import Adapter, UnfitError, first_fit, lacking, limited
 from elvis.renderer.commands.devices import devices
 
 XE = Adapter("vulkan:0", "Intel(R) Iris(R) Xe Graphics", False)
@@ -74,6 +74,12 @@ def test_everything_that_is_missing_is_named():
     assert lacking({"pointer"}.__contains__) == (
         "has no 64-bit floats and no operations across a wave, which the kernels need"
     )
+
+
+def test_limits_below_what_kernels_need_are_named():
+    assert limited(lambda limit: 65535) == ""
+    few = {"max_compute_threads_per_group": 32, "max_compute_dispatch_thread_groups": 65535}
+    assert limited(few.__getitem__) == "grants 32 threads in a group, of which the kernels need 64"
 
 
 def test_the_cpu_is_offered_only_where_a_compiler_is_found(monkeypatch):

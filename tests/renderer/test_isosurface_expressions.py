@@ -90,10 +90,13 @@ def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
     refute(iso, flow(shape), "q_criterion", 1.0, (20, 16), 0.99)
 
 
-@pytest.mark.parametrize(("quantity", "value"), [("sin(2 * u) + exp(v) * x * y + tanh(w)", 0.4), ("vorticity", 4.0)])
-def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value):
-    """The size of the vorticity has its values where its square, without a kink, has theirs."""
-    refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), 0.98)
+KINKED = "sin(2 * u) + exp(v) * x * abs(w - 0.2)"
+
+
+@pytest.mark.parametrize(("quantity", "value", "share"), [(KINKED, 0.4, 0.9), ("vorticity", 4.0, 0.98)])
+def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value, share):
+    """Kinks alone are ambiguous; the size of the vorticity has its values where its square, without one, has theirs."""
+    refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), share)
 
 
 def test_zeros_of_products_are_shown_where_they_count(iso):

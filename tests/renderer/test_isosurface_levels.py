@@ -34,7 +34,8 @@ CASES = [
     (Shape.TETRAHEDRON, 0.0, "sqrt(u^2+v^2)", 0.8, True),
     (Shape.TETRAHEDRON, 0.0, "sqrt(u^2+v^2)/sqrt(1.4*p/rho)", 0.7, True),
     (Shape.HEXAHEDRON, 0.05, "p/rho", 0.8, True),
-    (Shape.HEXAHEDRON, 0.0, "u/p*tanh(v)", 0.1, False),
+    (Shape.HEXAHEDRON, 0.0, "u/p*tanh(v)", 0.1, True),
+    (Shape.HEXAHEDRON, 0.05, "u + 0.01*d(d(u,x),y)", 0.5, False),
 ]
 
 

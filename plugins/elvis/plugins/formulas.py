@@ -41,8 +41,9 @@ _FUNCTIONS: Mapping[str, str] = {
     "middle_eigenvalue": "middle_eigenvalue",
 }
 
-#: functions that are analytic wherever they are asked for
-_SMOOTH = ("+", "-", "*", "exp", "sin", "cos", "sinh", "cosh", "atan", "tanh")
+#: functions that are continuous everywhere, analytic but for kinks; and those that are so where they are finite
+_CONTINUOUS = ("+", "-", "*", "exp", "sin", "cos", "sinh", "cosh", "atan", "tanh", "abs", "min", "max")
+_WHERE_FINITE = ("/", "^", "sqrt", "log", "tan", "asin", "acos")
 
 #: parts of an expression that a kernel evaluates
 _MOST = 1000
@@ -95,6 +96,7 @@ class Formula:
     facets  (k, 4) of the reference shape, as coefficients of x, y, z and 1; none where the shape isn't known
     spurious  optional: what is positive where the expression's level isn't to be shown (`elvis.core.quantities.levels`)
     matrix    optional: entries that tell the same, more closely (`elvis.core.quantities.levels`)
+    is_finite  whether the expression is known to have neither poles nor places where it isn't defined
     """
 
     expression: Expression
@@ -104,6 +106,7 @@ class Formula:
     facets: Floats
     spurious: Node | None = None
     matrix: Sequence[Node] = ()
+    is_finite: bool = False
 
     @property
     def constants(self) -> tuple[str, ...]:
@@ -135,10 +138,11 @@ class Formula:
     def is_enclosed(self) -> bool:
         """Whether discs of its values follow from those of fields, first derivatives, coordinates and constants.
 
-        Only where it has no kinks, jumps and poles: sub-elements that hold one would be halved on and on.
+        Only where it has no jumps and poles: sub-elements that hold one would be halved on and on.  At kinks only those
+        are that hold the level, too: curves of them.
         """
         known = (is_constant(leaf.name) if leaf.op == "attribute" else len(leaf.axes) <= 1 for leaf in self._leaves)
-        return all(known) and all(map(_is_smooth, ordered(*self._enclosed)))
+        return all(known) and all(is_continuous(root, self.is_finite) for root in self._enclosed)
 
     @property
     def _enclosed(self) -> tuple[Node, ...]:
@@ -313,9 +317,14 @@ class Formula:
         return f"element_constants[{element} * {len(names)}u + {names.index(name)}u]"
 
 
-def _is_smooth(node: Node) -> bool:
-    """Whether a part of an expression has neither kinks nor jumps nor poles, whatever its operands are."""
-    if node.op in LEAVES or node.op in _SMOOTH:
+def is_continuous(root: Node, is_finite: bool) -> bool:
+    """Whether an expression has neither jumps nor poles: whatever its leaves are, or given that it is finite."""
+    return all(_is_continuous(node, is_finite) for node in ordered(root))
+
+
+def _is_continuous(node: Node, is_finite: bool) -> bool:
+    """The same of a part of an expression, whatever its operands are."""
+    if node.op in LEAVES or node.op in _CONTINUOUS or (is_finite and node.op in _WHERE_FINITE):
         return True
     if node.op == "/":
         return node.operands[1].op == "number" and node.operands[1].value != 0

@@ -28,9 +28,14 @@ SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
 #: what to install where slang's CPU target finds no compiler
 COMPILER_ADVICE = "install a C++ compiler (g++ or clang)"
-#: features that kernels use, as slangpy calls them -> in words.  Of limits they ask for no more than all devices grant:
-#: no shared memory, 64 threads a group, 32,768 groups in a row
+#: features that kernels use, as slangpy calls them -> in words
 FEATURES = {"double": "64-bit floats", "pointer": "addresses of buffers", "wave_ops": "operations across a wave"}
+#: limits that kernels need, as slangpy calls them -> least, in words.  No shared memory is used; slangpy doesn't tell
+#: the range of a bound buffer
+LIMITS = {
+    "max_compute_threads_per_group": (64, "threads in a group"),
+    "max_compute_dispatch_thread_groups": (32768, "groups in a row"),
+}
 #: kinds of devices that say of themselves which features they have; CUDA has all, the CPU target answers none
 ASKED = ("vulkan",)
 #: of two devices alike otherwise the first kind is taken
@@ -133,6 +138,18 @@ def lacking(has: Callable[[str], bool]) -> str:
     return f"has no {' and no '.join(missing)}, which the kernels need" if missing else ""
 
 
+def limited(granted: Callable[[str], int]) -> str:
+    """Which limits of a device are below what kernels need, as a clause; empty where none is.
+
+    granted  what it grants of a limit of slangpy's name
+    """
+    found = []
+    for limit, (least, words) in LIMITS.items():
+        if granted(limit) < least:
+            found.append(f"grants {granted(limit)} {words}, of which the kernels need {least}")
+    return " and ".join(found)
+
+
 def _adapter_names(every: Sequence[Adapter]) -> str:
     return "found " + ", ".join(adapter.name for adapter in every) if every else "found none at all"
 
@@ -169,7 +186,7 @@ def open_adapter(adapter: Adapter) -> slangpy.Device:
     except RuntimeError as error:
         raise UnfitError(adapter, f"can't be opened{_advice(adapter.kind)}") from error
     if adapter.kind in ASKED:
-        reason = lacking(partial(_has, device))
+        reason = lacking(partial(_has, device)) or limited(partial(_granted, device))
         if reason:
             device.close()
             raise UnfitError(adapter, reason)
@@ -183,6 +200,12 @@ def _has(device: slangpy.Device, feature: str) -> bool:
         return bool(device.has_feature(getattr(slangpy.Feature, feature)))
     usage = slangpy.BufferUsage.shader_resource
     return bool(device.create_buffer(element_count=1, struct_size=8, usage=usage).device_address)
+
+
+def _granted(device: slangpy.Device, limit: str) -> int:
+    """A limit of an open device; of those that have one for each direction, the first."""
+    found = getattr(device.info.limits, limit)
+    return int(found) if isinstance(found, int) else int(found[0])
 
 
 def unfit(adapter: Adapter) -> str:

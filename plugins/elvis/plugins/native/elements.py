@@ -23,7 +23,7 @@ from elvis.core.quantities.levels import Level, same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula, facets_of
+from elvis.plugins.formulas import Formula, facets_of, is_continuous
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
 from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations, polynomial_rounding
@@ -135,14 +135,16 @@ class Elements:
             degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
             return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
         ideal = _ideal(shape, shape.dimension + self._directions)
-        matrix = () if stands_for is None else stands_for.matrix
-        formula = Formula(expression, names, *ideal, facets_of(shape), spurious, matrix)
-        buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         highest = HIGHEST_STRAIGHT if stands_for and self._is_straight else HIGHEST
         is_beyond = found is None or found > highest or self.series or spurious
         known = 0 if is_beyond or found is None else max(*self.geometry.degrees, found)
-        bounds = partial(self._certify, expression) if (stands_for or not known) and not self.series else None
+        matrix = () if stands_for is None else stands_for.matrix
+        certify = cache(partial(self._certify, expression))
+        is_finite = not known and self._is_finite(expression, certify)
+        formula = Formula(expression, names, *ideal, facets_of(shape), spurious, matrix, is_finite)
+        buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
+        bounds = certify if (stands_for or not known) and not self.series else None
         plain = expression.root.op == "attribute" and bool(formula.targets)
         rounding = cache(partial(self._rounding_of, expression)) if known else None
         enclosure = None if known or self.series or plain else self._enclosure(formula, type, space)
@@ -150,6 +152,14 @@ class Elements:
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
         steepness = None if known else self._slope_bounds(expression)
         return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure, slopes=steepness)
+
+    def _is_finite(self, expression: Expression, certify: Callable[[], tuple[Floats, Floats]]) -> bool:
+        """Whether an expression on solid elements that is continuous where it is finite is known to be so in all."""
+        root = expression.root
+        is_open = is_continuous(root, is_finite=True) and not is_continuous(root, is_finite=False)
+        if self.series or self.geometry.shape.dimension < 3 or not is_open:
+            return False
+        return bool(np.isfinite(certify()).all())
 
     def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
         """What a formula is made of, on solid elements."""
