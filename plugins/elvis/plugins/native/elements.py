@@ -122,12 +122,7 @@ class Elements:
         names = expression.fields if len(expression.fields) < 2 else self._several
         space, net = self._net(names)
         shape = self.geometry.shape
-        arguments = self._all_arguments(space)
-        type, source = f"{shape.label}<{arguments}>", ""
-        if self.series and shape is Shape.SEGMENT:
-            type = f"Segment<{arguments}, {len(self.series.z_ids)}, {len(self.series.lengths)}>"
-        elif self.series:
-            type, source = f"Planes<{type}, {len(self.series.z_ids)}>", "import native_planes;"
+        type, source = self._type(space)
         buffers: dict[str, NDArray[Any]] = {"coefficients": net} if names else {}
         if expression.is_field:
             if self.series:
@@ -152,6 +147,17 @@ class Elements:
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
         steepness = None if known else self._slope_bounds(expression)
         return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure, slopes=steepness)
+
+    def _type(self, space: BernsteinSpace) -> tuple[str, str]:
+        """The Slang type of elements with this map and fields in a space, and what is to be imported for it."""
+        shape, arguments = self.geometry.shape, self._all_arguments(space)
+        type = f"{shape.label}<{arguments}>"
+        if not self.series:
+            return type, ""
+        planes = len(self.series.z_ids)
+        if shape is Shape.SEGMENT:
+            return f"Segment<{arguments}, {planes}, {len(self.series.lengths)}>", ""
+        return f"Planes<{type}, {planes}>", "import native_planes;"
 
     def _is_finite(self, expression: Expression, certify: Callable[[], tuple[Floats, Floats]]) -> bool:
         """Whether an expression on solid elements that is continuous where it is finite is known to be so in all."""
