@@ -18,7 +18,8 @@ from elvis.core.picturing import Kind
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
-from elvis.plugins.native.elements import Elements, field_space, map_space
+from elvis.plugins.native.device_spaces import field_space, map_space
+from elvis.plugins.native.elements import Elements
 from elvis.plugins.native.polynomials import is_affine
 from elvis.plugins.volume import Part
 

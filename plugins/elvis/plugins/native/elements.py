@@ -14,7 +14,7 @@ from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
 from elvis.core.patch import Patch
-from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes, from_ideal, is_constant
 from elvis.core.quantities.cells import Cells
@@ -24,6 +24,7 @@ from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of, is_continuous
+from elvis.plugins.native.device_spaces import even_space, field_space
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
 from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations, polynomial_rounding
@@ -250,7 +251,7 @@ class Elements:
         if len(spaces) < len(plans):
             return None
         degrees = tuple(map(max, zip(*(space.degrees for space in spaces), strict=True)))
-        space = _even(BernsteinSpace(self.geometry.shape, degrees), 0)
+        space = even_space(BernsteinSpace(self.geometry.shape, degrees), 0)
         most = _MOST_STRAIGHT if self._is_straight else _MOST_DEGREES
         if max(space.degrees) > most or space.count * count > _MOST_NUMBERS:
             return None
@@ -404,33 +405,11 @@ def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) 
     return low - error, high + error
 
 
-def map_space(patch: Patch) -> BernsteinSpace:
-    """The space that holds the map on the device."""
-    return _even(bernstein_space(patch.geometry), 1)
-
-
-def field_space(patch: Patch, number: int | None) -> BernsteinSpace:
-    """The space that holds a field on the device; constants where there is none."""
-    expansion = None if number is None else patch.fields[number]
-    if expansion is None:
-        return _even(BernsteinSpace(patch.shape, (0,) * len(bernstein_space(patch.geometry).degrees)), 0)
-    return _even(bernstein_space(replace(expansion, homogeneous=None)), 0)
-
-
 def _ideal(shape: Shape, dimension: int) -> tuple[Floats, int]:
     """(3, 3) the matrix to the ideal element, unchanged beyond the shape's dimension."""
     matrix = np.eye(3)
     matrix[: shape.dimension, : shape.dimension] = from_ideal(shape)
     return matrix, dimension
-
-
-def _even(space: BernsteinSpace, least: int) -> BernsteinSpace:
-    """The smallest space with one degree (pyramids: one for the base, one for the height) that holds ``space``."""
-    degrees = [max(degree, least) for degree in space.degrees]
-    if space.shape is Shape.PYRAMID:
-        base = max(degrees[:2])
-        return BernsteinSpace(space.shape, (base, base, degrees[2]))
-    return BernsteinSpace(space.shape, (max(degrees),) * len(degrees))
 
 
 def _arguments(space: BernsteinSpace) -> list[int]:
