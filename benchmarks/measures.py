@@ -294,7 +294,7 @@ def tables(numbers: dict[str, Any]) -> list[Table]:
         shown.rows.append([row["name"], *own, *rivals, *[""] * (LEVELS - len(rivals))])
     shown.notes = [
         "Errors in parts of the value. VTK: elements in 8^n linear pieces, faces in 4^n, then vtkIntegrateAttributes, "
-        "vtkPlaneCutter, vtkTableBasedClipDataSet, vtkContourFilter; seconds with refining. The least value is "
+        "vtkPlaneCutter, vtkTableBasedClipDataSet, vtkContourFilter; seconds with refining. The greatest value is "
         "between what is attained and a proved bound, whose distance is stated."
     ]
     return [shown, _plane_table(numbers["plane"])]

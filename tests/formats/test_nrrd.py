@@ -119,7 +119,7 @@ def test_a_grid_of_data_is_exact_inside_and_nan_outside(files, tmp_path, monkeyp
         (("--grid", "3,3,3", "--box", "0,0,0:1,0,1", "-o", "a.nrrd"), ElvisError, "expected one point along y"),
         (("--grid", "3,3,3", "-o", "no/a.nrrd"), ElvisError, "there is no folder"),
         (("--grid", "3,3,3", "--fields", "q", "-o", "a.nrrd"), ElvisError, "q"),
-        (("--line", "0,0,0:1,1,1", "-o", "a.nrrd"), ElvisError, "expected a name that ends in .csv or .npz"),
+        (("--line", "0,0,0:1,1,1", "-o", "a.nrrd"), ElvisError, "expected a name that ends in .csv, .npz or .parquet"),
     ],
 )
 def test_what_is_wrong_is_said_and_nothing_is_written(files, tmp_path, monkeypatch, arguments, error, sentence):

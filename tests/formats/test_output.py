@@ -1,3 +1,4 @@
+import importlib.util
 import os
 import stat
 import subprocess
@@ -9,6 +10,7 @@ import pytest
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import csv_lines, write_columns
 from elvis.core.files.output import replacing, write_text
+from elvis.core.needing import MissingPackageError
 
 
 def test_the_file_appears_whole_and_nothing_beside_it(tmp_path):
@@ -109,7 +111,21 @@ def test_an_empty_table_has_its_header():
     assert list(csv_lines({"point": np.arange(0)})) == ["point\n"]
 
 
+def test_parquet_is_what_pandas_reads(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    columns = {"point": np.arange(3), "d(u,x)": np.array([0.1, np.nan, 1 / 3]), "over": np.array(["a", "b,c", "d"])}
+    if importlib.util.find_spec("pyarrow") is None:
+        with pytest.raises(MissingPackageError, match="a Parquet table needs pyarrow, which is not installed"):
+            write_columns(tmp_path / "out.parquet", columns)
+        return
+    write_columns(tmp_path / "out.parquet", columns)
+    found = pandas.read_parquet(tmp_path / "out.parquet")
+    assert list(found) == list(columns)
+    for name, column in columns.items():
+        np.testing.assert_array_equal(found[name].to_numpy(column.dtype.type), column)
+
+
 def test_other_suffixes_are_refused(tmp_path):
-    with pytest.raises(ElvisError, match=r"ends in \.csv or \.npz, found \.xlsx"):
+    with pytest.raises(ElvisError, match=r"ends in \.csv, \.npz or \.parquet, found \.xlsx"):
         write_columns(tmp_path / "out.xlsx", {})
     assert not os.listdir(tmp_path)

@@ -68,6 +68,23 @@ def test_true_values_at_true_points(nektar, tmp_path, elvis, case, mesh, field):
             assert nearest.max() <= 1e-11 * np.ptp(column)
 
 
+def test_what_is_clipped_is_outside(nektar, elvis):
+    """A line through the cube [0, 1]^3 in 9 points, of which the ball holds 3; its outside is the rest."""
+    case = nektar / "gen_allelem_n4"
+    files = case / "CubeAllElements.xml", case / "gen_allelem_n4.fld"
+    line = ("probe", *files, "--line", "0,0.4,0.4:1,0.4,0.4", "-n", 9, "--fields", "u")
+    whole = table(elvis(*line))
+    for clip, is_left in (
+        ("sphere:0.5,0.4,0.4:0.2", [0, 1, 2, 6, 7, 8]),
+        ("outside:sphere:0.5,0.4,0.4:0.2", [3, 4, 5]),
+    ):
+        found = table(elvis(*line, "--clip", clip))
+        assert np.flatnonzero(found["status"] == 1).tolist() == is_left
+        assert np.flatnonzero(found["element"] >= 0).tolist() == is_left
+        np.testing.assert_array_equal(found["u"][is_left], whole["u"][is_left])
+        assert np.isnan(np.delete(found["u"], is_left)).all()
+
+
 def test_both_sides_of_a_jump(nektar, elvis):
     case = nektar / "gen_allelem_n4"
     files = case / "CubeAllElements.xml", case / "gen_allelem_n4.fld"
@@ -129,7 +146,7 @@ def test_usage(channel, elvis, arguments, sentence):
     [
         (["--fields", "u,rho"], "there is no 'rho'; the fields are u, v, w, p; there are also x, y, z"),
         (["-o", "/no/such/out.csv"], "/no/such/out.csv: cannot be written: there is no folder /no/such"),
-        (["-o", "out.txt"], "out.txt: expected a name that ends in .csv or .npz, found .txt"),
+        (["-o", "out.txt"], "out.txt: expected a name that ends in .csv, .npz or .parquet, found .txt"),
     ],
 )
 def test_failures(channel, elvis, arguments, sentence):

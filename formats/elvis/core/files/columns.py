@@ -1,4 +1,4 @@
-"""Columns of numbers and words in files: text with every digit, or NumPy's own archive."""
+"""Columns of numbers and words in files: text with every digit, NumPy's own archive, or Parquet by pandas."""
 
 from __future__ import annotations
 
@@ -12,27 +12,36 @@ from numpy.typing import NDArray
 
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import replacing
+from elvis.core.needing import require_module
 
 Columns = Mapping[str, NDArray[np.generic]]
 
 _ROWS_AT_ONCE = 4096
+_PARQUET = ".parquet"
 #: of cells, by the kind of their column; others are whole numbers
 _FORMATS = {"f": "%.17g", "U": "%s"}
 
 
 def check_suffix(path: str | Path) -> None:
-    """ElvisError where the suffix names no format that is written."""
+    """ElvisError where the suffix names no format that is written, or a package is missing that writes it."""
     suffix = Path(path).suffix
-    if suffix.lower() not in (".csv", ".npz"):
-        raise ElvisError(f"{path}: expected a name that ends in .csv or .npz, found {suffix or 'no suffix'}")
+    if suffix.lower() not in (".csv", ".npz", _PARQUET):
+        raise ElvisError(f"{path}: expected a name that ends in .csv, .npz or .parquet, found {suffix or 'no suffix'}")
+    if suffix.lower() == _PARQUET:
+        require_module("pandas", "a Parquet table", "notebook")
+        require_module("pyarrow", "a Parquet table")
 
 
 def write_columns(path: str | Path, columns: Columns) -> None:
-    """Write columns of equal length as ``.csv`` or ``.npz``, by the suffix; ElvisError for another suffix."""
+    """Write columns of equal length as ``.csv``, ``.npz`` or ``.parquet``, by the suffix; raises as `check_suffix`."""
     check_suffix(path)
+    suffix = Path(path).suffix.lower()
     with replacing(path) as temporary, temporary.open("wb") as file:
-        if Path(path).suffix.lower() == ".npz":
+        if suffix == ".npz":
             _write_npz(file, columns)
+        elif suffix == _PARQUET:
+            table = require_module("pandas", "a Parquet table", "notebook").DataFrame(dict(columns))
+            table.to_parquet(file, engine="pyarrow", index=False)
         else:
             file.writelines(text.encode() for text in csv_lines(columns))
 

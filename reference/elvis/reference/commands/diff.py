@@ -50,7 +50,7 @@ def _files(text: str) -> tuple[Path, ...]:
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="Table to write, .csv or .npz, or the folder of a report, which opens from disk.",
+    help="Table to write, .csv, .npz or .parquet, or the folder of a report, which opens from disk.",
 )
 @click.option(
     "--scene",

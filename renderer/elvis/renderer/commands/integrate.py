@@ -66,7 +66,7 @@ Examples:
     help="Draw the values over --times, .png, .svg or .pdf; the table is left out where -o names none.",
 )
 @json_option
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv or .npz.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .parquet.")
 @overwrite_option
 @data_options
 def integrate(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -67,6 +68,7 @@ Examples:
   elvis probe wing.xml wing.fld --points sensors.csv --all
   elvis probe wing.xml wing.fld --grid 128,128,64 --box 0,0,0:1,1,0.5 --fields p -o pressure.nrrd
   elvis probe wing.xml wing.fld --along normal:wing:0.5,0,0.2:0.05 --fields u --plot layer.png
+  elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --clip sphere:0.5,0,0:0.2 -o outside.csv
   elvis probe wing.xml wing_*.chk --point 0.5,0,0.1 --times all -o signal.csv --plot signal.svg
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
 """
@@ -104,13 +106,19 @@ Examples:
 )
 @click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
 @field_option
+@click.option(
+    "--clip",
+    metavar="SURFACE",
+    help="Leave out what is inside of plane:P:N, sphere:C:R or QUANTITY=VALUE, that is where the quantity is less; "
+    "with outside: before it what is outside.",
+)
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
 @times_option
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="File to write, .csv or .npz, of a grid .nrrd.  [default: CSV on standard output]",
+    help="File to write, .csv, .npz or .parquet, of a grid .nrrd.  [default: CSV on standard output]",
 )
 @click.option(
     "--plot",
@@ -131,6 +139,7 @@ def probe(
     counts: tuple[int, ...] | None,
     fields: str | None,
     quantities: tuple[str, ...],
+    clip: str | None,
     every: bool,
     times: tuple[float, float, int] | str | None,
     output: Path | None,
@@ -139,11 +148,11 @@ def probe(
 ) -> None:
     """Evaluate fields exactly at points: the solver's own polynomials on the element that holds the point.
 
-    Columns are point (row of the input), x, y, z, element, status, then one a field. Outside the domain element is -1
-    and fields are nan; status is 0 outside, 1 inside, 3 where the search failed. Where a field jumps between elements,
-    --all shows the value of each. A grid's values alone are written, of one field or the components of a vector.
-    With --times the first column is the time, and all points follow for each; with --along it is the length of the
-    curve up to the point; --plot draws them.
+    Columns are point (row of the input), x, y, z, element, status, then one a field. Outside the domain, and where
+    --clip leaves nothing, element is -1 and fields are nan; status is 0 outside, 1 inside, 3 where the search failed.
+    Where a field jumps between elements, --all shows the value of each. A grid's values alone are written, of one field
+    or the components of a vector. With --times the first column is the time, and all points follow for each; with
+    --along it is the length of the curve up to the point; --plot draws them.
     """
     from elvis.core.files.columns import csv_lines, write_columns
     from elvis.core.terminal import visible
@@ -155,16 +164,17 @@ def probe(
         )
     if grid is not None or box is not None:
         others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
-        _write_grid(data, texts_of(fields, quantities), grid, box, output, alone=not others and not every)
+        asked = Asked(texts_of(fields, quantities), clip=clip)
+        _write_grid(data, asked, grid, box, output, alone=not others and not every)
         return
-    texts = texts_of(fields, quantities)
+    asked = Asked(texts_of(fields, quantities), every, clip)
     if along is not None:
         if any(way is not None for way in (points, single or None, line, plane, times)):
             raise click.UsageError("expected --along without other points and --times", click.get_current_context())
-        places, columns = _along(data.source(), along, counts, texts, every)
+        places, columns = _along(data.source(), along, counts, asked)
     else:
         places = _places(points, single, line, plane, counts)
-        columns = _at(times, data, places, texts, every) if times else _columns(data.source(), places, texts, every)
+        columns = _at(times, data, places, asked) if times else _columns(data.source(), places, asked)
     if plot is not None:
         _plot(plot, columns, places)
     if output is not None:
@@ -175,9 +185,41 @@ def probe(
     _tell(columns)
 
 
-def _along(
-    source: Source, name: str, counts: tuple[int, ...] | None, texts: list[str] | None, every: bool
-) -> tuple[Floats, Columns]:
+@dataclass(frozen=True)
+class Asked:
+    """What is asked at points.
+
+    texts  quantities; None for all fields
+    every  whether every element that holds a point has a row
+    clip   a surface whose inside is left out, as `elvis.core.integrals.integrate` has it
+    """
+
+    texts: list[str] | None
+    every: bool = False
+    clip: str | None = None
+
+    def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
+        """The table of quantities at places (n, 3); what is clipped is outside."""
+        if self.clip is None:
+            return source.probe(places, wanted, self.every)
+        if source.dataset is None:
+            raise ElvisError("--clip: expected data of a known map, found what a plugin opens")
+        import numpy as np
+
+        from elvis.core.integrals.levels_of_elements import Level
+        from elvis.core.mapping.inverse import Status
+
+        # less than zero where something is left
+        level = Level.clip(source.dataset, self.clip).expression
+        found = dict(source.probe(places, [*wanted, level], self.every))
+        is_gone = np.asarray(found.pop(level.text), np.float64) > 0
+        nothing = {"element": -1, "status": int(Status.OUTSIDE), **{each.text: np.nan for each in wanted}}
+        for name, value in nothing.items():
+            found[name] = np.where(is_gone, value, found[name]).astype(found[name].dtype)
+        return found
+
+
+def _along(source: Source, name: str, counts: tuple[int, ...] | None, asked: Asked) -> tuple[Floats, Columns]:
     """Points (n, 3) of a curve, and the table there with a column of lengths."""
     from elvis.core.integrals.curves import KINDS, Curve
 
@@ -191,7 +233,7 @@ def _along(
     if curve is None:
         raise ElvisError(f"--along: expected a curve, one of {', '.join(KINDS)}, such as line:0,0:1,0, found {name!r}")
     places, lengths = curve.evenly(counts[0] if counts else _ALONG)
-    found = _columns(source, places, texts, every)
+    found = _columns(source, places, asked)
     return places, {"length": lengths[found["point"]], **found}
 
 
@@ -259,21 +301,19 @@ def _places(
     return points_in_table(points)
 
 
-def _columns(source: Source, places: Floats, texts: list[str] | None, every: bool) -> Columns:
+def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
     """The table: what was asked, what was found, and one column a quantity."""
     from elvis.core.terminal import stage
 
-    wanted = _check(source.expressions(texts))
+    wanted = _check(source.expressions(asked.texts))
     with stage(f"probing {len(places)} points"):
-        found = source.probe(places, wanted, every)
+        found = asked.of(source, places, wanted)
     for each in wanted:
         _tell_beyond(each, found)
     return found
 
 
-def _at(
-    times: tuple[float, float, int] | str, data: Data, places: Floats, texts: list[str] | None, every: bool
-) -> Columns:
+def _at(times: tuple[float, float, int] | str, data: Data, places: Floats, asked: Asked) -> Columns:
     """The table at one time after another, with a column of times."""
     import numpy as np
 
@@ -281,9 +321,9 @@ def _at(
     parts: list[Columns] = []
     taken: list[float] = []
     for time, source in moments:
-        wanted = _check(source.expressions(texts))
-        texts = [each.text for each in wanted]
-        found = source.probe(places, wanted, every)
+        wanted = _check(source.expressions(asked.texts))
+        asked = replace(asked, texts=[each.text for each in wanted])
+        found = asked.of(source, places, wanted)
         parts.append({"time": np.full(len(found["point"]), time), **found})
         taken.append(time)
     data.tell_of(series, taken, any(each.has_rates for each in wanted))
@@ -292,7 +332,7 @@ def _at(
 
 def _write_grid(
     data: Data,
-    texts: list[str] | None,
+    asked: Asked,
     counts: tuple[int, int, int] | None,
     box: tuple[Triple, Triple] | None,
     output: Path | None,
@@ -310,7 +350,7 @@ def _write_grid(
     step = max(1, _TOGETHER // (counts[0] * counts[1]))
 
     def part(first: int) -> Columns:
-        found = _columns(source, grid.planes(first, first + step), texts, False)
+        found = _columns(source, grid.planes(first, first + step), asked)
         return {name: column for name, column in found.items() if name not in _COLUMNS}
 
     opening = part(0)
