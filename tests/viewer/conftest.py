@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from driving import settled
+from driving import PATIENCE, settled
 
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats import Dataset, Shape, write
@@ -49,7 +49,7 @@ class Running:
         self._scene, self._address = scene, Future()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        self.address = self._address.result(60)
+        self.address = self._address.result(PATIENCE)
 
     def _run(self):
         async def main():
@@ -74,7 +74,7 @@ class Running:
 
     def call(self, coroutine):
         """The result of a coroutine, run by the viewer's loop."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(60)
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
 
     def restore(self):
         """Show what was shown first."""
@@ -86,7 +86,7 @@ class Running:
     def close(self):
         """End it."""
         self.loop.call_soon_threadsafe(self._task.cancel)
-        self._thread.join(20)
+        self._thread.join(PATIENCE)
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def page(browser, viewer):
     """The page with its first picture; nothing may fail in it."""
     context = browser.new_context(viewport={"width": 900, "height": 420}, bypass_csp=True)
     own = context.new_page()
-    own.set_default_timeout(90_000)
+    own.set_default_timeout(1000 * PATIENCE)
     faults = []
     own.on("pageerror", lambda error: faults.append(str(error)))
     own.on("dialog", lambda dialog: faults.append("a dialog"))

@@ -12,19 +12,23 @@ BUSY = """() => {
 }"""
 
 
+#: seconds until something that should come counts as missing, however busy the machine is
+PATIENCE = 300
+
+
 def finished(work):
     """The result of a coroutine, by a loop in a thread of its own: a browser may have one in this thread."""
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(asyncio.run, work).result(120)
+        return thread.submit(asyncio.run, work).result(PATIENCE)
 
 
 def settled(page, viewer):
     """Wait until the page shows the scene as it is, at rest, whole and in its last size."""
-    end = time.monotonic() + 90
+    end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         if _is_at_rest(page, viewer.session):
-            # controls answer a little later than they are touched
-            page.wait_for_timeout(200)
+            # what a change of sizes leads to comes with the next pictures of the screen
+            page.evaluate("new Promise((resume) => requestAnimationFrame(() => requestAnimationFrame(resume)))")
             if _is_at_rest(page, viewer.session):
                 return
         page.wait_for_timeout(50)
@@ -68,7 +72,6 @@ def turn(page):
     page.mouse.move(x + 40, y + 15, steps=5)
     page.mouse.up()
     page.mouse.wheel(0, -120)
-    page.wait_for_timeout(400)
 
 
 def add(page, kind):

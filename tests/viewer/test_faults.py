@@ -14,7 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from driving import finished
+from driving import PATIENCE, finished
 
 from elvis.renderer.device_errors import DeviceError
 from elvis.scene import Scene
@@ -55,7 +55,7 @@ def looking(viewer, work, count=1, silent=0):
             sockets = [await client.ws_connect(f"{viewer.root}socket?token={token}") for _ in range(count)]
             tabs = [Tab(socket, number >= silent) for number, socket in enumerate(sockets)]
             listening = [asyncio.create_task(tab.listen()) for tab in tabs]
-            await asyncio.wait_for(work(tabs), 60)
+            await asyncio.wait_for(work(tabs), PATIENCE)
             for task in listening:
                 task.cancel()
 
@@ -199,7 +199,7 @@ def test_the_end_is_quiet(wave):
             told += process.stdout.readline()
         os.killpg(process.pid, signal.SIGINT)
         # the pipe ends with the last process that holds it
-        told += process.communicate(timeout=30)[0]
+        told += process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == 0
     assert re.fullmatch(r"http://localhost:\d+/\?token=\S+\nCtrl-C ends it\n", told)
 

@@ -5,7 +5,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from driving import change, settled
+from driving import PATIENCE, change, settled
 from PIL import Image
 
 from elvis.formats import read
@@ -185,6 +185,7 @@ def test_linear_elements_are_shown_beside_the_exact_picture(page, viewer, scene,
 def test_what_is_hidden_in_one_page_is_so_in_all(browser, page, viewer, scene):
     """The other page is narrow: its panel opens over the picture, which stays where it is."""
     other = browser.new_page(viewport={"width": 390, "height": 500})
+    other.set_default_timeout(1000 * PATIENCE)
     other.goto(viewer.address)
     before = other.locator(".elvis-stage").bounding_box()
     other.get_by_title("Objects and colours").click()

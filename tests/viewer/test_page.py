@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driving import add, canvas_place, change, choose, picture, setting, settled, turn
+from driving import PATIENCE, add, canvas_place, change, choose, picture, setting, settled, turn
 
 from elvis.core.extrema import extrema
 from elvis.core.testing import curved, grid, with_field
@@ -97,6 +97,7 @@ def test_pictures_of_plane_data_are_moved_and_zoomed(browser, start, tmp_path):
     files = write(with_field(mesh, lambda x: np.exp(x[:, 0]) * x[:, 1]), tmp_path / "flat.xml")
     viewer = start(Scene("u", data=tuple(map(str, files))))
     page = browser.new_page(viewport={"width": 780, "height": 290}, bypass_csp=True)
+    page.set_default_timeout(1000 * PATIENCE)
     page.goto(viewer.address)
     settled(page, viewer)
     turn(page)
@@ -132,8 +133,8 @@ def test_values_under_the_pointer_are_those_of_the_solution(page, viewer, scene)
     assert abs(found["u"][0] - value) < 1e-11
     assert f"element {found.location.element_id[0]} " in text
     # a picture that has been replaced has no values
-    older = "elvis.ask('pick', {row: 9, column: 9, number: elvis.picture.number - 1}).catch(error => error.message)"
-    assert page.evaluate(older) == "there is another picture by now"
+    older = "elvis.ask('pick', {row: 9, column: 9, number: elvis.picture.number - 1})"
+    assert page.evaluate(older) is None
 
 
 def test_names_of_data_are_text(page, scene):
@@ -214,6 +215,32 @@ def test_pictures_are_saved_in_any_size(page, viewer, tmp_path):
     wanted.save(tmp_path / "own.png")
     assert Path(started.value.path()).read_bytes() == (tmp_path / "own.png").read_bytes()
     page.locator("dialog").wait_for(state="hidden")
+
+
+def test_proof_is_shown_in_grey_until_it_is_not(page, viewer):
+    exact = picture(viewer)
+    proof = page.get_by_role("button", name="proof")
+    for pressed in ("true", "false"):
+        proof.click()
+        page.wait_for_function("(on) => elvis.proofButton.ariaPressed === on", arg=pressed)
+        settled(page, viewer)
+        assert (picture(viewer) == exact) == (pressed == "false")
+
+
+def test_the_range_is_set_by_values(page, viewer):
+    """They begin with those that are shown, and go again; what is refused leaves no trace in the panel."""
+    row = page.locator(".elvis-panel > .elvis-row").filter(has_text="range")
+    low, high = page.evaluate("elvis.picture.ranges.u")
+    row.locator("select").select_option("own values")
+    settled(page, viewer)
+    assert viewer.session.table["range"] == [low, high]
+    row.get_by_label("range 1").fill(str(high + 1.0))
+    row.get_by_label("range 1").press("Enter")
+    page.get_by_text("from a smaller to a greater value").wait_for()
+    assert float(row.get_by_label("range 1").input_value()) == pytest.approx(low, rel=1e-5)
+    row.get_by_title("Back to").click()
+    settled(page, viewer)
+    assert "range" not in viewer.session.table
 
 
 def test_the_least_value_is_found_and_cut(page, viewer, scene):

@@ -5,13 +5,14 @@ import signal
 from pathlib import Path
 
 import numpy as np
-from driving import picture, setting, settled
+from driving import PATIENCE, picture, setting, settled
 
 from elvis.viewer.session import Session
 
 
 def test_another_page_follows(browser, page, viewer):
     other = browser.new_page()
+    other.set_default_timeout(1000 * PATIENCE)
     other.goto(viewer.address)
     settled(other, viewer)
     page.get_by_title("View +x").click()

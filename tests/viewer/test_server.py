@@ -6,6 +6,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from driving import PATIENCE
 
 from elvis.scene.files import read_scene
 
@@ -13,7 +14,7 @@ from elvis.scene.files import read_scene
 def fetch(address, **headers):
     """Status, headers and content of an address."""
     try:
-        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=60) as answer:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=PATIENCE) as answer:
             return answer.status, answer.headers, answer.read()
     except urllib.error.HTTPError as error:
         return error.code, error.headers, error.read()

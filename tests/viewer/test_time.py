@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from driving import canvas_place, picture, settled
+from driving import PATIENCE, canvas_place, picture, settled
 from test_page import as_rendered
 
 from elvis.formats import ElvisError
@@ -25,7 +25,7 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
     viewer = start(Scene("u", data=files, size=(200, 160)))
     context = browser.new_context(viewport={"width": 900, "height": 420}, bypass_csp=True)
     page = context.new_page()
-    page.set_default_timeout(90_000)
+    page.set_default_timeout(1000 * PATIENCE)
     faults = []
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.goto(viewer.address)

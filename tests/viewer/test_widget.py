@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 
 import pytest
+from driving import PATIENCE
 
 from elvis.formats import read
 from elvis.renderer import render, view
@@ -25,7 +26,7 @@ def viewer(scene):
 
 def final(viewer, after=-1):
     """The whole picture after a revision, as the page gets it."""
-    end = time.monotonic() + 60
+    end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         for content, buffers in list(viewer.sent):
             if content["type"] == "frame" and content["final"] and content["revision"] > after:
@@ -66,7 +67,7 @@ def test_the_scene_changes_both_ways(viewer):
 def test_files_are_handed_to_the_page(viewer):
     viewer._receive(None, {"type": "save", "id": 7, "suffix": ".toml"}, None)
     viewer._receive(None, {"type": "save", "id": 8, "suffix": ".exe"}, None)
-    end = time.monotonic() + 30
+    end = time.monotonic() + PATIENCE
     found = {}
     while time.monotonic() < end and len(found) < 2:
         found = {content["id"]: (content, buffers) for content, buffers in viewer.sent if "id" in content}
@@ -92,6 +93,7 @@ CELL = """async () => {
 def test_the_module_shows_and_changes_the_scene_in_a_cell(browser, viewer):
     """In a browser, with a page that plays the notebook; what it draws is the picture that Python sent."""
     page, asked, begun, told = browser.new_page(), [], len(viewer.sent), []
+    page.set_default_timeout(1000 * PATIENCE)
     page.on("pageerror", lambda error: told.append(str(error)))
     module, cell = viewer._widget._esm, "<!doctype html><div id=cell></div>"
     page.route("http://cell.test/", lambda route: route.fulfill(content_type="text/html", body=cell))
@@ -104,7 +106,7 @@ def test_the_module_shows_and_changes_the_scene_in_a_cell(browser, viewer):
 
     def until(holds):
         nonlocal begun
-        end = time.monotonic() + 60
+        end = time.monotonic() + PATIENCE
         while not holds():
             assert time.monotonic() < end, told
             while asked:
@@ -137,14 +139,15 @@ def test_a_notebook_runs_and_keeps_the_picture(scene, tmp_path):
     nbformat = pytest.importorskip("nbformat")
     options = {"plane": (scene.plane.point, scene.plane.normal), "camera": "iso", "size": scene.size}
     cells = [
+        f"import elvis.viewer.widget\nelvis.viewer.widget.PATIENCE = {PATIENCE}",
         f"from elvis.renderer import view\nviewer = view(*{scene.data}, 'u', **{options})\nviewer",
         "from dataclasses import replace\nviewer.scene = replace(viewer.scene, palette='magma')\nviewer",
         "viewer.save('own.png')\nviewer.close()",
     ]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(source) for source in cells])
-    nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    nbclient.NotebookClient(notebook, timeout=PATIENCE, resources={"metadata": {"path": str(tmp_path)}}).execute()
     nbformat.validate(notebook)
-    shown = [cell.outputs[0]["data"] for cell in notebook.cells[:2]]
+    shown = [cell.outputs[0]["data"] for cell in notebook.cells[1:3]]
     assert all("application/vnd.jupyter.widget-view+json" in data for data in shown)
     pictures = [base64.b64decode(data["image/png"]) for data in shown]
     assert pictures[0] != pictures[1] == (tmp_path / "own.png").read_bytes()

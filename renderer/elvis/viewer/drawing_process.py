@@ -218,10 +218,10 @@ class _Drawing:
         """Certified bounds of a quantity over all steps."""
         return self._moments.range_of(text)
 
-    def _pick(self, _: int, content: Table) -> Table:
+    def _pick(self, _: int, content: Table) -> Table | None:
         """What the last whole picture shows at a column and row of its pixels.
 
-        content  ``row``, ``column``; ``number`` of the picture that the page shows, which has to be this one
+        content  ``row``, ``column``; ``number`` of the picture that the page shows: None where that is another one
         """
         from elvis.core.errors import ElvisError
         from elvis.scene.frame import Status
@@ -230,7 +230,7 @@ class _Drawing:
         if frame is None:
             raise ElvisError("there is no picture yet")
         if content.get("number", self._frame_number) != self._frame_number:
-            raise ElvisError("there is another picture by now")
+            return None
         row, column = int(content["row"]), int(content["column"])
         height, width = frame.element.shape
         if not (0 <= row < height and 0 <= column < width):

@@ -147,6 +147,7 @@ class Session:
             case "proof":
                 self.is_proof = bool(message["on"])
                 self._wake_up()
+                await self._send_state()
             case "linear":
                 found = await self._ask_leavably(kind, message["content"])
                 return {"type": "answer", "id": message["id"], "content": found}

@@ -122,6 +122,15 @@ function brief(value) {
 const words = (name) => name.replaceAll("_", " ");
 let counter = 0;
 
+// up to seven values in a range, by steps of 1, 2 or 5 times a power of ten; its ends where it is too narrow
+function roundValues(low, high) {
+  const span = high - low, power = 10 ** Math.floor(Math.log10(span / 7));
+  const step = [1, 2, 5, 10, 20].map((factor) => factor * power).find((one) => span / one <= 7);
+  if (!(span > 1e-9 * Math.max(Math.abs(low), Math.abs(high))) || !step) return low === high ? [low] : [low, high];
+  const begin = Math.ceil(low / step - 1e-9), count = Math.floor(high / step + 1e-9) - begin + 1;
+  return Array.from({ length: count }, (_, i) => (begin + i) * step);
+}
+
 // names of boundaries after one was ticked or not: "all" stands alone, and for none
 function ticked(names, name, isTicked) {
   const others = names.filter((one) => one !== name && one !== "all");
@@ -151,7 +160,7 @@ class Controls {
     const usual = {
       point: this.middle(), center: this.middle(), apex: this.middle(), normal: this.axis(), axis: this.axis(),
       radius: this.extent() / 4, angle: 30, expression: this.facts?.quantities?.[0] ?? "x", values: [0], count: 10,
-      densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
+      range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
     };
     if (key in usual) return usual[key];
     if (own.default !== undefined && own.default !== null) return own.default;
@@ -305,6 +314,7 @@ class Controls {
   optional(key, own, value, set, id) {
     const inner = this.resolve(own.anyOf.find((one) => one.type !== "null"));
     const isSet = value !== undefined && value !== null;
+    if (inner.oneOf?.some((one) => one.enum)) return this.alternatives(key, { ...inner, names: ["default"] }, value ?? "default", set, id);
     if (inner.type === "string" && !inner.enum) return this.text(key, value ?? "", set, id);
     const box = make("input", { id, type: "checkbox", checked: isSet, "aria-label": words(key),
       onchange: (e) => set(e.target.checked ? this.start(own, key) : undefined) });
@@ -317,11 +327,12 @@ class Controls {
   alternatives(key, own, value, set, id) {
     const named = own.oneOf.find((one) => one.enum);
     const other = own.oneOf.find((one) => !one.enum);
+    const names = [...(own.names ?? []), ...(named?.enum ?? [])];
+    const start = { "own values": () => this.start(other, key), default: () => undefined };
     if (typeof value === "string" || value === undefined) {
-      const options = [...(named?.enum ?? []), "own values"];
-      return this.choice(options, value ?? own.default, (one) => set(one === "own values" ? this.start(other, key) : one), id);
+      return this.choice([...names, "own values"], value ?? own.default, (one) => set(start[one] ? start[one]() : one), id);
     }
-    const back = make("button", { type: "button", title: `Back to ${named?.enum?.[0] ?? "the default"}`, onclick: () => set(named?.enum?.[0]) }, "×");
+    const back = make("button", { type: "button", title: `Back to ${names[0] ?? "the default"}`, onclick: () => set(names[0] === "default" ? undefined : names[0]) }, "×");
     return make("div", { className: "elvis-several" }, this.control(key, this.resolve(other), value, set, id), back);
   }
 
@@ -1143,8 +1154,9 @@ class Viewer {
 
   update({ table, facts, undo, redo, proof, revision, start, writes, stale, hidden }) {
     Object.assign(this, { revision, hidden });
-    const { shown, place, seen, forward } = this.facts ?? {};
-    Object.assign(this, { table, facts: facts ? { ...facts, shown, place, seen, forward } : this.facts });
+    // what pictures and searches have told since stays known; controls hold these facts, too
+    if (facts) this.facts = Object.assign(this.facts ?? {}, facts);
+    this.table = table;
     // 2D data have one side
     for (const one of this.turning) one.hidden = this.facts?.kind === "plane";
     this.undoButton.disabled = !undo;
@@ -1186,6 +1198,7 @@ class Viewer {
     this.error.textContent = text;
     this.error.hidden = false;
     this.failed = { until, revision: Math.max(this.revision ?? 0, this.drawn ?? 0) };
+    this.controls();
   }
 
   // pictures and connections take back what was told of them
@@ -1241,12 +1254,15 @@ class Viewer {
     }
     this.picture.camera = facts.camera;
     this.picture.ranges = facts.ranges;
+    if (this.facts) this.facts.range = facts.ranges[facts.field];
     this.perspectiveButton.ariaPressed = String(Boolean(facts.camera.fov));
     this.root.dataset.final = facts.final ? facts.revision : "";
     picture.close();
     this.overlay();
     if (!facts.final) return this.linear.clear();
     for (const resume of this.resting.splice(0)) resume();
+    // what is asked of the picture before is asked again
+    this.point(this.pointer);
     this.linear.ask();
     if (this.refit && !facts.camera.fov) this.look((camera) => projected(camera, true));
   }
@@ -1402,7 +1418,8 @@ class Viewer {
     canvas.addEventListener("pointercancel", (e) => this.release(e));
     canvas.addEventListener("dblclick", (e) => this.recentre(e));
     // grips lie over the picture: what is under them is seen and zoomed, too
-    stage.addEventListener("pointermove", (e) => (this.dragged ? this.drag(e) : this.hover(e)));
+    stage.addEventListener("pointermove", (e) => (this.dragged ? this.drag(e) : this.point(e)));
+    stage.addEventListener("pointerleave", () => this.point(null));
     stage.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
     stage.addEventListener("contextmenu", (e) => e.preventDefault());
     stage.addEventListener("keydown", (e) => this.key(e));
@@ -1479,24 +1496,40 @@ class Viewer {
   // what the whole picture shows under the pointer: drafts tell nothing, and one that comes in between shows another
   async pick(event) {
     const [column, row] = this.place(event).map(Math.floor);
-    if (!this.isWhole) await new Promise((resume) => this.resting.push(resume));
-    try {
-      return await this.ask("pick", { row, column, number: this.picture.number });
-    } catch (error) {
-      return null;
+    for (;;) {
+      if (!this.isWhole) await this.rest();
+      const { number } = this.picture;
+      const found = await this.ask("pick", { row, column, number }).catch(() => ({ element: -1 }));
+      if (found) return found;
+      // another picture has been drawn, and is on its way or here
+      if (this.picture.number === number) await this.rest();
     }
+  }
+
+  // the next whole picture
+  rest() {
+    return new Promise((resume) => this.resting.push(resume));
   }
 
   get isWhole() {
     return Boolean(this.root.dataset.final);
   }
 
-  async hover(event) {
-    if (this.isPicking || !this.isWhole) return;
+  point(event) {
+    this.pointer = event ? { clientX: event.clientX, clientY: event.clientY } : null;
+    this.hover();
+  }
+
+  // what lies under the pointer, also once another picture has come; one question at a time, the last one is answered
+  async hover() {
+    if (this.isPicking) return;
     this.isPicking = true;
-    const found = await this.pick(event);
+    let asked = null;
+    while (this.pointer && this.isWhole && asked !== this.pointer) {
+      asked = this.pointer;
+      this.tell(await this.pick(asked));
+    }
     this.isPicking = false;
-    this.tell(found);
   }
 
   tell(found) {
@@ -1551,7 +1584,7 @@ class Viewer {
 
   // a curve in a dialog, and its table: names of columns before the quantity, the quantity, rows
   chart(along, values, caption, [columns, name, rows], file) {
-    const [width, height, left, top, right, bottom] = [640, 320, 70, 14, 14, 34];
+    const [width, height, left, top, right, bottom] = [640, 330, 92, 14, 30, 44];
     const own = values.filter((value) => value !== null);
     const [low, high] = [Math.min(...own), Math.max(...own)], [first, last] = [along[0], along.at(-1)];
     const x = (s) => left + ((width - left - right) * (s - first)) / (last - first || 1);
@@ -1562,11 +1595,14 @@ class Viewer {
       else { path += `${pen}${x(along[i]).toFixed(2)} ${y(value).toFixed(2)}`; pen = "L"; }
     });
     const svg = shape("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img" });
-    svg.append(shape("path", { d: `M${left} ${top}V${height - bottom}H${width - right}`, fill: "none", stroke: "currentColor" }),
+    const foot = height - bottom, text = { "font-size": 12, fill: "currentColor" };
+    const [below, beside] = [roundValues(first, last), roundValues(low, high)];
+    const marks = [...below.map((value) => `M${x(value)} ${foot}v4`), ...beside.map((value) => `M${left} ${y(value)}h-4`)];
+    svg.append(shape("path", { d: `M${left} ${top}V${foot}H${width - right}${marks.join("")}`, fill: "none", stroke: "currentColor" }),
       shape("path", { d: path, fill: "none", stroke: "#1f77b4", "stroke-width": 2 }),
-      ...[low, high].map((value) => shape("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end", "font-size": 12, fill: "currentColor" }, short(value))),
-      ...[first, last].map((value) => shape("text", { x: x(value), y: height - 14, "text-anchor": "middle", "font-size": 12, fill: "currentColor" }, short(value))),
-      shape("text", { x: (left + width) / 2, y: height - 2, "text-anchor": "middle", "font-size": 12, fill: "currentColor" }, caption));
+      ...beside.map((value) => shape("text", { ...text, x: left - 7, y: y(value) + 4, "text-anchor": "end" }, short(value))),
+      ...below.map((value) => shape("text", { ...text, x: x(value), y: foot + 18, "text-anchor": "middle" }, short(value))),
+      shape("text", { ...text, x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, caption));
     const csv = [`${columns},"${name.replaceAll('"', '""')}"`, ...rows, ""].join("\n");
     const link = make("a", { href: URL.createObjectURL(new Blob([csv], { type: "text/csv" })), download: file }, "CSV");
     const close = make("button", { type: "button", onclick: () => this.dialog.close() }, "close");
@@ -1636,7 +1672,7 @@ class Viewer {
       const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Take it out of the picture, and keep it", () => { this.selected = null; this.model.send({ type: "hide", key }); }));
       if (number !== undefined) buttons.append(button("duplicate", "The same once more", () => this.add(item)));
       if (this.canBeHeld(item)) buttons.append(this.handleButton(key === "plane" ? key : `${key}.surface`));
-      buttons.append(button("delete", "Take it away", () => this.change({ [key]: null })));
+      buttons.append(button("delete", "Take it away", () => { this.selected = null; this.change({ [key]: null }); }));
       return controls.fold(`${place + 1} ${item.kind}`, this.summary(item), [buttons, ...this.sliders(item, set), ...this.transfer(key, item, controls), ...controls.rows(schemaOf(item.kind), item, set)], true);
     });
     const hidden = this.hidden.map(({ key, item }, number) => {
@@ -1655,21 +1691,27 @@ class Viewer {
   // the editor of a volume's transfer function; the histogram comes when it is counted
   transfer(key, item, controls) {
     if (item.kind !== "volume") return [];
-    const quantity = item.quantity ?? (this.table.field || this.picture?.field);
-    const known = this.histograms.get(quantity);
-    if (quantity && known === undefined) this.count(quantity);
+    const quantity = item.quantity ?? this.shown();
+    const known = this.counted(quantity);
+    if (known === undefined) this.count(quantity).then(() => this.controls());
     return [new TransferEditor(item.transfer, known, controls.extent(), (transfer, moving) => this.change({ [`${key}.transfer`]: transfer }, moving)).element];
   }
 
+  // the histogram of a quantity at the moment that is shown: null where there is none, undefined until it is asked for
+  counted(quantity) {
+    return this.histograms.get(this.momentOf(quantity));
+  }
+
+  momentOf(quantity) {
+    const { step, time } = this.table;
+    return JSON.stringify([quantity, step, time]);
+  }
+
   async count(quantity) {
-    this.histograms.set(quantity, null);
-    try {
-      this.histograms.set(quantity, await this.ask("histogram", quantity));
-    } catch (error) {
-      this.histograms.delete(quantity);
-      return;
-    }
-    this.controls();
+    const moment = this.momentOf(quantity);
+    if (this.histograms.get(moment)) return;
+    this.histograms.set(moment, null);
+    this.histograms.set(moment, await this.ask("histogram", quantity).catch(() => null));
   }
 
   // an object as it stands in the scene
@@ -1714,9 +1756,9 @@ class Viewer {
       return [this.slider("offset", low, high, at, move), ...this.angles(item, normal, set)];
     }
     if (item.surface?.kind === "sphere" && box) return this.sphereSliders(item, box, set);
-    const range = item.kind === "isosurface" && this.ranges?.[item.quantity ?? this.picture?.field];
     if (item.kind === "isosurface" && item.values?.length === 1) {
-      const known = range || this.picture?.ranges?.[item.quantity ?? this.picture?.field] || [item.values[0] - 1, item.values[0] + 1];
+      const quantity = item.quantity ?? this.shown(), { low, high } = this.counted(quantity) ?? {};
+      const known = low < high ? [low, high] : this.picture?.ranges?.[quantity] ?? [item.values[0] - 1, item.values[0] + 1];
       return [this.slider("value", Math.min(known[0], item.values[0]), Math.max(known[1], item.values[0]), item.values[0],
         (e, moving) => set({ ...item, values: [Number(e.target.value)] }, moving))];
     }
@@ -1760,14 +1802,26 @@ class Viewer {
   // a new object, begun where one looks
   async create(kind, controls) {
     await this.survey();
-    const field = this.picture?.field || this.facts.fields[0] || "x";
-    const range = this.picture?.ranges?.[field] ?? [0, 1];
-    const middle = (range[0] + range[1]) / 2;
+    if (kind in SURFACES) return this.createSurface(kind, controls);
+    if (kind === "faces") return this.add({ kind: "faces", select: ["all"] }, {});
+    const [low, high] = await this.spread();
+    const middle = (low + high) / 2;
     const densities = [0, 0, 4 / controls.extent(this.facts.box)];
-    if (kind in SURFACES) this.createSurface(kind, controls);
-    else if (kind === "faces") this.add({ kind: "faces", select: ["all"] }, {});
-    else if (kind === "isosurface") this.add({ kind: "isosurface", values: [middle] });
-    else this.add({ kind: "volume", transfer: { values: [range[0], middle, range[1]], densities } });
+    if (kind === "isosurface") this.add({ kind: "isosurface", values: [middle] });
+    else this.add({ kind: "volume", transfer: { values: [low, middle, high], densities } });
+  }
+
+  // least and greatest value of the shown quantity in its histogram, which is of all elements; else of those in the picture
+  async spread() {
+    const quantity = this.shown();
+    await this.count(quantity);
+    const { low, high } = this.counted(quantity) ?? {};
+    return low < high ? [low, high] : this.picture?.ranges?.[quantity] ?? [0, 1];
+  }
+
+  // the quantity that colours the picture
+  shown() {
+    return this.table.field || this.picture?.field || this.facts.fields[0] || "x";
   }
 
   // a cut; or a clip, which takes away the half of what is seen that is nearer
