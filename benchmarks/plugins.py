@@ -54,7 +54,7 @@ def hard_wired(renderer: Renderer, part: Part, folder: Path) -> None:
         module = sessions[together].load_module(stage)
         entry = module.entry_point(stage.rsplit("_", maxsplit=1)[-1])
         program = sessions[together].link_program([module], [entry])
-        return devices.Kernel(device._device.create_compute_kernel(program), program, device.watch)
+        return devices.Kernel(device._device, program, device.watch)
 
     device._link = link  # type: ignore[method-assign]
 

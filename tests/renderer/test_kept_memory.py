@@ -77,10 +77,15 @@ def test_frames_show_nothing_of_what_memory_held_before(linear, renderer, monkey
     expected = drawing.render(scene)
 
     give = Pool.give
+    device = drawing.device._device
 
     def spoiled(own, memory):
         if own is drawing.device.memory:
-            memory.copy_from_numpy(np.full(memory.size, 0xA5, np.uint8))
+            noise = drawing.device.buffer(np.full(memory.size, 0xA5, np.uint8)).memory
+            encoder = device.create_command_encoder()
+            encoder.copy_buffer(memory, 0, noise, 0, memory.size)
+            device.submit_command_buffer(encoder.finish())
+            device.wait_for_idle()
         give(own, memory)
 
     monkeypatch.setattr(Pool, "give", spoiled)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import product
 from math import inf
 from time import perf_counter
@@ -200,12 +201,23 @@ class Canvas:
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:
     """Empty channels by name, (height, width[, 3]); those that aren't kept take no room."""
-    shape, values = (view.height, view.width), {"field": np.nan, "depth": np.inf, "element": -1, "uncertainty": np.nan}
-    full = np.full if records else lambda shape, value: np.broadcast_to(np.array(value), shape)
-    scalars = {name: full(shape, value) for name, value in values.items()}
-    vectors = {name: full((*shape, 3), np.nan) for name in ("reference", "normal")}
+    shape = view.height, view.width
     color, through = np.zeros((*shape, 3), np.float64 if records else np.uint8), np.zeros(shape)
-    return {"color": color, "through": through, "status": np.zeros(shape, np.uint8), **scalars, **vectors}
+    record = _record(shape, np.full) if records else _no_record(shape)
+    return {"color": color, "through": through, "status": np.zeros(shape, np.uint8), **record}
+
+
+def _record(shape: tuple[int, int], full: Callable[..., NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The channels of a record, all of which say that nothing is seen."""
+    values = {"field": np.nan, "depth": np.inf, "element": -1, "uncertainty": np.nan}
+    scalars = {name: full(shape, value) for name, value in values.items()}
+    return scalars | {name: full((*shape, 3), np.nan) for name in ("reference", "normal")}
+
+
+@lru_cache(maxsize=4)
+def _no_record(shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    """The same of one number each, which nobody can change."""
+    return _record(shape, lambda shape, value: np.broadcast_to(np.array(value), shape))
 
 
 def check_memory(view: View, records: bool, most: int) -> None:

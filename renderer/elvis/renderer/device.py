@@ -41,6 +41,8 @@ GROUPS_IN_ROW = 32768
 STAND_IN = 4
 #: the same where it is known how far from them it may be
 ENCLOSED = 7
+#: bytes that are sooner read than left out
+FEW = 1 << 13
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
 #: the number of a dispatch's first group, as in dispatch.slang
@@ -71,8 +73,22 @@ class Device:
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
         self._buffers: WeakSet[Buffer] = WeakSet()
-        self.memory, self._readable = Pool(self._create), Pool(self._create_readable)
+        self._readable = Pool(self._create_readable)
+        # software shares its memory with the host, which writes and reads it in place
+        shared = self.adapter.software
+        self.memory = self._readable if shared else Pool(self._create)
+        self._given = Pool(self._create_writeable) if shared else self.memory
         self.bytes_made = 0  # of memory that was made for buffers so far
+
+    @property
+    def _pools(self) -> set[Pool]:
+        """All memory: what kernels write, what the host writes, what it reads."""
+        return {self.memory, self._given, self._readable}
+
+    @property
+    def buffers_made(self) -> int:
+        """Pieces of memory that were made for buffers so far."""
+        return sum(pool.made for pool in {self.memory, self._given})
 
     @property
     def _device(self) -> slangpy.Device:
@@ -87,8 +103,8 @@ class Device:
         for kernel in self._kernels.values():
             kernel.release()
         self._kernels.clear()
-        self.memory.close()
-        self._readable.close()
+        for pool in self._pools:
+            pool.close()
         self._session, self.watch = None, Watch.none()
         device, self._opened = self._opened, None
         if device is not None:
@@ -118,9 +134,10 @@ class Device:
 
     def _filled(self, count: int, itemsize: int, data: NDArray[Any] | None) -> Buffer:
         """A buffer of elements, with data or as it is; DeviceLostError where there is no room."""
-        before = self.memory.made
+        pool = self.memory if data is None else self._given
+        before = pool.made
         try:
-            buffer = self.memory.take(itemsize, count)
+            buffer = pool.take(itemsize, count)
             if data is not None:
                 # plain bytes that could be written to: slangpy takes no other arrays
                 raw = data.view(np.uint8)
@@ -128,7 +145,7 @@ class Device:
         except RuntimeError as error:
             size = count * itemsize / 2**20
             raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
-        self.bytes_made += buffer.size if self.memory.made > before else 0
+        self.bytes_made += buffer.size if pool.made > before else 0
         self._buffers.add(buffer)
         return buffer
 
@@ -137,24 +154,41 @@ class Device:
         return self._device.create_buffer(element_count=count, struct_size=itemsize, usage=_usage())
 
     def _create_readable(self, itemsize: int, count: int) -> slangpy.Buffer:
-        """Memory that the host reads, for copies of what kernels have written."""
+        """Memory that the host reads: what kernels have written, or copies of it."""
         import slangpy
 
         kind, usage = slangpy.MemoryType.read_back, slangpy.BufferUsage.copy_destination
+        usage = _usage() if self.adapter.software else usage
         return self._device.create_buffer(element_count=count, struct_size=itemsize, usage=usage, memory_type=kind)
+
+    def _create_writeable(self, itemsize: int, count: int) -> slangpy.Buffer:
+        """Memory that the host writes and kernels read, and write too."""
+        import slangpy
+
+        kind = slangpy.MemoryType.upload
+        return self._device.create_buffer(element_count=count, struct_size=itemsize, usage=_usage(), memory_type=kind)
 
     def read(self, buffer: Buffer, dtype: DTypeLike, count: int | None = None) -> NDArray[Any]:
         """The content of a buffer, or its first ``count`` elements."""
         dtype = np.dtype(dtype)
         size = buffer.size if count is None else count * dtype.itemsize
         with working():
-            copy = self._readable.take(1, max(size, 1))
-            encoder = self._device.create_command_encoder()
-            encoder.copy_buffer(copy.memory, 0, buffer.memory, 0, max(size, 1))
-            self._device.submit_command_buffer(encoder.finish())
+            source = buffer if self._is_read_in_place(buffer, size) else self._copy(buffer, size)
             self._device.wait_for_idle()
-            content: NDArray[Any] = copy.memory.to_numpy().reshape(-1).view(np.uint8)[:size].view(dtype)
+            content: NDArray[Any] = source.memory.to_numpy().reshape(-1).view(np.uint8)[:size].view(dtype)
         return content
+
+    def _is_read_in_place(self, buffer: Buffer, size: int) -> bool:
+        """Whether the host reads a buffer sooner as it is, all of it, than a copy of its first bytes."""
+        return buffer.pool is self._readable and buffer.memory.size <= 2 * size + FEW
+
+    def _copy(self, buffer: Buffer, size: int) -> Buffer:
+        """A copy of a buffer's first bytes that the host can read when the device has done all that it was given."""
+        copy = self._readable.take(1, max(size, 1))
+        encoder = self._device.create_command_encoder()
+        encoder.copy_buffer(copy.memory, 0, buffer.memory, 0, max(size, 1))
+        self._device.submit_command_buffer(encoder.finish())
+        return copy
 
     def kernel(
         self,
@@ -198,7 +232,7 @@ class Device:
         entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
         own = self._session.load_module_from_source(name, source)
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
-        return Kernel(self._device.create_compute_kernel(program), program, self.watch)
+        return Kernel(self._device, program, self.watch)
 
     def appended(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
@@ -221,9 +255,12 @@ class Kernel:
     capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
     """
 
-    def __init__(self, kernel: slangpy.ComputeKernel, program: slangpy.ShaderProgram, watch: Watch) -> None:
-        self._kernel: slangpy.ComputeKernel | None = kernel
+    def __init__(self, device: slangpy.Device, program: slangpy.ShaderProgram, watch: Watch) -> None:
+        import slangpy
+
+        self._device: slangpy.Device | None = device
         self._watch: Watch | None = watch
+        self._pipeline = device.create_compute_kernel(program).pipeline
         self._pace, self.capacity = Pace(), FIRST_CAPACITY
         self._group = int(program.layout.entry_points[0].compute_thread_group_size.x)
         # the cpu target wraps all globals in a constant buffer
@@ -233,11 +270,17 @@ class Kernel:
         self._dtypes: dict[str, np.dtype[Any]] = {}
         self._needed = frozenset(self._globals) - {OFFSET, COUNT}
         self._pointers = frozenset(name for name, own in self._globals.items() if _is_pointer(own))
+        # arguments stay from one dispatch to the next: what has changed is written
+        self._arguments = device.create_root_shader_object(program)
+        cursor = slangpy.ShaderCursor(self._arguments)
+        self._places = {name: cursor[name] for name in self._globals}
+        self._written: dict[str, slangpy.Buffer | int] = {}
 
     def release(self) -> None:
         """Give the program back, whoever still refers to the kernel."""
-        self._kernel, self._watch = None, None
-        self._globals = {}
+        self._device, self._watch = None, None
+        self._pipeline, self._arguments = None, None
+        self._globals, self._places, self._written = {}, {}, {}
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """The NumPy dtype of one element of a buffer, bound or read through a pointer, as Slang lays it out."""
@@ -253,13 +296,15 @@ class Kernel:
         work  (count,) how much each group has to do, in any unit, where they differ much
         Long work is done in several dispatches (see Device.watch); it is done on return.
         """
-        if self._kernel is None or self._watch is None:
+        if self._device is None or self._watch is None:
             raise DeviceError(CLOSED)
-        missing = self._needed - buffers.keys()
-        if missing:
-            raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound")
-        bound: dict[str, Any] = {name: self._argument(name, buffers[name]) for name in self._needed}
-        bound |= {COUNT: count} if COUNT in self._globals else {}
+        try:
+            bound = {name: self._argument(name, buffers[name]) for name in self._needed}
+        except KeyError:
+            missing = self._needed - buffers.keys()
+            raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound") from None
+        if COUNT in self._globals:
+            bound[COUNT] = count
         total = count if groups else -(-count // self._group)
         fresh, start = not self._pace.compiled, perf_counter()
         with working():
@@ -277,10 +322,19 @@ class Kernel:
         """Run some groups from the first one on, in rows that devices allow."""
         import slangpy
 
-        assert self._kernel is not None
+        assert self._device is not None
+        for name, argument in {**bound, OFFSET: first}.items():
+            known = self._written.get(name)
+            if known is not argument and known != argument:
+                self._places[name].write(argument)
+                self._written[name] = argument
         row = min(total, GROUPS_IN_ROW)
-        threads = slangpy.uint3(row * self._group, -(-total // row), 1)
-        self._kernel.dispatch(threads, vars={**bound, OFFSET: first})
+        encoder = self._device.create_command_encoder()
+        commands = encoder.begin_compute_pass()
+        commands.bind_pipeline(self._pipeline, self._arguments)
+        commands.dispatch_compute(slangpy.uint3(row, -(-total // row), 1))
+        commands.end()
+        self._device.submit_command_buffer(encoder.finish())
 
 
 def _is_pointer(layout: slangpy.TypeLayoutReflection) -> bool:

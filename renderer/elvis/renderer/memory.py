@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from elvis.renderer.device_errors import DeviceError
@@ -76,11 +77,12 @@ class Buffer:
     """Memory of a device: free for other buffers with the last reference to it, given back when the device is closed.
 
     size  bytes that were asked for; there may be more
+    pool  where the memory is from, and goes to
     """
 
     def __init__(self, memory: slangpy.Buffer, size: int, pool: Pool) -> None:
         self._memory: slangpy.Buffer | None = memory
-        self.size, self._pool = size, pool
+        self.size, self.pool = size, pool
 
     @property
     def memory(self) -> slangpy.Buffer:
@@ -96,9 +98,10 @@ class Buffer:
     def __del__(self) -> None:
         memory, self._memory = self._memory, None
         if memory is not None:
-            self._pool.give(memory)
+            self.pool.give(memory)
 
 
+@lru_cache(maxsize=1024)
 def rounded(count: int) -> int:
     """Elements that memory for ``count`` of them has room for: at most twice as many, of long lists an eighth more."""
     power = 1 << max(count - 1, 0).bit_length()

@@ -36,6 +36,14 @@ class Pace:
         row   ranges longer than this many groups are multiples of it, but for the last one
         work  (count,) what each group has to do, in any unit; None where all have the same to do
         """
+        if count <= row and self._seconds is not None:
+            # little work is one dispatch, whatever its parts
+            total = float(count) if work is None else float(work.sum() + count)
+            if 0 < total <= AIM / self._seconds:
+                start = perf_counter()
+                yield 0, count
+                self._note((perf_counter() - start) / total)
+                return
         ends = np.arange(1.0, count + 1.0) if work is None else np.cumsum(work + 1.0)
         first, done, most = 0, 0.0, np.inf
         while first < count:

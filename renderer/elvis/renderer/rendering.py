@@ -224,7 +224,7 @@ class Pictures:
     @property
     def buffers_made(self) -> int:
         """Pieces of the device's memory that were made so far; steady frames make none."""
-        return 0 if self._renderer is None else self._renderer.device.memory.made
+        return 0 if self._renderer is None else self._renderer.device.buffers_made
 
     def show(self, data: Dataset | PluginData) -> None:
         """Take other data for the next pictures; the device stays."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,7 +21,7 @@ from elvis.renderer.passes.lines.lines import levels
 from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import DrawCall, Stages
-from elvis.scene import ColorBar, Implicit, Scene, Style, Vector, VolumeRendering
+from elvis.scene import ColorBar, Implicit, Scene, Style, Transfer, Vector, VolumeRendering
 from elvis.scene.conditioning import uncertainties
 from elvis.scene.frame import Legend, Status
 from elvis.scene.palette import Palette, automatic_range, is_constant, text_color_on
@@ -95,6 +96,12 @@ def _uncertain(hits: HitBuffer, view: View, pixel: Ints) -> Floats:
     known = np.full(len(pixel), np.nan) if hits.uncertainty is None else hits.uncertainty[pixel]
     rounded = uncertainties(view, pixel, depth, hits.normal[pixel], extent)
     return np.where(np.isnan(known), rounded, np.nan_to_num(known, posinf=0.0))
+
+
+@lru_cache(maxsize=16)
+def _with_colors(transfer: Transfer, colors: tuple[Vector, ...]) -> Transfer:
+    """A transfer function with colours; frame after frame has the same, whose checks take their time."""
+    return replace(transfer, colors=colors)
 
 
 class Painter:
@@ -191,7 +198,7 @@ class Painter:
             values = np.asarray(transfer.values, dtype=np.float64)
             self._seen.setdefault(quantity or "", (values[0], values[-1]))
             colors = self._palette(quantity, Style()).colors(values)
-            transfer = replace(transfer, colors=tuple(map(tuple, colors.tolist())))
+            transfer = _with_colors(transfer, tuple(map(tuple, colors.tolist())))
         return Medium(transfer, quantity)
 
     def _material(self, view: View, draw_call: DrawCall, hits: HitBuffer) -> Material:

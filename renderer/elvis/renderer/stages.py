@@ -84,6 +84,7 @@ class Stages:
     ) -> None:
         self.loaded, self.volume, self.others = loaded, volume, others or OtherData()
         self._ranges: dict[str, tuple[float, float]] = {}
+        self._left_out: dict[str | None, Ints] = {}
         self.dataset = dataset
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
@@ -159,16 +160,13 @@ class Stages:
         traversal = self.volumes.traversal
         return sum(int(traversal.flat(n, own, value).sum()) for n in range(len(self.loaded.parts)))
 
-    def _ends(self, own: str | None) -> list[Floats]:
-        """For each part the certified least and greatest values (2, n) of a quantity on its elements."""
-        return [np.stack(self.loaded.bounds(n, own)) for n in range(len(self.loaded.parts))]
-
     def _undefined(self, own: str | None) -> Ints:
-        """Ids of the elements on which a quantity is not a number."""
-        ends = self._ends(own)
-        return np.concatenate(
-            [part.element_ids[np.isnan(low)] for part, (low, _) in zip(self.loaded.parts, ends, strict=True)]
-        )
+        """Ids of the elements on which a quantity is not a number; found once."""
+        if own not in self._left_out:
+            lows = [self.loaded.bounds(number, own)[0] for number in range(len(self.loaded.parts))]
+            ids = [part.element_ids[np.isnan(low)] for part, low in zip(self.loaded.parts, lows, strict=True)]
+            self._left_out[own] = np.concatenate(ids)
+        return self._left_out[own]
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""

@@ -58,6 +58,8 @@ class View:
 
     def window(self, x: float, y: float, width: int, height: int) -> View:
         """The part of the picture whose pixel (0, 0) is pixel (x, y) of this one, whole or not; beyond it goes on."""
+        if (x, y, width, height) == (0, 0, self.width, self.height):
+            return self
         shift = np.array([x, y, 0.0])[:, None] * self.to_pixel[2]
         corner = self.corner + x * self.column + y * self.row
         return View(self.camera, width, height, corner, self.column, self.row, self.to_pixel - shift)

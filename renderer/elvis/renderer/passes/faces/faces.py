@@ -66,12 +66,12 @@ class FacesInView:
     """The faces that were drawn last, for each block, and what the view saw of them.
 
     choice  how they were chosen
-    key     the view and the choice that ``in_view`` belongs to
+    view    the view that ``in_view`` belongs to; None while it belongs to another choice
     """
 
     choice: tuple[str, ...] | Bools = ()
     chosen: list[_ChosenFaces] = field(default_factory=list)
-    key: object = None
+    view: View | None = None
     in_view: list[tuple[FacePatches, Edges]] = field(default_factory=list)
 
 
@@ -216,14 +216,14 @@ class FaceDrawer:
             ]
             last.choice = choice
             last.chosen = chosen
+            last.view = None
 
-        key = (view, choice if isinstance(choice, tuple) else id(choice))
-        if last.key != key:
+        if last.view is not view:
             in_view = []
             for block, own in zip(self.faces.blocks, last.chosen, strict=True):
                 patches, edges = face_patches(block.space, own.nets, view)
                 in_view.append((own.sides.both(patches), edges))
-            last.key = key
+            last.view = view
             last.in_view = in_view
         return last.in_view
 
@@ -274,8 +274,10 @@ def _choose(block: FaceBlock, rows: Ints) -> _ChosenFaces:
 
 
 def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
-    """Whether two ways to choose faces are one: the same words, or the very same array."""
-    return one is other or (isinstance(one, tuple) and isinstance(other, tuple) and one == other)
+    """Whether two ways to choose faces are one."""
+    if isinstance(one, tuple) or isinstance(other, tuple):
+        return isinstance(one, tuple) and isinstance(other, tuple) and one == other
+    return np.array_equal(one, other)
 
 
 def _without_repeats(hits: NDArray[Any], tie: float) -> NDArray[Any]:

@@ -43,6 +43,8 @@ _ROUNDS, _BATCH = 48, 1 << 14
 _OF_LEAVES, _OF_POINTS = 1 << 24, 1 << 23
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
+#: levels of parts of which all that no view changes is kept
+_LEVELS = 16
 #: drafts of a part: sub-elements in which rays take too many steps are drawn once more in parts, with closer bounds
 _DRAFTS = 5
 
@@ -63,6 +65,21 @@ class Level:
     buffers: dict[str, Buffer]
 
 
+@dataclass(frozen=True, eq=False)
+class _StraightLevel:
+    """What a level of straight tetrahedra is about, whatever the view.
+
+    wanted           (n,) elements of the part that may have the value
+    flat, undefined  elements left out, see IsosurfaceDrawer
+    buffers          errors and greatest changes of the field, and of what tells where it isn't to be shown
+    """
+
+    wanted: Bools
+    flat: int
+    undefined: int
+    buffers: dict[str, Buffer]
+
+
 class IsosurfaceDrawer:
     """A loaded volume, ready for any level of any of its quantities from any view.
 
@@ -75,6 +92,7 @@ class IsosurfaceDrawer:
         self.traversal = Traversal(loaded)
         self.counts: dict[str, int] = {}
         self._constants_on_device: dict[tuple[int, str | None], dict[str, Buffer]] = {}
+        self._straight_levels: dict[tuple[int, str | None, float], _StraightLevel] = {}
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) where they are given.
@@ -136,34 +154,51 @@ class IsosurfaceDrawer:
 
     def _draw_straight(self, draw: Kernel, level: Level) -> None:
         """The straight tetrahedra of a part that may have the value."""
-        view, number, quantity, value, buffers = level.view, level.number, level.quantity, level.value, level.buffers
-        flat = self.traversal.flat(number, quantity, value)
-        self.counts["flat"] += int(flat.sum())
-        undefined = np.isnan(self.loaded.bounds(number, quantity)[0])
-        self.counts["undefined"] += int(undefined.sum())
-        wanted = self._holding(number, quantity, value) & ~undefined
-        sections = visible_sections(view, self.traversal.corners(number), wanted)
+        view, number, quantity, value = level.view, level.number, level.quantity, level.value
+        own = self._straight_level(number, quantity, value)
+        self.counts["flat"] += own.flat
+        self.counts["undefined"] += own.undefined
+        sections = visible_sections(view, self.traversal.corners(number), own.wanted)
         self.counts["sub_elements"] += len(sections)
         if len(sections):
             tiles, order = bin_sections(sections.least, sections.most, draw.dtype("tiles"))
-            buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
-            buffers["rays"] = self.traversal.rays(draw, view, number, len(tiles), value)
-            errors = np.where(flat, np.inf, self.traversal.rounding(number, quantity, value))
-            buffers["errors"] = self.device.buffer(errors)
-            buffers["steepest"] = self.device.buffer(self.traversal.steepest(number, quantity, value))
-            buffers |= self._condition(number, quantity)
-            buffers["tiles"] = self.device.buffer(tiles)
-            buffers["order"] = self.device.buffer(sections.element[order])
-            draw(len(tiles), buffers, groups=True, work=tiles["end"] - tiles["first"])
+            lists = {
+                "rays": self.traversal.rays(draw, view, number, len(tiles), value),
+                "tiles": self.device.buffer(tiles),
+                "order": self.device.buffer(sections.element[order]),
+            }
+            draw(len(tiles), {**level.buffers, **own.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
 
-    def _condition(self, number: int, quantity: str | None) -> dict[str, Buffer]:
+    def _straight_level(self, number: int, quantity: str | None, value: float) -> _StraightLevel:
+        """What a level of a part is about: found once, and kept for the last ones."""
+        key = number, quantity, value
+        found = self._straight_levels.pop(key, None) or self._make_straight_level(*key)
+        self._straight_levels[key] = found
+        while len(self._straight_levels) > _LEVELS:
+            del self._straight_levels[next(iter(self._straight_levels))]
+        return found
+
+    def _make_straight_level(self, number: int, quantity: str | None, value: float) -> _StraightLevel:
+        flat = self.traversal.flat(number, quantity, value)
+        undefined = np.isnan(self.loaded.bounds(number, quantity)[0])
+        arrays = {
+            "errors": np.where(flat, np.inf, self.traversal.rounding(number, quantity, value)),
+            "steepest": self.traversal.steepest(number, quantity, value),
+            **self._condition(number, quantity),
+        }
+        buffers = {name: self.device.buffer(array) for name, array in arrays.items()}
+        buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
+        wanted = self._holding(number, quantity, value) & ~undefined
+        return _StraightLevel(wanted, int(flat.sum()), int(undefined.sum()), buffers)
+
+    def _condition(self, number: int, quantity: str | None) -> dict[str, Floats]:
         """How well it is known where the level isn't to be shown: errors of what tells, and its greatest change."""
         condition = self.loaded.condition(number, quantity)
         found = {"condition_errors": np.zeros(1), "condition_steepest": np.zeros(1)}
         if condition is not None:
             found["condition_errors"] = self.traversal.rounding(number, condition, 0.0)
             found["condition_steepest"] = self.traversal.steepest(number, condition, 0.0)
-        return {name: self.device.buffer(array) for name, array in found.items()}
+        return found
 
     def _holding(self, number: int, quantity: str | None, value: float) -> Bools:
         """(n,) elements of a part that may have the value, but not all over."""

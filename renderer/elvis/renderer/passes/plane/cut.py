@@ -170,7 +170,8 @@ class Cutter:
         candidates = np.zeros(len(last), kernel.dtype("candidates"))
         for name in ("pixel", "element", "field", "reference"):
             candidates[name] = every[name][last]
-        kernel(len(candidates), {"candidates": self.device.buffer(candidates), **image})
+        data = {"candidates": candidates, "references": np.array([self.references], np.uint32)}
+        kernel(len(candidates), {**image, **{name: self.device.buffer(array) for name, array in data.items()}})
 
 
 def _candidates(device: Device, count: int) -> NDArray[Any]:
