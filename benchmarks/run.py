@@ -18,6 +18,7 @@ import cases
 import compiling
 import conversion
 import floor
+import flow
 import large
 import machine
 import measures
@@ -169,6 +170,13 @@ def measure(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, measures.tables(numbers)
 
 
+def streamlines(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Streamlines, and pictures with tubes."""
+    lines, tubes, side, rounds = (5, 5, 60, 1) if options.quick else (1000, 200, 1000, max(3, options.rounds // 2))
+    numbers = flow.measure(options.device, lines, tubes, side, rounds, options.quick)
+    return numbers, flow.tables(numbers)
+
+
 PARTS: dict[str, Part] = {
     "cut": cut,
     "surfaces": surfaces,
@@ -186,6 +194,7 @@ PARTS: dict[str, Part] = {
     "targets": promised,
     "series": series,
     "measure": measure,
+    "flow": streamlines,
 }
 
 

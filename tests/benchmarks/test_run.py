@@ -29,7 +29,7 @@ def test_every_part_prints_its_table(quick):
     text, numbers = quick
     parts = {
         "cut", "surfaces", "isosurface", "volume", "orders", "compile", "million", "load", "convert", "start",
-        "repeat", "view", "large", "targets", "series", "measure"
+        "repeat", "view", "large", "targets", "series", "measure", "flow"
     }  # fmt: skip
     assert set(numbers) == {"machine", *parts}
     tables = text.split("\n## ")[1:]

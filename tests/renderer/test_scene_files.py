@@ -159,8 +159,14 @@ CUT = 'objects = [{{kind = "cut", surface = {}}}]'
         ("lights = [{intensity = -1}]", "lights[0]: intensity of a light: expected 0 or more, found -1"),
         ("objects = 3", "objects: expected a list of at most 10000, found 3"),
         ("objects = [3]", "objects[0]: expected a table, found 3"),
-        ("objects = [{kind = 'cutt'}]", "objects[0].kind: expected cut, faces, isosurface, volume, found 'cutt'"),
-        ("objects = [{surface = 1}]", "objects[0].kind: expected cut, faces, isosurface, volume, found None"),
+        (
+            "objects = [{kind = 'cutt'}]",
+            "objects[0].kind: expected cut, faces, isosurface, volume, streamlines, found 'cutt'",
+        ),
+        (
+            "objects = [{surface = 1}]",
+            "objects[0].kind: expected cut, faces, isosurface, volume, streamlines, found None",
+        ),
         ("objects = [{kind = 'cut'}]", "objects[0]: expected the key 'surface', found none"),
         (
             CUT.format("{kind='sphere',center=[0,0,0],radius=0}"),

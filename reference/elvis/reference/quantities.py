@@ -48,11 +48,14 @@ class Quantities:
 
     names    as scenes call them
     patches  the elements that carry the first of them
+    dataset  that they are of; None where a runtime plugin has opened the data
     """
+
+    dataset: Dataset | None = None
 
     def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
         """Raises ElvisError for a name that means nothing of these data."""
-        self.names, self._mesh = tuple(names), dataset.mesh
+        self.names, self._mesh, self.dataset = tuple(names), dataset.mesh, dataset
         self._expressions = {name: Expression.of(dataset, name) for name in names}
         self._evaluator = Evaluator(dataset, list(self._expressions.values()))
         every = range(len(self._evaluator.names))

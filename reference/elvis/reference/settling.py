@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.reference.sources import Source
-from elvis.scene import Scene, SceneObject, VolumeRendering
+from elvis.scene import Scene, SceneObject, Streamlines, VolumeRendering
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Drawing, Frame
 from elvis.scene.palette import automatic_range
@@ -54,6 +54,8 @@ def _finer(scene: Scene, n: int) -> Scene:
     def widen(item: SceneObject) -> SceneObject:
         if isinstance(item, VolumeRendering):
             return item
+        if isinstance(item, Streamlines):
+            return replace(item, width=item.width and n * item.width)
         style, kept = item.style, {}
         for name in ("contours", "mesh_lines"):
             lines = getattr(style, name)

@@ -30,6 +30,7 @@ from elvis.scene import (
     Plane,
     Scene,
     SceneObject,
+    Streamlines,
     Surface,
 )
 from elvis.scene.commandline import parameters
@@ -209,6 +210,14 @@ def _faces(value: Any) -> Faces:
     return value if isinstance(value, Faces) else Faces(tuple(map(str, value)))
 
 
+def _streamlines(value: Any) -> Streamlines:
+    """The object itself, its settings by name, or points (n, 3) that lines begin at."""
+    if isinstance(value, (Streamlines, Mapping)):
+        return value if isinstance(value, Streamlines) else Streamlines(**value)
+    points = np.atleast_2d(np.asarray(value, np.float64))
+    return Streamlines(tuple(f"point:{','.join(map(repr, point))}" for point in points.tolist()))
+
+
 def _cut(value: Any) -> CutSurface:
     return CutSurface(value) if isinstance(value, _SURFACES) else _of(CutSurface, value)
 
@@ -249,6 +258,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "mesh_lines": _mesh_lines,
     "isosurface": _isosurface,
     "faces": _faces,
+    "streamlines": _streamlines,
     "cut": _cut,
     "clip": _clip,
     "lights": _light,

@@ -1,11 +1,12 @@
-"""What a scene shows: cut surfaces, faces, isosurfaces, volumes, and how each of them looks."""
+"""What a scene shows: cut surfaces, faces, isosurfaces, volumes, streamlines, and how each of them looks."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from elvis.scene.settings import Model, PaletteName, Quantity, Setting, check
+from elvis.core.seed_forms import FORMS
+from elvis.scene.settings import Model, PaletteName, Quantity, Seeds, Setting, check
 from elvis.scene.surfaces import Surface, Vector
 
 #: what is the same for all colours
@@ -118,7 +119,7 @@ class Style(Model):
             "Whether lights shade it.",
             option="--lit/--unlit",
             option_help="Shade all objects by the lights, or don't.",
-            default="faces and isosurfaces are shaded",
+            default="faces, isosurfaces and tubes are shaded",
         ),
     ] = None
     contours: Annotated[
@@ -249,4 +250,71 @@ class VolumeRendering(Model, of="a volume"):
     )
 
 
-SceneObject: TypeAlias = CutSurface | Faces | Isosurface | VolumeRendering
+@dataclass(frozen=True, repr=False)
+class Streamlines(Model, of="streamlines"):
+    """Lines along a velocity, as tubes that are round to the pixel; they have no contours and no mesh lines."""
+
+    seeds: Annotated[
+        tuple[Seeds, ...],
+        Setting(
+            f"Where lines begin: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of "
+            "points.",
+            metavar="WHAT",
+            repeatable=True,
+        ),
+    ]
+    velocity: Annotated[
+        Quantity | None,
+        Setting(
+            "Its components, any quantities, with commas between them.",
+            metavar="U,V,W",
+            default="u,v,w, rhou/rho, … as named",
+        ),
+    ] = None
+    direction: Annotated[
+        Literal["forward", "backward", "both"],
+        Setting(
+            "With the stream, against it, or both.",
+            names=("forward", "backward", "both"),
+            metavar="forward|backward|both",
+        ),
+    ] = "forward"
+    length: Annotated[
+        float | None, Setting("Greatest length of a line.", **POSITIVE, default="10 diagonals of the box")
+    ] = None
+    duration: Annotated[float | None, Setting("Greatest time along a line.", **POSITIVE)] = None
+    speed: Annotated[float, Setting("Lines that become slower end.", ge=0, default="those at rest")] = 0.0
+    steps: Annotated[int, Setting("Steps of a line at most.", ge=1)] = 10_000
+    tolerance: Annotated[
+        float | None, Setting("Error of a step in units of length.", **POSITIVE, default="1e-12 diagonals")
+    ] = None
+    random: Annotated[int, Setting("Number that random seeds are drawn with.", ge=0)] = 0
+    radius: Annotated[
+        float | None,
+        Setting("Radius of the tubes in world units.", **POSITIVE, default="0.003 diagonals of the box"),
+    ] = None
+    width: Annotated[
+        float | None, Setting("In place of a radius the width of lines in pixels, at any depth.", **POSITIVE)
+    ] = None
+    style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
+    kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
+    option: ClassVar = Setting(
+        f"Streamlines from seeds: {'; '.join(FORMS.values())}; a table of points; after semicolons other keys, such as "
+        "radius=0.01 or direction=both.",
+        option="--streamlines",
+        metavar="SEEDS[;KEY=VALUE]",
+        parse="streamlines",
+        repeatable=True,
+    )
+
+    def check(self) -> None:
+        """SceneError where nothing says where lines begin, for a direction that there is not, and for two sizes."""
+        check(len(self.seeds), "seeds of streamlines", "at least one", "none")
+        directions = ("forward", "backward", "both")
+        check(self.direction in directions, "direction of streamlines", " or ".join(directions), self.direction)
+        check(self.radius is None or self.width is None, "streamlines", "a radius or a width", "both")
+        lines = self.style.contours or self.style.mesh_lines
+        check(lines is None, "style of streamlines", "no contours and no mesh lines", "some")
+
+
+SceneObject: TypeAlias = CutSurface | Faces | Isosurface | VolumeRendering | Streamlines

@@ -138,10 +138,11 @@ class Text:
     file        it is a name
     palette     it is one where it ends in .xml
     expression  it may measure distances to triangles in files
+    seeds       it is one where it has none of the other forms of seeds
     other       a name in expressions, =, and files with commas between them
     """
 
-    kind: Literal["file", "palette", "expression", "other"]
+    kind: Literal["file", "palette", "expression", "seeds", "other"]
 
     def changed(self, text: str, change: Callable[[str], str]) -> str:
         """The text with other names of files."""
@@ -152,6 +153,10 @@ class Text:
         if self.kind == "other":
             name, equals, files = text.partition("=")
             return name + equals + ",".join(change(file.strip()) for file in files.split(",") if file.strip())
+        if self.kind == "seeds":
+            from elvis.core.seed_forms import names_file
+
+            return change(text) if names_file(text) else text
         return change(text) if self.kind == "file" or text.lower().endswith(".xml") else text
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
@@ -167,6 +172,8 @@ class Text:
 FilePath: TypeAlias = Annotated[str, Text("file")]
 #: the name of a colour map, or of an .xml file with one
 PaletteName: TypeAlias = Annotated[str, Text("palette")]
+#: where streamlines begin; a table of points is named relative to the scene file
+Seeds: TypeAlias = Annotated[str, Text("seeds")]
 #: a field, an expression or a predefined quantity
 Quantity: TypeAlias = Annotated[str, Text("expression")]
 #: the files of another dataset, and the name that expressions have for it
@@ -306,6 +313,12 @@ def type_words(hint: Any) -> str:
 
 
 #: what texts that name files are called, by kind
-_TEXTS = {"file": "a file name", "palette": "a palette name", "expression": "a text", "other": "NAME=FILE,FILE"}
+_TEXTS = {
+    "file": "a file name",
+    "palette": "a palette name",
+    "expression": "a text",
+    "seeds": "a text",
+    "other": "NAME=FILE,FILE",
+}
 #: what plain values of a type are called
 _PLAIN: dict[Any, str] = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}

@@ -32,7 +32,7 @@ WORDS = {
     End.STEPS: ("steps", "took the greatest number of steps"),
     End.STAGNATION: ("stagnation", "came to rest"),
     End.JUMP: ("jump", "met a jump of the velocity that sends it back"),
-    End.OUTSIDE: ("outside", "seeded where there is no element"),
+    End.OUTSIDE: ("outside", "begin where there is no element"),
     End.NAN: ("nan", "met a velocity that is no number"),
     End.INVERTED: ("inverted", "met an element that is turned inside out"),
     End.FAILED: ("failed", "could not be followed to the tolerance"),

@@ -32,7 +32,7 @@ def first_roots(nets: Floats) -> Floats:
         found = ~none & ((moved <= _LEAST) | (own[:, 0] <= 0))
         result[rows[found]] = low[found]
         left = ~none & ~found
-        rows, own, low = rows[left], _beyond(own[left], ahead[left]), low[left] + moved[left]
+        rows, own, low = rows[left], beyond(own[left], ahead[left]), low[left] + moved[left]
         width = width[left] * (1 - ahead[left])
     result[rows] = low
     return result
@@ -60,9 +60,14 @@ def _hull_crossing(nets: Floats) -> Floats:
     return np.asarray(np.where(np.isnan(crossings), np.inf, crossings).min(axis=(1, 2)))
 
 
-def _beyond(nets: Floats, places: Floats) -> Floats:
-    """(n, degree + 1) the polynomials from ``places`` (n,) to 1."""
-    t = places[:, None]
+def before(nets: Floats, places: Floats) -> Floats:
+    """(n, degree + 1, …) the polynomials with coefficients (n, degree + 1, …) from 0 to ``places`` (n,)."""
+    return beyond(nets[:, ::-1], 1 - places)[:, ::-1]
+
+
+def beyond(nets: Floats, places: Floats) -> Floats:
+    """(n, degree + 1, …) the polynomials with coefficients (n, degree + 1, …) from ``places`` (n,) to 1."""
+    t = places.reshape(-1, *(1,) * (nets.ndim - 1))
     right = [nets[:, -1:]]
     for _ in range(nets.shape[1] - 1):
         nets = (1 - t) * nets[:, :-1] + t * nets[:, 1:]

@@ -30,6 +30,7 @@ from elvis.core.mapping.locate import Locator
 from elvis.core.quantities.names import Names
 from elvis.core.queries import points_in_table, points_on_line
 from elvis.core.sampling import world_points
+from elvis.core.seed_forms import FORMS, names_file
 
 _Parts = Sequence[str]
 #: seeds of a text at most, and how often random ones are drawn until enough lie in elements
@@ -59,32 +60,32 @@ class _Reader:
     def __init__(self, dataset: Dataset, locator: Locator, random: int) -> None:
         self.dataset, self.locator = dataset, locator
         self._draw = np.random.default_rng(random)
-        self._kinds: Mapping[str, tuple[str, tuple[int, ...], Callable[[_Parts], Floats]]] = {
-            "point": ("point:X,Y,Z", (1,), self._point),
-            "line": ("line:P:Q:N", (3,), self._line),
-            "disc": ("disc:CENTRE:NORMAL:RADIUS:N", (4,), self._disc),
-            "grid": ("grid:LOW:HIGH:NX,NY,NZ", (3,), self._grid),
-            "boundary": ("boundary:NAME:N", (1, 2), self._boundary),
-            "random": ("random:N or random:N:LOW:HIGH", (1, 3), self._random),
+        self._kinds: Mapping[str, tuple[tuple[int, ...], Callable[[_Parts], Floats]]] = {
+            "point": ((1,), self._point),
+            "line": ((3,), self._line),
+            "disc": ((4,), self._disc),
+            "grid": ((3,), self._grid),
+            "boundary": ((1, 2), self._boundary),
+            "random": ((1, 3), self._random),
         }
 
     def points(self, text: str) -> Floats:
         """(n, 3) the points of one text."""
-        kind, colon, rest = text.partition(":")
+        kind, _, rest = text.partition(":")
         if kind not in self._kinds:
-            if not colon or Path(text).exists() or "." in Path(kind).suffix:
+            if names_file(text) or Path(text).exists():
                 return points_in_table(text)
-            known = ", ".join(form for form, _, _ in self._kinds.values())
+            known = ", ".join(FORMS.values())
             hint = perhaps(kind, self._kinds)
             raise ElvisError(f"expected seeds as one of {known}, or a file of points, found {text!r}{hint}")
-        form, counts, make = self._kinds[kind]
+        counts, make = self._kinds[kind]
         parts = rest.split(":")
         try:
             if len(parts) not in counts:
                 raise ValueError
             return make(parts)
         except ValueError:
-            raise ElvisError(f"expected seeds as {form}, found {text!r}") from None
+            raise ElvisError(f"expected seeds as {FORMS[kind]}, found {text!r}") from None
 
     def _point(self, parts: _Parts) -> Floats:
         return _triple(parts[0])[None]

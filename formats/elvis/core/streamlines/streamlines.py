@@ -13,21 +13,15 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
-from elvis.core.mapping.locate import Location, Locator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.streamlines.course import Course, Flow, positive
 from elvis.core.streamlines.endings import WORDS, End
-from elvis.core.streamlines.neighbours import Neighbours
-from elvis.core.streamlines.seeds import seed_points
-from elvis.core.streamlines.tracer import Limits, Piece, Tracer, points_within
-from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+from elvis.core.streamlines.tracer import Piece, Tracer, points_within
+from elvis.core.streamlines.velocity import Velocity
 
-#: directions: signs of the velocity
-DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
-#: where nothing is said, in parts of the box's diagonal: error of a step, length of lines, points along them
-TOLERANCE, LENGTH, SPACING = 1e-12, 10.0, 0.005
-#: a speed that counts as rest, in parts of the greatest speed at the seeds and in the elements' middles
-_REST = 1e-10
+#: greatest distance of points along a line where nothing is said, in parts of the box's diagonal
+SPACING = 0.005
 #: what is known at every point
 _AT_POINTS = ("time", "length", "element", "velocity")
 #: names of columns and arrays, which no quantity may have
@@ -151,83 +145,19 @@ def trace(
 
     ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
     """
-    if dataset.mesh.dimension < 2:
-        raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
-    if direction not in DIRECTIONS:
-        raise ElvisError(f"expected a direction, one of {', '.join(DIRECTIONS)}, found {direction!r}")
     texts = [part.strip() for part in velocity.split(",")] if isinstance(velocity, str) else velocity
     names = Names.of(dataset)
     others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
     taken = [each.text for each in others if each.text in _TAKEN]
     if taken:
         raise ElvisError(f"the field {taken[0]!r} has the name of a column; an expression such as 1*{taken[0]} has not")
-    moving = Velocity(dataset, velocity_expressions(dataset, texts), others)
-    locator = Locator(moving.patches)
-    neighbours = Neighbours(dataset, moving.patches)
-    location = locator.locate(seed_points(dataset, locator, seeds, random))
-    limits = _limits(locator, moving, location, length, duration, speed, steps, tolerance)
-    diagonal = _diagonal(locator)
-    apart = _positive("spacing", SPACING * diagonal if spacing is None else spacing)
-    parts = []
-    for sign in DIRECTIONS[direction]:
-        tracer = Tracer(moving, neighbours, locator, limits, sign)
-        tracer.place(location.patch, location.row, location.reference)
-        parts.append(_collected(tracer, apart))
-    return _joined(parts, moving, (*(WORDS[end][0] for end in End), *neighbours.names))
-
-
-def _diagonal(locator: Locator) -> float:
-    """Of the box of all elements."""
-    box = np.asarray(locator.tree.nodes[0], np.float64)
-    return float(np.linalg.norm(box[3:] - box[:3]))
-
-
-def _limits(
-    locator: Locator,
-    moving: Velocity,
-    location: Location,
-    length: float | None,
-    duration: float | None,
-    speed: float,
-    steps: int,
-    tolerance: float | None,
-) -> Limits:
-    """The limits, as given or as they follow from the size of the data."""
-    diagonal = _diagonal(locator)
-    if length is None:
-        length = LENGTH * diagonal if duration is None else np.inf
-    if not speed >= 0:
-        raise ElvisError(f"speed: expected a number that is not negative, found {speed}")
-    if steps < 1:
-        raise ElvisError(f"steps: expected at least 1, found {steps}")
-    return Limits(
-        _positive("length", length),
-        _positive("duration", np.inf if duration is None else duration),
-        speed,
-        _REST * _fastest(moving, location),
-        steps,
-        _positive("tolerance", TOLERANCE * diagonal if tolerance is None else tolerance),
-    )
-
-
-def _positive(name: str, value: float) -> float:
-    """A number that is positive; ElvisError for another."""
-    if not value > 0:
-        raise ElvisError(f"{name}: expected a positive number, found {value}")
-    return float(value)
-
-
-def _fastest(moving: Velocity, location: Location) -> float:
-    """The greatest speed at the seeds and in the middles of elements."""
-    inside = np.flatnonzero(location.patch >= 0)
-    speeds = [moving.motion(location.patch[inside], location.row[inside], location.reference[inside]).speed]
-    for number, patch in enumerate(moving.patches):
-        middle = np.zeros(patch.dimension)
-        middle[: patch.shape.dimension] = patch.shape.vertices.mean(axis=0)
-        rows = np.arange(len(patch))
-        speeds.append(moving.motion(np.full(len(rows), number), rows, np.tile(middle, (len(rows), 1))).speed)
-    every = np.concatenate(speeds)
-    return float(every[np.isfinite(every)].max(initial=0.0))
+    components = None if texts is None else tuple(texts)
+    course = Course(seeds, components, direction, length, duration, speed, steps, tolerance, random)
+    flow = Flow.of(dataset, course, others)
+    positive("spacing", spacing)
+    apart = SPACING * flow.size if spacing is None else float(spacing)
+    parts = [_collected(tracer, apart) for tracer in flow.tracers()]
+    return _joined(parts, flow.velocity, (*(WORDS[end][0] for end in End), *flow.neighbours.names))
 
 
 @dataclass(frozen=True, eq=False)

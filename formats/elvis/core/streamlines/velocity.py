@@ -72,6 +72,10 @@ class Velocity:
         self._constant = [_constant_gradients(patch) for patch in self.patches]
         self._fields = [self._own_fields(patch) for patch in self.patches]
 
+    def is_straight(self, number: int) -> bool:
+        """Whether the map is affine in all elements of a patch."""
+        return self._constant[number] is not None
+
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
         """At reference points (n, D) of elements: patches (n,) and rows in them (n,)."""
         count, d = points.shape

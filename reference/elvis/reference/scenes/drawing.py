@@ -25,6 +25,7 @@ from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
+from elvis.reference.scenes.tubes import tube_crossings
 from elvis.reference.scenes.volumes import VolumeRays
 from elvis.reference.sources import Source
 from elvis.scene import (
@@ -36,6 +37,7 @@ from elvis.scene import (
     Plane,
     Scene,
     SceneObject,
+    Streamlines,
     Style,
     VolumeRendering,
 )
@@ -123,6 +125,8 @@ class Scenery:
                 found = self._levels(quantity or scene.field, values, view)
             case Faces(select=select):
                 found = self._faces(select, view)
+            case Streamlines():
+                found = tube_crossings(self.quantities, shown, view)
             case _:
                 return Crossings.none()
         found = found.weighed(view, self._greatest(view))
@@ -270,7 +274,8 @@ class Scenery:
         """The hits of an object with all that colours them."""
         style = _style(shown)
         quantity = style.quantity or scene.field
-        lit = is_lit(style, not isinstance(shown, CutSurface))
+        is_line = isinstance(shown, Streamlines) and shown.width is not None
+        lit = is_lit(style, not (is_line or isinstance(shown, CutSurface)))
         style = replace(style, range=style.range or ranges.get(quantity))
         ends = ranges.get(quantity, (0.0, 1.0))
         return [

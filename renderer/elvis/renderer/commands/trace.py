@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from elvis.core.arguments import field_option, json_option, overwrite_option
 from elvis.core.errors import ElvisError
 from elvis.renderer.commands.sources import Data, data_options
+from elvis.scene.commandline.options import COURSE, course_options
 
 if TYPE_CHECKING:
     from elvis.core.streamlines import Streamlines
@@ -23,26 +24,9 @@ Examples:
 """
 
 
-@click.command("trace", epilog=EPILOG, short_help="Follow streamlines through curved elements, exactly.")
-@click.option(
-    "--seeds",
-    multiple=True,
-    required=True,
-    metavar="WHAT",
-    help="Where lines begin: point:X,Y,Z; line:P:Q:N; disc:CENTRE:NORMAL:RADIUS:N; grid:LOW:HIGH:NX,NY,NZ; "
-    "boundary:NAME:N, N each way on every face; random:N or random:N:LOW:HIGH; or a table of points, - for standard "
-    "input.  Repeatable.",
+@click.command(
+    "trace", params=course_options(), epilog=EPILOG, short_help="Follow streamlines through curved elements, exactly."
 )
-@click.option("--random", type=int, default=0, show_default=True, help="Number that random seeds are drawn with.")
-@click.option("--velocity", metavar="U,V,W", help="Components, any quantities.  [default: u,v,w, rhou/rho, … as named]")
-@click.option(
-    "--direction", type=click.Choice(("forward", "backward", "both")), default="forward", show_default=True
-)  # fmt: skip
-@click.option("--length", type=float, help="Greatest length of a line.  [default: 10 diagonals of the box]")
-@click.option("--duration", type=float, help="Greatest time along a line.")
-@click.option("--speed", type=float, default=0.0, help="Lines that become slower end.  [default: those at rest]")
-@click.option("--steps", type=int, default=10_000, show_default=True, help="Steps of a line at most.")
-@click.option("--tolerance", type=float, help="Error of a step in units of length.  [default: 1e-12 diagonals]")
 @click.option("--spacing", type=float, help="Greatest distance of points along a line.  [default: 1/200 diagonal]")
 @field_option
 @json_option
@@ -51,20 +35,12 @@ Examples:
 @data_options
 def trace(
     data: Data,
-    seeds: tuple[str, ...],
-    random: int,
-    velocity: str | None,
-    direction: str,
-    length: float | None,
-    duration: float | None,
-    speed: float,
-    steps: int,
-    tolerance: float | None,
     spacing: float | None,
     quantities: tuple[str, ...],
     as_json: bool,
     output: Path | None,
     overwrite: bool,
+    **course: Any,
 ) -> None:
     """Follow streamlines from seeds, and print how they end.
 
@@ -77,24 +53,20 @@ def trace(
     from elvis.core.arguments import texts_of
     from elvis.core.files.output import check_places
     from elvis.core.terminal import print_json, print_table, stage
+    from elvis.scene import Streamlines as Shown
 
+    # what is not given is as in a scene, whose checks hold here, too
+    followed = Shown(**{name: value for name, value in course.items() if value is not None})
+    asked = {name: getattr(followed, name) for name in COURSE if name not in ("seeds", "velocity")}
     if output is not None:
         _check_suffix(output)
-        check_places([output], [*data.inputs(), *(Path(seed) for seed in seeds if Path(seed).is_file())], overwrite)
+        check_places(
+            [output], [*data.inputs(), *(Path(seed) for seed in followed.seeds if Path(seed).is_file())], overwrite
+        )
     source = data.source()
     with stage("following lines"):
         found: Streamlines = source.trace(
-            list(seeds),
-            texts_of(velocity),
-            direction=direction,
-            length=length,
-            duration=duration,
-            speed=speed,
-            steps=steps,
-            tolerance=tolerance,
-            spacing=spacing,
-            fields=quantities,
-            random=random,
+            list(followed.seeds), texts_of(followed.velocity), spacing=spacing, fields=quantities, **asked
         )
     _warn_of_seeds(found)
     if output is not None:

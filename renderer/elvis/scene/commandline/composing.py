@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from elvis.scene import Scene, SceneObject
     from elvis.scene.frame import Frame
 
+#: what of a style is drawn on surfaces alone
+LINES = ("contours", "mesh_lines")
 #: keys that a scene file may set within limits, and options without
 OVERRIDDEN = {"outputs", "stats", "plugin"}
 
@@ -79,10 +81,13 @@ def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
 
 def _apply_style(scene: Scene, style: dict[str, Any]) -> Scene:
     """The scene with values of the style in every object; without objects, of all outer faces."""
-    from elvis.scene import Faces, VolumeRendering
+    from elvis.scene import Faces, Streamlines, VolumeRendering
 
     def with_style(item: SceneObject) -> SceneObject:
-        return item if isinstance(item, VolumeRendering) else replace(item, style=replace(item.style, **style))
+        if isinstance(item, VolumeRendering):
+            return item
+        own = {key: value for key, value in style.items() if key not in LINES or not isinstance(item, Streamlines)}
+        return replace(item, style=replace(item.style, **own))
 
     objects = scene.every_object or (Faces(),)
     return replace(scene, plane=None, objects=tuple(map(with_style, objects)))

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import click
 
 from elvis.scene.commandline.command import FIGURE, text_type
-from elvis.scene.objects import SceneObject, Style
+from elvis.scene.objects import SceneObject, Streamlines, Style
 from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.whole import Scene
 
@@ -20,6 +20,9 @@ FIRST = ("field", "plugin", "reader", "others", "plane", "objects")
 STYLES = tuple(name for name, setting in settings(Style).items() if setting.option)
 #: options that add objects, by the key ``kind``
 OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
+
+#: what streamlines follow, as pictures and `elvis trace` have it
+COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "speed", "steps", "tolerance")
 
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {
@@ -50,6 +53,16 @@ def scene_options(leaving: Sequence[str]) -> list[click.Option]:
     return found
 
 
+def course_options() -> list[click.Parameter]:
+    """The options of `COURSE`, by the same names; seeds are required."""
+    found: list[click.Parameter] = []
+    for name in COURSE:
+        option = _option(name, settings(Streamlines)[name], types(Streamlines)[name])
+        option.required = name == "seeds"
+        found.append(option)
+    return found
+
+
 def _option(name: str, setting: Setting, hint: Any) -> click.Option:
     """The option of a setting, by the type of its place; without it the value is None, or nothing where it repeats."""
     only: Any = choices(hint)[0]
@@ -69,7 +82,7 @@ def _option(name: str, setting: Setting, hint: Any) -> click.Option:
         rest["type"] = click.Path(dir_okay=False)
     else:
         rest["type"] = only if only in (int, float) else str
-    return click.Option([*setting.option.split(), name], **rest)
+    return click.Option([*(setting.option or f"--{name}").split(), name], **rest)
 
 
 def _completions(names: tuple[str, ...], context: Any, parameter: Any, incomplete: str) -> list[str]:

@@ -86,6 +86,20 @@ def volume(text: str) -> scene.VolumeRendering:
     return scene.VolumeRendering(scene.Transfer(values, densities), quantity.strip() or None)
 
 
+def streamlines(text: str) -> scene.Streamlines:
+    """Seeds, and ``KEY=VALUE`` of other settings, with semicolons between them."""
+    seeds: list[str] = []
+    known, given = types(scene.Streamlines), {}
+    for part in filter(None, map(str.strip, text.split(";"))):
+        key, equals, value = (word.strip() for word in part.partition("="))
+        if not equals or ":" in key or "." in key:
+            seeds.append(part)
+            continue
+        check(key in known and key not in ("seeds", "style"), "streamlines", f"a key of {', '.join(known)}", repr(key))
+        given[key] = _plain(known[key], value)
+    return scene.Streamlines(tuple(seeds), **given)
+
+
 def contours(text: str) -> scene.Contours:
     """A whole number: n lines; else their values, with commas or a decimal point; then ``:labels``."""
     text, _, rest = text.partition(":")
@@ -113,7 +127,7 @@ def _plain(hint: Any, text: str) -> Any:
     if get_origin(only) is tuple:
         return numbers(text.replace(" ", ","))
     if only is int:
-        check(text.isdecimal(), "--bar", "a whole number", repr(text))
+        check(text.isdecimal(), "a number", "a whole one", repr(text))
         return int(text)
     return _number(text) if only is float else text
 

@@ -238,11 +238,17 @@ def _volume(item: Any) -> str:
     return _quantity(item, ",".join(f"{_number(value)}:{_number(density)}" for value, density in pairs))
 
 
+def _streamlines(item: Any) -> str:
+    given = {key: value for key, value in given_values(item).items() if key not in ("seeds", "style")}
+    return ";".join([*item.seeds, *(f"{key}={_value(value)}" for key, value in given.items())])
+
+
 _OBJECTS: dict[str, Callable[[Any], str]] = {
     "cut": lambda item: _surface(item.surface),
     "faces": lambda item: ",".join(item.select),
     "isosurface": lambda item: _quantity(item, _list(item.values)),
     "volume": _volume,
+    "streamlines": _streamlines,
 }
 #: by the function of `parameters` that reads the text
 _WRITERS: dict[str, Callable[[Any], str]] = {

@@ -1681,7 +1681,7 @@ class Viewer {
       return make("div", { className: "elvis-buttons elvis-hidden" }, `${shown.kind} ${this.summary(shown)}`,
         button("show", "Show it again, where it was", "unhide"), button("delete", "Take it away", "forget"));
     });
-    const kinds = this.facts.kind === "solid" ? ["plane", "sphere", "cylinder", "cone", "faces", "isosurface", "volume", "clip"] : ["faces"];
+    const kinds = this.facts.kind === "solid" ? ["plane", "sphere", "cylinder", "cone", "faces", "isosurface", "volume", "streamlines", "clip"] : ["faces", "streamlines"];
     const adding = make("select", { "aria-label": "add an object", onchange: (e) => { if (e.target.selectedIndex) this.create(e.target.value, controls); e.target.selectedIndex = 0; } },
       make("option", {}, "add…"), ...kinds.map((kind) => make("option", {}, kind)));
     const note = rows.length ? [] : [make("div", { className: "elvis-aside" }, this.facts.kind === "solid" ? "None: all outer faces are shown." : "None: all is shown.")];
@@ -1741,7 +1741,7 @@ class Viewer {
 
   summary(item) {
     const values = item.values ?? item.transfer?.values;
-    const parts = [item.surface?.kind, item.quantity, values?.map(short).join(", "), item.select?.join(", "), item.style?.quantity];
+    const parts = [item.surface?.kind, item.quantity, values?.map(short).join(", "), (item.select ?? item.seeds)?.join(", "), item.style?.quantity];
     return parts.filter(Boolean).join(" ");
   }
 
@@ -1804,6 +1804,7 @@ class Viewer {
     await this.survey();
     if (kind in SURFACES) return this.createSurface(kind, controls);
     if (kind === "faces") return this.add({ kind: "faces", select: ["all"] }, {});
+    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"] });
     const [low, high] = await this.spread();
     const middle = (low + high) / 2;
     const densities = [0, 0, 4 / controls.extent(this.facts.box)];

@@ -1,0 +1,134 @@
+"""Streamlines: how fast they are followed, with VTK's own tracer beside, and what tubes add to a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from measuring import Timing, in_turn, once
+from pictures import exact
+from shown import SHOWN, Shown
+from tables import Table, seconds
+
+from elvis.core.arrays import Floats
+from elvis.core.errors import ElvisError
+from elvis.core.streamlines.course import Course, Flow
+from elvis.core.streamlines.line_pieces import Curves, curves
+from elvis.formats import Dataset
+from elvis.reference.baseline.vtk import VtkBaseline
+from elvis.reference.extras import comparison_module
+from elvis.renderer import Renderer, Scene, Streamlines, Style
+
+VELOCITY = ("u", "v", "w")
+#: seeds in a box around each case's wing, lengths of lines, and a speed at which they end, near walls
+SEEDS = {"delta": "0,0,-0.05:1.1,0.3,0.25", "wing": "-0.2,0,-0.2:1,1.2,0.2"}
+LENGTH, SPEED = 1.0, 0.02
+
+
+def measure(device: str, lines: int, tubes: int, side: int, rounds: int, quick: bool) -> dict[str, Any]:
+    """Of both wings, of one to be quick: points a second, and pictures with and without tubes."""
+    rows = []
+    for shown in SHOWN[:1] if quick else SHOWN:
+        dataset = shown.whole(quick)
+        own = _followed(dataset, f"random:{lines}:{SEEDS[shown.name]}")
+        rows.append({"case": shown.name, **own, **_pictures(dataset, shown, device, tubes, side, rounds)})
+    return {"lines": lines, "tubes": tubes, "pixels": side, "rows": rows}
+
+
+def _followed(dataset: Dataset, seeds: str) -> dict[str, Any]:
+    """Steps of lines, and points of VTK's, by processor seconds."""
+    course = Course((seeds,), VELOCITY, length=LENGTH, speed=SPEED)
+    found: tuple[Curves, Timing] = once(partial(curves, dataset, course))
+    made, timing = found
+    points = _seeds(dataset, course)
+    numbers = {"points": len(made.pieces), "seconds": timing.effort, "ends": dict(made.ends)}
+    try:
+        count, other = once(partial(_vtk, VtkBaseline(dataset, VELOCITY).grid, points))
+    except ElvisError as error:
+        return {**numbers, "vtk": str(error)}
+    return {**numbers, "vtk_points": count, "vtk_seconds": other.effort}
+
+
+def _seeds(dataset: Dataset, course: Course) -> Floats:
+    """(n, 3) where lines begin."""
+    flow = Flow.of(dataset, course)
+    inside = flow.location.patch >= 0
+    location = flow.location
+    return flow.velocity.positions(location.patch[inside], location.row[inside], location.reference[inside])
+
+
+def _vtk(grid: Any, seeds: Floats) -> int:
+    """The points of the lines that VTK's tracer finds in its own cells, by its adaptive method of order 4 and 5."""
+    numpy_support = comparison_module("vtkmodules.util.numpy_support")
+    data = comparison_module("vtkmodules.vtkCommonDataModel")
+    flows = comparison_module("vtkmodules.vtkFiltersFlowPaths")
+    values = grid.GetPointData()
+    parts = [numpy_support.vtk_to_numpy(values.GetArray(name)) for name in VELOCITY]
+    vectors = numpy_support.numpy_to_vtk(np.ascontiguousarray(np.stack(parts, axis=1)), deep=True)
+    vectors.SetName("velocity")
+    values.SetVectors(vectors)
+    source, points = data.vtkPolyData(), comparison_module("vtkmodules.vtkCommonCore").vtkPoints()
+    points.SetData(numpy_support.numpy_to_vtk(np.ascontiguousarray(seeds), deep=True))
+    source.SetPoints(points)
+    tracer = flows.vtkStreamTracer()
+    tracer.SetInputData(grid)
+    tracer.SetSourceData(source)
+    tracer.SetIntegratorTypeToRungeKutta45()
+    tracer.SetIntegrationDirectionToForward()
+    tracer.SetMaximumPropagation(LENGTH)
+    tracer.SetTerminalSpeed(SPEED)
+    tracer.SetMaximumNumberOfSteps(10_000)
+    tracer.Update()
+    return int(tracer.GetOutput().GetNumberOfPoints())
+
+
+def _pictures(dataset: Dataset, shown: Shown, device: str, tubes: int, side: int, rounds: int) -> dict[str, Any]:
+    """The surfaces of a case with tubes and without, in turn."""
+    without = replace(shown.scenes("faces", side)["overview"], field=shown.field)
+    without = replace(without, objects=tuple(replace(item, style=Style()) for item in without.objects))
+    seeds = (f"random:{tubes}:{SEEDS[shown.name]}",)
+    drawn = Streamlines(seeds, ",".join(VELOCITY), length=LENGTH, speed=SPEED)
+    scene: Scene = replace(without, objects=(*without.objects, drawn))
+    with Renderer(device) as renderer:
+        renderer.load(dataset, shown.field)
+        frame, first = once(partial(renderer.render, scene))
+        works = {"with": partial(exact, renderer, scene), "without": partial(exact, renderer, without)}
+        timings = in_turn(works, rounds)
+    counts = frame.counts()
+    about = {"first": first.best, "certain": counts["certain"], "ambiguous": counts["ambiguous"]}
+    return {**about, **{name: timing.record() for name, timing in timings.items()}}
+
+
+def tables(numbers: dict[str, Any]) -> list[Table]:
+    """Two of them: following, and drawing."""
+    follow = Table(
+        f"Streamlines: {numbers['lines']} lines of length {LENGTH:g}",
+        ("case", "points", "processor s", "points a second", "VTK's points", "processor s", "points a second"),
+    )
+    draw = Table(
+        f"Tubes: {numbers['tubes']} of them, {numbers['pixels']} x {numbers['pixels']} pixels",
+        ("case", "with, s", "without, s", "added, s", "added, processor s", "first, s", "ambiguous pixels"),
+    )
+    for row in numbers["rows"]:
+        follow.rows.append((row["case"], *_rate(row["points"], row["seconds"]), *_others(row)))
+        one, other = row["with"], row["without"]
+        added = one["median"] - other["median"], one["processor"] - other["processor"]
+        first = (seconds(row["first"]), str(row["ambiguous"]))
+        draw.rows.append((row["case"], seconds(one["median"]), seconds(other["median"]), *map(seconds, added), *first))
+    follow.notes.append(
+        "Ours are steps of a method of order 8 with an error of 1e-12 of the box, VTK's those of its adaptive method "
+        "of order 4 and 5 at its usual tolerance, in Lagrange cells of the same order."
+    )
+    draw.notes.append("With and without take turns; lines are followed in the first picture alone.")
+    return [follow, draw]
+
+
+def _rate(points: int, time: float) -> tuple[str, ...]:
+    return f"{points:,}", seconds(time), f"{points / time:,.0f}"
+
+
+def _others(row: dict[str, Any]) -> Sequence[str]:
+    return _rate(row["vtk_points"], row["vtk_seconds"]) if "vtk_points" in row else ("", "", "")

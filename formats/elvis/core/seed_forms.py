@@ -1,0 +1,20 @@
+"""How texts say where streamlines begin, by the word that they start with; all other texts name tables of points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+FORMS: Mapping[str, str] = {
+    "point": "point:X,Y,Z",
+    "line": "line:P:Q:N",
+    "disc": "disc:CENTRE:NORMAL:RADIUS:N",
+    "grid": "grid:LOW:HIGH:NX,NY,NZ",
+    "boundary": "boundary:NAME:N",
+    "random": "random:N or random:N:LOW:HIGH",
+}
+
+
+def names_file(text: str) -> bool:
+    """Whether a text of seeds is the name of a file."""
+    kind, colon, _ = text.partition(":")
+    return kind not in FORMS and (not colon or "." in kind or len(kind) == 1)

@@ -1,0 +1,141 @@
+"""What lines follow, from where and how far: all that is told of streamlines, whatever is then made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.locate import Location, Locator
+from elvis.core.quantities.expression import Expression
+from elvis.core.streamlines.neighbours import Neighbours
+from elvis.core.streamlines.seeds import seed_points
+from elvis.core.streamlines.tracer import Limits, Tracer
+from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+
+#: directions: signs of the velocity
+DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
+#: where nothing is said, in parts of the box's diagonal: error of a step, length of lines
+TOLERANCE, LENGTH = 1e-12, 10.0
+#: a speed that counts as rest, in parts of the greatest speed at the seeds and in the elements' middles
+_REST = 1e-10
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where lines begin, what they follow, and where they end.
+
+    seeds      points (n, d), or texts as `seeds` describes them, such as ``line:0,0:0,1:20``
+    velocity   its components; None: what is customary in the data, u, v, w or rhou/rho, …
+    direction  forward, backward, or both
+    length     of lines in the world at most; None: ten diagonals of the box, where no duration is given
+    duration   in time at most
+    speed      lines that become slower end
+    steps      at most, each within one element
+    tolerance  error of a step in the world; None: 1e-12 of the diagonal of the box
+    random     number that random seeds are drawn with
+    """
+
+    seeds: Any
+    velocity: tuple[str, ...] | None = None
+    direction: str = "forward"
+    length: float | None = None
+    duration: float | None = None
+    speed: float = 0.0
+    steps: int = 10_000
+    tolerance: float | None = None
+    random: int = 0
+
+    def check(self) -> None:
+        """ElvisError for a direction that there is not, and limits that are not positive."""
+        if self.direction not in DIRECTIONS:
+            raise ElvisError(f"expected a direction, one of {', '.join(DIRECTIONS)}, found {self.direction!r}")
+        if not self.speed >= 0:
+            raise ElvisError(f"speed: expected a number that is not negative, found {self.speed}")
+        if self.steps < 1:
+            raise ElvisError(f"steps: expected at least 1, found {self.steps}")
+        for name in ("length", "duration", "tolerance"):
+            positive(name, getattr(self, name))
+
+
+def positive(name: str, value: float | None) -> None:
+    """ElvisError for a number that is given and not positive."""
+    if value is not None and not value > 0:
+        raise ElvisError(f"{name}: expected a positive number, found {value}")
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """A velocity in its elements, and where lines begin and end in it.
+
+    location  of the seeds
+    signs     of the velocity, one for each direction
+    """
+
+    velocity: Velocity
+    neighbours: Neighbours
+    locator: Locator
+    location: Location
+    limits: Limits
+    signs: tuple[int, ...]
+
+    @staticmethod
+    def of(dataset: Dataset, course: Course, others: Sequence[Expression] = ()) -> Flow:
+        """A course in a dataset; ``others`` are quantities that the velocity can be asked for, too.
+
+        ElvisError for 1D data, for what names no quantity, too few components, and limits that are not positive.
+        """
+        if dataset.mesh.dimension < 2:
+            raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+        course.check()
+        velocity = Velocity(dataset, velocity_expressions(dataset, course.velocity), others)
+        locator = Locator(velocity.patches)
+        location = locator.locate(seed_points(dataset, locator, course.seeds, course.random))
+        limits = _limits(diagonal(locator), course, _REST * _fastest(velocity, location))
+        neighbours = Neighbours(dataset, velocity.patches)
+        return Flow(velocity, neighbours, locator, location, limits, DIRECTIONS[course.direction])
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the box of all elements."""
+        return diagonal(self.locator)
+
+    def tracers(self) -> Iterator[Tracer]:
+        """The lines, ready to go: those of one direction after those of the other."""
+        for sign in self.signs:
+            tracer = Tracer(self.velocity, self.neighbours, self.locator, self.limits, sign)
+            tracer.place(self.location.patch, self.location.row, self.location.reference)
+            yield tracer
+
+
+def diagonal(locator: Locator) -> float:
+    """Of the box of all elements."""
+    box = np.asarray(locator.tree.nodes[0], np.float64)
+    return float(np.linalg.norm(box[3:] - box[:3]))
+
+
+def _limits(size: float, course: Course, rest: float) -> Limits:
+    """The limits, as given or as they follow from the size of the data."""
+    length = course.length
+    if length is None:
+        length = LENGTH * size if course.duration is None else np.inf
+    duration = np.inf if course.duration is None else course.duration
+    tolerance = TOLERANCE * size if course.tolerance is None else course.tolerance
+    return Limits(float(length), float(duration), course.speed, rest, course.steps, float(tolerance))
+
+
+def _fastest(velocity: Velocity, location: Location) -> float:
+    """The greatest speed at the seeds and in the middles of elements."""
+    inside = np.flatnonzero(location.patch >= 0)
+    speeds = [velocity.motion(location.patch[inside], location.row[inside], location.reference[inside]).speed]
+    for number, patch in enumerate(velocity.patches):
+        middle = np.zeros(patch.dimension)
+        middle[: patch.shape.dimension] = patch.shape.vertices.mean(axis=0)
+        rows = np.arange(len(patch))
+        speeds.append(velocity.motion(np.full(len(rows), number), rows, np.tile(middle, (len(rows), 1))).speed)
+    every = np.concatenate(speeds)
+    return float(every[np.isfinite(every)].max(initial=0.0))

@@ -1,0 +1,214 @@
+"""Streamlines as curves: polynomials of one parameter in the world and in the elements, for pictures of them.
+
+A step's dense output is a polynomial of degree 7 in the reference coordinates.  On straight simplices its image in the
+world is one, too.  In other elements the image is interpolated at Chebyshev points of a higher degree; what the series
+has beyond degree 7 bounds how far the first 8 terms are from it, and steps are halved until that is small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.boxnets import power_net
+from elvis.core.streamlines.course import Course, Flow
+from elvis.core.streamlines.dop853 import DEGREE
+from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.first_roots import before, beyond
+from elvis.core.streamlines.tracer import Piece, Tracer
+from elvis.core.streamlines.velocity import Velocity
+
+#: how far curves may be from the map of a step, in parts of the box's diagonal, before the step is halved
+DEVIATION = 1e-13
+#: how often a step is halved at most
+_HALVINGS = 8
+#: points of the interpolation: its series is known to twice the degree that is kept, but one
+_NODES = 15
+#: steps worked on at once
+_AT_ONCE = 1 << 14
+#: pieces of all curves at most
+_MOST_PIECES = 5_000_000
+
+
+def _to_powers() -> Floats:
+    """(8, 8) from Bernstein coefficients on [0, 1] to those of powers of u = 2 t - 1: rows are Bernstein polynomials.
+
+    Column j of the inverse has the Bernstein coefficients of u^j, which is (2 t - 1)^j.
+    """
+    nets = np.zeros((DEGREE + 1, DEGREE + 1))
+    for power in range(DEGREE + 1):
+        for k in range(power + 1):
+            sign = (-1.0) ** (power - k)
+            nets[:, power] += sign * 2.0**k * _binomial(power, k) * np.array(power_net(k, k, DEGREE))
+    return np.asarray(np.linalg.inv(nets).T)
+
+
+def _binomial(n: int, k: int) -> float:
+    return float(np.prod([(n - i) / (k - i) for i in range(k)]))
+
+
+#: Chebyshev points in [0, 1], (15, 8) values of Bernstein polynomials there, and (15, 15) from values to coefficients
+_POINTS = 0.5 + 0.5 * chebyshev.chebpts1(_NODES)
+_VALUES = np.stack(
+    [_binomial(DEGREE, k) * _POINTS**k * (1 - _POINTS) ** (DEGREE - k) for k in range(DEGREE + 1)], axis=1
+)
+_SERIES = np.linalg.inv(chebyshev.chebvander(2 * _POINTS - 1, _NODES - 1))
+#: (8, 8) from Chebyshev coefficients to those of powers: rows are Chebyshev polynomials
+_CHEBYSHEV = np.stack([np.pad(chebyshev.cheb2poly(np.eye(DEGREE + 1)[k]), (0, DEGREE))[: DEGREE + 1] for k in range(8)])
+_BERNSTEIN = _to_powers()
+_CONTROL = np.linalg.inv(_BERNSTEIN)
+#: (8, 8) each, from powers of u to those of v, where u is (v - 1) / 2 or (v + 1) / 2
+_HALVES = tuple(
+    np.array([[_binomial(p, q) * shift ** (p - q) * 0.5**p if q <= p else 0.0 for q in range(8)] for p in range(8)])
+    for shift in (-1.0, 1.0)
+)
+
+
+def bernstein_of(points: Floats) -> Floats:
+    """(n, 8, 3) control points of curves, from coefficients of powers (n, 8, 3): their hull holds the curve."""
+    return np.asarray(np.einsum("npd,pb->nbd", points, _CONTROL))
+
+
+def halved(points: Floats) -> Floats:
+    """(2 n, 8, 3) coefficients of powers of the first halves of curves (n, 8, 3), then of the second ones."""
+    return np.concatenate([np.einsum("npd,pq->nqd", points, half) for half in _HALVES])
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Pieces of curves, each within one element: polynomials of a parameter u in [-1, 1], as coefficients of powers.
+
+    points     (n, 8, 3)  in the world
+    reference  (n, 8, 3)  in the element, zero beyond its dimension
+    element    (n,)       ids in the file
+    deviation  (n,)       the curve is within this of the map of the polynomial in the element
+    """
+
+    points: Floats
+    reference: Floats
+    element: Ints
+    deviation: Floats
+
+    def __len__(self) -> int:
+        return len(self.element)
+
+    @staticmethod
+    def joined(parts: Sequence[Pieces]) -> Pieces:
+        """Several as one."""
+        none = Pieces(np.empty((0, 8, 3)), np.empty((0, 8, 3)), np.empty(0, np.int64), np.empty(0))
+        every = [none, *parts]
+        return Pieces(*(np.concatenate([getattr(own, name.name) for own in every]) for name in fields(Pieces)))
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Lines as pieces of curves.
+
+    pieces  of all lines
+    lines   how many have any
+    ends    how many lines end in each way, those that occur
+    size    diagonal of the box of all elements
+    """
+
+    pieces: Pieces
+    lines: int
+    ends: Mapping[str, int]
+    size: float
+
+
+def curves(dataset: Dataset, course: Course) -> Curves:
+    """The lines of a course; ElvisError as `course.Flow.of`, and where there are too many pieces."""
+    flow = Flow.of(dataset, course)
+    names = (*(WORDS[end][0] for end in End), *flow.neighbours.names)
+    found, count = [], 0
+    ends = np.zeros(len(names), np.int64)
+    for tracer in flow.tracers():
+        for part in _pieces_of(tracer, flow.velocity, DEVIATION * flow.size):
+            found.append(part)
+            count += len(part)
+            if count > _MOST_PIECES:
+                raise ElvisError(f"expected curves of {_MOST_PIECES} pieces in all at most; a smaller length has fewer")
+        ends += np.bincount(tracer.end, minlength=len(names))
+    counts = {name: int(number) for name, number in zip(names, ends, strict=True) if number}
+    lines = int(ends.sum() - ends[End.OUTSIDE])
+    return Curves(Pieces.joined(found), lines, counts, flow.size)
+
+
+def _pieces_of(tracer: Tracer, velocity: Velocity, most: float) -> Iterator[Pieces]:
+    """The steps of all lines, many at a time, as curves that deviate by ``most`` at most."""
+    kept: list[Piece] = []
+    count = 0
+    for piece in tracer.run():
+        kept.append(piece)
+        count += len(piece.line)
+        if count >= _AT_ONCE:
+            yield _curved(kept, velocity, most)
+            kept, count = [], 0
+    if kept:
+        yield _curved(kept, velocity, most)
+
+
+def _curved(steps: Sequence[Piece], velocity: Velocity, most: float) -> Pieces:
+    """Steps as curves."""
+    patch, row, part, end = (
+        np.concatenate([getattr(step, name) for step in steps]) for name in ("patch", "row", "part", "end")
+    )
+    nets = before(np.concatenate([step.nets for step in steps]), part)[:, :, :-1]
+
+    # a step that is cut short was integrated once more, to its end: the polynomial is brought there, as rounding and
+    # the dense output's lower order leave it elsewhere
+    apart = end[:, None, :-1] - nets[:, -1:]
+    nets = nets + np.linspace(0.0, 1.0, DEGREE + 1)[None, :, None] * apart
+    found = []
+    for number in np.unique(patch):
+        here = np.flatnonzero(patch == number)
+        found.append(_in_patch(velocity, int(number), row[here], nets[here], most))
+    return Pieces.joined(found)
+
+
+def _in_patch(velocity: Velocity, number: int, rows: Ints, nets: Floats, most: float) -> Pieces:
+    """Curves in elements of one patch, from Bernstein coefficients (k, 8, D) in these."""
+    dimension = velocity.patches[number].dimension
+    nets = nets[:, :, :dimension]
+    found = []
+    for halving in range(_HALVINGS + 1):
+        if not len(rows):
+            break
+        points, deviation = _image(velocity, number, rows, nets)
+        done = (deviation <= most) | (halving == _HALVINGS)
+        reference = np.zeros((int(done.sum()), DEGREE + 1, 3))
+        reference[:, :, :dimension] = np.einsum("nbd,bp->npd", nets[done], _BERNSTEIN)
+        ids = velocity.patches[number].element_ids[rows[done]]
+        found.append(Pieces(points[done], reference, ids, deviation[done]))
+        left = np.flatnonzero(~done)
+        middle = np.full(len(left), 0.5)
+        nets = np.concatenate([before(nets[left], middle), beyond(nets[left], middle)])
+        rows = np.tile(rows[left], 2)
+    return Pieces.joined(found)
+
+
+def _image(velocity: Velocity, number: int, rows: Ints, nets: Floats) -> tuple[Floats, Floats]:
+    """(k, 8, 3) coefficients of powers of the curves in the world, and (k,) how far they may be from the maps."""
+    count = len(rows)
+    if velocity.is_straight(number):
+        # an affine map takes control points to control points
+        places = velocity.positions(*_repeated(number, rows, nets)).reshape(count, -1, 3)
+        return np.einsum("nbd,bp->npd", places, _BERNSTEIN), np.zeros(count)
+    states = np.einsum("qb,nbd->nqd", _VALUES, nets)
+    places = velocity.positions(*_repeated(number, rows, states)).reshape(count, _NODES, 3)
+    series = np.einsum("kq,nqd->nkd", _SERIES, places)
+    # what was left out may stand at its greatest everywhere; as much again for what lies beyond it, folded back
+    tail = np.linalg.norm(np.abs(series[:, DEGREE + 1 :]).sum(axis=1), axis=1)
+    return np.einsum("nkd,kp->npd", series[:, : DEGREE + 1], _CHEBYSHEV), 2.0 * tail
+
+
+def _repeated(number: int, rows: Ints, states: Floats) -> tuple[Ints, Ints, Floats]:
+    """Patches, rows and reference points (k m, D) of points (k, m, D) in elements (k,)."""
+    every = np.repeat(rows, states.shape[1])
+    return np.full(len(every), number), every, states.reshape(len(every), -1)

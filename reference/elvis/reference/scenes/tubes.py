@@ -1,0 +1,238 @@
+"""Rays against tubes of streamlines: a dense search along each step of a line, and halving between signs.
+
+A step's dense output goes through the element's own map at many Chebyshev points; nothing is known of the curve between
+samples but what interpolation through these says, and no bound takes part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.errors import ElvisError
+from elvis.core.streamlines.course import Flow
+from elvis.core.streamlines.first_roots import bernstein_at
+from elvis.reference.quantities import Quantities
+from elvis.reference.scenes.crossings import Crossings
+from elvis.scene import Streamlines
+from elvis.scene.flow import RADIUS, course_of
+from elvis.scene.frame import Status
+from elvis.scene.time_limit import check_time
+from elvis.scene.view import View
+
+#: points through which a step is interpolated, samples of it, halvings between samples, rays looked at together
+_NODES, _SAMPLES, _HALVINGS, _AT_ONCE = 28, 65, 52, 1 << 13
+_POINTS = chebyshev.chebpts1(_NODES)
+_TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
+_U = np.linspace(-1.0, 1.0, _SAMPLES)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step of a line: its Chebyshev series (28, 3) in the world, Bernstein coefficients (8, D) in its element."""
+
+    series: Floats
+    net: Floats
+    part: float
+    element: int
+
+    def points(self, u: Floats) -> Floats:
+        """(n, 3) at parameters (n,)."""
+        return np.asarray(chebyshev.chebval(u, self.series).T)
+
+    def tangents(self, u: Floats) -> Floats:
+        """(n, 3) derivatives there."""
+        return np.asarray(chebyshev.chebval(u, chebyshev.chebder(self.series)).T)
+
+    def reference(self, u: Floats) -> Floats:
+        """(n, 3) places in the element."""
+        t = 0.5 * (u + 1.0) * self.part
+        found = np.zeros((len(u), 3))
+        found[:, : self.net.shape[1]] = bernstein_at(np.broadcast_to(self.net, (len(u), *self.net.shape)), t)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Met:
+    """Balls of a step that rays meet first or last: pixel (n,), place along the ray (n,), parameter (n,)."""
+
+    pixel: Ints
+    along: Floats
+    u: Floats
+    rank: Ints
+
+
+def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Crossings:
+    """All places at which rays enter or leave tubes of streamlines; ElvisError where neighbours aren't known."""
+    if quantities.dataset is None:
+        raise ElvisError("the reference follows no lines in what a runtime plugin has opened")
+    flow = Flow.of(quantities.dataset, course_of(shown))
+    if shown.width is None:
+        radius, growth = shown.radius or RADIUS * flow.size, 0.0
+    else:
+        half = 0.5 * shown.width * float(np.linalg.norm(view.column))
+        radius, growth = (0.0, half) if view.perspective else (half, 0.0)
+    columns = []
+    for step in _steps(flow):
+        check_time()
+        columns.append(_intervals(step, view, radius, growth))
+    if not columns:
+        return Crossings.none()
+    places = _places(quantities)
+    rows = np.concatenate(columns)
+    rows = rows[np.isin(rows["element"], list(places))]
+    return _joined(rows, places, view)
+
+
+def _places(quantities: Quantities) -> dict[int, tuple[int, int]]:
+    """Patch and row of elements by id."""
+    return {
+        int(element): (number, row)
+        for number, patch in enumerate(quantities.patches)
+        for row, element in enumerate(patch.element_ids)
+    }
+
+
+def _steps(flow: Flow) -> Iterator[_Step]:
+    """All steps of all lines."""
+    for tracer in flow.tracers():
+        for piece in tracer.run():
+            count = len(piece.line)
+            t = 0.5 * (_POINTS + 1.0) * piece.part[:, None]
+            states = bernstein_at(np.repeat(piece.nets[:, :, :-1], _NODES, axis=0), t.ravel())
+            patch, row = np.repeat(piece.patch, _NODES), np.repeat(piece.row, _NODES)
+            world = flow.velocity.positions(patch, row, states).reshape(count, _NODES, 3)
+            for k in range(count):
+                own = flow.velocity.patches[piece.patch[k]]
+                net = piece.nets[k, :, : own.dimension]
+                yield _Step(_TO_SERIES @ world[k], net, float(piece.part[k]), int(own.element_ids[piece.row[k]]))
+
+
+#: an interval of a ray within the balls of a step
+_ROW = np.dtype(
+    [("pixel", "i8"), ("element", "i8")]
+    + [(name, "f8") for name in ("enters", "leaves")]
+    + [(name, "f8", 3) for name in ("first", "last", "entrance", "exit")]
+)
+
+
+def _intervals(step: _Step, view: View, radius: float, growth: float) -> np.ndarray:
+    """Rows of ``_ROW``: where rays enter and leave the balls of a step."""
+    pixel = _near(step, view, radius, growth)
+    found = [np.zeros(0, _ROW)]
+    for start in range(0, len(pixel), _AT_ONCE):
+        some = pixel[start : start + _AT_ONCE]
+        enters = _met(step, view, some, radius, growth, 1.0)
+        leaves = _met(step, view, some, radius, growth, -1.0)
+        # of a ray that a step meets several times the first entrance goes with the first exit
+        both = np.intersect1d(enters.pixel * _SAMPLES + enters.rank, leaves.pixel * _SAMPLES + leaves.rank, True, True)
+        one, other = both[1], both[2]
+        rows = np.zeros(len(one), _ROW)
+        rows["pixel"], rows["element"] = enters.pixel[one], step.element
+        rows["enters"], rows["leaves"] = enters.along[one], leaves.along[other]
+        rows["first"], rows["last"] = step.reference(enters.u[one]), step.reference(leaves.u[other])
+        rows["entrance"], rows["exit"] = step.points(enters.u[one]), step.points(leaves.u[other])
+        found.append(rows)
+    return np.concatenate(found)
+
+
+def _near(step: _Step, view: View, radius: float, growth: float) -> Ints:
+    """Pixels in the box around a step's samples in the picture."""
+    points = step.points(_U)
+    thick = radius + growth * np.abs(view.depth_of(points))
+    placed = view.projected(points)
+    depth = view.depth_of(points)
+    if view.perspective and (depth <= 2.0 * thick).any():
+        return np.arange(view.count)
+    image = placed[:, :2] / placed[:, 2:]
+    size = float(np.linalg.norm(view.column))
+    around = 2.0 + 2.0 * (thick / size / (depth if view.perspective else 1.0)).max()
+    low = np.maximum(np.floor(image.min(axis=0) - around), 0).astype(np.int64)
+    high = np.minimum(np.ceil(image.max(axis=0) + around), [view.width - 1, view.height - 1]).astype(np.int64)
+    columns, rows = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+    return np.asarray((rows * view.width + columns).ravel())
+
+
+def _met(step: _Step, view: View, pixel: Ints, radius: float, growth: float, way: float) -> _Met:
+    """The first (``way`` 1) or last (-1) places of rays in balls, wherever these change from nearer to farther.
+
+    With s along the ray, a across it and w^2 = R^2 - |a|^2, that is where w s' + a a' - R R' comes from below zero.
+    """
+    origins, directions = view.rays(pixel % view.width, pixel // view.width)
+    lengths = np.linalg.norm(directions, axis=1)
+    unit = directions / lengths[:, None]
+    forward = growth * view.camera.basis()[2]
+    still = radius + (origins - np.asarray(view.camera.eye)) @ forward
+
+    def seen(ray: Ints, points: Floats, tangents: Floats) -> tuple[Floats, Floats, Floats]:
+        """What changes its sign, the square of w, and s, of points (…, 3) along rays."""
+        own = unit[ray]
+        away = points - origins[ray]
+        along = np.einsum("...i,...i->...", away, own)
+        across = away - along[..., None] * own
+        thick = still[ray] + away @ forward
+        room = thick**2 - np.einsum("...i,...i->...", across, across)
+        rate = np.einsum("...i,...i->...", tangents, own)
+        change = np.einsum("...i,...i->...", across, tangents) - thick * (tangents @ forward)
+        return way * rate * np.sqrt(np.maximum(room, 0.0)) + change, room, along
+
+    every = np.arange(len(pixel))[:, None]
+    sign, room, _ = seen(np.repeat(every, _SAMPLES, axis=1), step.points(_U)[None], step.tangents(_U)[None])
+    turns = (sign[:, :-1] < 0) & (sign[:, 1:] >= 0)
+    ray, place = np.nonzero(turns)
+    low, high = _U[place].copy(), _U[place + 1].copy()
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = seen(ray, step.points(middle), step.tangents(middle))[0] < 0
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+
+    # both ends of the step count, too, where nothing comes before or after
+    starts, ends = np.flatnonzero(sign[:, 0] >= 0), np.flatnonzero(sign[:, -1] < 0)
+    ray = np.concatenate([ray, starts, ends])
+    u = np.concatenate([0.5 * (low + high), np.full(len(starts), -1.0), np.full(len(ends), 1.0)])
+    _, room, along = seen(ray, step.points(u), step.tangents(u))
+    hit = np.flatnonzero(room > 0)
+    hit = hit[np.lexsort([u[hit], ray[hit]])]
+    own = ray[hit]
+    rank = np.arange(len(own)) - np.searchsorted(own, own)
+    depth = (along[hit] - way * np.sqrt(room[hit])) / lengths[own]
+    return _Met(pixel[own], depth, u[hit], rank)
+
+
+def _joined(rows: np.ndarray, places: dict[int, tuple[int, int]], view: View) -> Crossings:
+    """Where rays enter or leave all balls together, in front of the eye."""
+    rows = rows[np.lexsort([rows["enters"], rows["pixel"]])]
+    kept: list[tuple[int, str]] = []
+    for start, end in _runs(rows["pixel"]):
+        reach = -np.inf
+        last = -1
+        for k in range(start, end):
+            if rows["enters"][k] > reach:
+                kept += [(last, "leaves")] if last >= 0 else []
+                kept.append((k, "enters"))
+            if rows["leaves"][k] > reach:
+                reach, last = rows["leaves"][k], k
+        kept.append((last, "leaves"))
+    row = np.array([k for k, _ in kept], np.int64)
+    is_entrance = np.array([name == "enters" for _, name in kept], bool)
+    own = rows[row]
+    depth = np.where(is_entrance, own["enters"], own["leaves"])
+    reference = np.where(is_entrance[:, None], own["first"], own["last"])
+    center = np.where(is_entrance[:, None], own["entrance"], own["exit"])
+    pixel = own["pixel"].astype(np.int64)
+    origins, directions = view.rays(pixel % view.width, pixel // view.width)
+    normal = origins + depth[:, None] * directions - center
+    pair = np.array([places[int(element)] for element in own["element"]], np.int64).reshape(-1, 2)
+    status = np.full(len(row), Status.CERTAIN, np.uint8)
+    found = Crossings(pixel, depth, pair[:, 0], pair[:, 1], reference, normal, status, np.full(len(row), np.nan))
+    return Crossings.concatenate([found.part(depth > 0)])
+
+
+def _runs(pixel: Ints) -> Iterator[tuple[int, int]]:
+    """Where equal numbers (n,) begin and end."""
+    starts = np.flatnonzero(np.diff(pixel, prepend=-1))
+    yield from zip(starts, [*starts[1:], len(pixel)], strict=True)

@@ -1,0 +1,206 @@
+"""Tubes about curves: pieces of curves are drawn into the tiles of the picture that their tubes reach into."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.streamlines.line_pieces import Pieces, bernstein_of, halved
+from elvis.renderer.camera import record_of
+from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.memory import Buffer
+from elvis.renderer.passes.solids.solids import values_at_hits
+from elvis.renderer.tiles import bin_sections
+from elvis.scene.conditioning import misplaced
+from elvis.scene.view import View
+
+#: pixels of a piece's longer side above which it is halved, beyond four radii; how often at most, and next to the eye
+_LARGE, _HALVINGS, _HALVINGS_HERE = 40.0, 12, 4
+#: pixels by which bounds are wider than they were computed
+_ROOM = 1e-3
+#: what of the hit buffer the device holds
+_HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
+
+
+@dataclass(frozen=True)
+class Girth:
+    """How thick tubes are: a radius in the world, or a width in pixels at any depth."""
+
+    radius: float | None
+    width: float | None
+
+    def in_view(self, view: View) -> tuple[float, float]:
+        """The radius at the plane of the eye, and what it grows by with depth."""
+        if self.width is None:
+            assert self.radius is not None
+            return self.radius, 0.0
+        half = 0.5 * self.width * float(np.linalg.norm(view.column))
+        return (0.0, half) if view.perspective else (half, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _InView:
+    """Pieces that a view sees.
+
+    number       (n,)          which pieces they are a part of
+    points       (n, 8, 3)     coefficients of powers in the world
+    place        (n, 2)        the middle and half the width of their parameters in the piece's
+    near         (n,)          no point of the tube has a smaller depth
+    least, most  (n, 4)        bounds of x, y, x + y and x - y of their pixels
+    """
+
+    number: Ints
+    points: Floats
+    place: Floats
+    near: Floats
+    least: Ints
+    most: Ints
+
+
+class TubeDrawer:
+    """Tubes in a loaded volume; what the last view saw of the last curves is kept."""
+
+    def __init__(self, loaded: DeviceVolume) -> None:
+        self.loaded = loaded
+        order = np.argsort(loaded.ids[:-1], kind="stable")
+        self._ids, self._owners = loaded.ids[:-1][order], order
+        self._key: tuple[View, Pieces, Girth] | None = None
+        self._buffers: dict[str, Buffer] = {}
+        self._work: Ints = np.empty(0, np.int64)
+
+    def draw(
+        self, view: View, pieces: Pieces, girth: Girth, beyond: Floats | None = None, quantity: str | None = None
+    ) -> HitBuffer:
+        """Where rays first enter or leave tubes, behind the depths ``beyond`` (n,) where given.
+
+        A hit's element, reference coordinates and value are those of the curve's point whose ball is met.
+        """
+        device = self.loaded.device
+        kernel = device.kernel("tube_draw")
+        key = (view, pieces, girth)
+        if self._key != key:
+            self._key = None
+            self._buffers = self._prepared(view, pieces, girth)
+            self._key = key
+        radius, growth = girth.in_view(view)
+        greatest = max(self.loaded.extent, float(np.abs(view.camera.eye).max()))
+        facts = {"radius": radius, "growth": growth, "misplaced": misplaced(view, self.loaded.extent)}
+        facts |= {"tie": 1e-12 * greatest, "count": len(self._work), "has_beyond": beyond is not None}
+        after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
+        held = new_arrays(device, view.count, _HELD)
+        record = device.buffer(record_of(kernel, "view", view, **facts))
+        output = {**arrays_to_write(device, held), "after": device.buffer(after), "view": record}
+        kernel(len(self._work), {**self._buffers, **output}, groups=True, work=self._work)
+        hits = HitBuffer.on_device(device, held, field=np.empty(0))
+        return hits.showing(values_at_hits(self.loaded, hits, quantity))
+
+    def _prepared(self, view: View, pieces: Pieces, girth: Girth) -> dict[str, Buffer]:
+        """The kernel's records of what a view sees."""
+        device = self.loaded.device
+        kernel = device.kernel("tube_draw")
+        owner, known = self._owners_of(pieces.element)
+        seen = _in_view(view, pieces, girth, np.flatnonzero(known))
+        reference = _part_of(pieces.reference[seen.number], seen.place)
+        curves = np.zeros(len(seen.number), kernel.dtype("curves"))
+        curves["points"] = seen.points.reshape(len(curves), -1)
+        curves["reference"] = reference.reshape(len(curves), -1)
+        power = np.arange(seen.points.shape[1])
+        curves["turn"] = np.linalg.norm(seen.points, axis=2) @ (power * (power - 1.0))
+        curves["near"] = seen.near
+        curves["deviation"] = pieces.deviation[seen.number]
+        curves["owner"] = owner[seen.number]
+        tiles, listed = bin_sections(seen.least, seen.most, kernel.dtype("tiles"), (view.width, view.height))
+        self._work = (tiles["end"] - tiles["first"]).astype(np.int64)
+        data = {"curves": curves, "listed": listed, "tiles": tiles}
+        return {name: device.buffer(array) for name, array in data.items()}
+
+    def _owners_of(self, element: Ints) -> tuple[Ints, Bools]:
+        """Indices of elements by their ids (n,), and (n,) whether the volume has them."""
+        if not len(self._ids):
+            return np.zeros(len(element), np.int64), np.zeros(len(element), bool)
+        place = np.minimum(np.searchsorted(self._ids, element), len(self._ids) - 1)
+        return self._owners[place], self._ids[place] == element
+
+
+def _part_of(points: Floats, place: Floats) -> Floats:
+    """(n, k, 3) coefficients of parts of polynomials (n, k, 3): u is m + h v with m, h in ``place`` (n, 2)."""
+    middle, half = place.T[:, :, None]
+    found = np.zeros_like(points)
+    for k in range(points.shape[1] - 1, -1, -1):
+        shifted = middle[:, None] * found
+        shifted[:, 1:] += half[:, None] * found[:, :-1]
+        shifted[:, 0] += points[:, k]
+        found = shifted
+    return found
+
+
+def _in_view(view: View, pieces: Pieces, girth: Girth, chosen: Ints) -> _InView:
+    """What a view sees of some pieces, halved while they are large in the picture, nearest first."""
+    number, points = chosen, pieces.points[chosen]
+    place = np.tile([0.0, 1.0], (len(chosen), 1))
+    found: list[_InView] = []
+    for halving in range(_HALVINGS + 1):
+        near, low, high, thick = _bounds(view, points, girth)
+        seen = (high[:, :2] >= 0.0).all(axis=1) & (low[:, :2] <= [view.width - 1, view.height - 1]).all(axis=1)
+        large = (high - low)[:, :2].max(axis=1) > _LARGE + 2.0 * thick
+        large &= halving < np.where(near > 0.0, _HALVINGS, _HALVINGS_HERE)
+        done = np.flatnonzero(seen & ~large)
+        found.append(
+            _InView(number[done], points[done], place[done], near[done], *_pixels(view, low[done], high[done]))
+        )
+        left = np.flatnonzero(seen & large)
+        if not len(left):
+            break
+        number, points = np.tile(number[left], 2), halved(points[left])
+        half = 0.5 * place[left, 1]
+        middles = np.concatenate([place[left, 0] - half, place[left, 0] + half])
+        place = np.stack([middles, np.tile(half, 2)], axis=1)
+    joined = [np.concatenate(column) for column in zip(*(vars(own).values() for own in found), strict=True)]
+    order = np.argsort(joined[3], kind="stable")
+    return _InView(*(column[order] for column in joined))
+
+
+def _bounds(view: View, points: Floats, girth: Girth) -> tuple[Floats, Floats, Floats, Floats]:
+    """For each of n tubes the least depth; least and greatest x, y, x + y and x - y in pixels (n, 4); twice its radius.
+
+    A ball of radius R about a point at depth z, t the tangent of its angle from the axis, is seen within
+    R (1 + t^2)^(1/2) / (z - R) of the point's image at depth 1.  What reaches behind the eye may be anywhere.
+    """
+    control = bernstein_of(points)
+    depth = view.depth_of(control)
+    radius, growth = girth.in_view(view)
+    thick = radius + growth * np.abs(depth)
+    near = (depth - thick).min(axis=1)
+    step = float(np.linalg.norm(view.column))
+    placed = view.projected(control)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        image = placed[..., :2] / placed[..., 2:]
+        if view.perspective:
+            across = np.linalg.norm(
+                control - np.asarray(view.camera.eye) - depth[..., None] * view.camera.basis()[2], axis=2
+            )
+            around = thick * np.sqrt(1.0 + (across / depth) ** 2) / (depth - thick) / step
+        else:
+            around = thick / step
+    both = np.stack([image[..., 0], image[..., 1], image.sum(axis=2), image[..., 0] - image[..., 1]], axis=2)
+    wide = around[..., None] * [1.0, 1.0, np.sqrt(2.0), np.sqrt(2.0)] + _ROOM
+    low, high = (both - wide).min(axis=1), (both + wide).max(axis=1)
+    if view.perspective:
+        anywhere = ~(near > 0.0)
+        low[anywhere], high[anywhere], around[anywhere] = -np.inf, np.inf, 1.0
+        # what lies all behind the eye is not seen
+        hidden = (depth + thick).max(axis=1) <= 0.0
+        low[hidden], high[hidden] = np.inf, -np.inf
+    return near, low, high, 2.0 * around.max(axis=1)
+
+
+def _pixels(view: View, low: Floats, high: Floats) -> tuple[Ints, Ints]:
+    """Bounds (n, 4) of pixels within the picture."""
+    ends = np.array([view.width - 1, view.height - 1, view.width + view.height - 2, view.width - 1], np.float64)
+    starts = np.array([0.0, 0.0, 0.0, -(view.height - 1.0)])
+    least = np.ceil(np.clip(low, starts, ends)).astype(np.int64)
+    most = np.floor(np.clip(high, starts, ends)).astype(np.int64)
+    return least, np.maximum(most, least)

@@ -1,0 +1,54 @@
+"""Streamlines of a scene in its data: followed once for all pictures of the same data, whichever device draws them."""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+from elvis.core.arguments import texts_of
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.streamlines.course import Course
+from elvis.core.streamlines.line_pieces import Curves, curves
+from elvis.scene.errors import SceneError
+from elvis.scene.objects import Streamlines
+
+#: radius of tubes where nothing says it, in parts of the diagonal of the box
+RADIUS = 0.003
+#: courses in the same data whose lines are kept
+_MOST = 8
+_KNOWN: WeakKeyDictionary[Dataset, dict[Course, Curves]] = WeakKeyDictionary()
+
+
+def course_of(item: Streamlines) -> Course:
+    """What the lines of an object follow."""
+    velocity = texts_of(item.velocity)
+    return Course(
+        item.seeds,
+        None if velocity is None else tuple(velocity),
+        item.direction,
+        item.length,
+        item.duration,
+        item.speed,
+        item.steps,
+        item.tolerance,
+        item.random,
+    )
+
+
+def curves_in(dataset: Dataset, item: Streamlines) -> Curves:
+    """The lines of an object; SceneError for seeds and velocities that can't be, and where all seeds are outside."""
+    course = course_of(item)
+    known = _KNOWN.setdefault(dataset, {})
+    if "-" in item.seeds:
+        raise SceneError("seeds of streamlines: expected the name of a table, found -")
+    if course not in known:
+        if len(known) >= _MOST:
+            known.clear()
+        try:
+            known[course] = curves(dataset, course)
+        except ElvisError as error:
+            raise SceneError(f"streamlines: {error}") from error
+    found = known[course]
+    if not found.lines:
+        raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
+    return found

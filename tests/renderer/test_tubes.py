@@ -1,0 +1,176 @@
+"""Tubes of streamlines against closed forms, and against the reference's search along each line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Dataset
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.renderer import Camera, Clip, CutSurface, Faces, Plane, SceneError, Sphere, Status, Streamlines, Style
+from elvis.scene.commandline.composing import composed
+from elvis.scene.commandline.parameters import streamlines
+from elvis.scene.commandline.writing import option_words
+from elvis.scene.tables import scene_of, table_of
+
+
+def data(mesh, **functions):
+    """A dataset with the fields u, v, w, of degree 4."""
+    bare = Dataset(mesh)
+    return Dataset(mesh, tuple(approximated(bare, name, own, 5) for name, own in functions.items()))
+
+
+def constant(value):
+    return lambda p: np.full(len(p), float(value))
+
+
+@pytest.fixture(scope="module")
+def circles():
+    """A rotation about (0.5, 0.5) in bent hexahedra."""
+    mesh = curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), 3)
+    return data(mesh, u=lambda p: 0.5 - p[:, 1], v=lambda p: p[:, 0] - 0.5, w=constant(0))
+
+
+@pytest.fixture(scope="module")
+def helices():
+    """A screw about y = z = 0.5 through bent elements of every shape."""
+    mesh = curved(mixed_volume(0), ripple(0.02), 3)
+    return data(mesh, u=constant(0.3), v=lambda p: 0.5 - p[:, 2], w=lambda p: p[:, 1] - 0.5)
+
+
+def rays_of(frame, pixel):
+    """Origins and unit directions of pixels, and the lengths of what depth counts in."""
+    origins, directions = (own[pixel] for own in frame.view.every_ray())
+    lengths = np.linalg.norm(directions, axis=1)
+    return origins, directions / lengths[:, None], lengths
+
+
+RADIUS, RING = 0.06, 0.3
+TORUS = np.array([0.5, 0.5, 0.45])
+
+
+def torus_depths(frame, pixel):
+    """(n,) depths at which rays first meet the torus, inf where they don't: roots of quartics, by NumPy."""
+    origins, along, lengths = rays_of(frame, pixel)
+    origins = origins - TORUS
+    shift = -np.einsum("ni,ni->n", origins, along)
+    near = origins + shift[:, None] * along
+    k = (near**2).sum(axis=1) + RING**2 - RADIUS**2
+    a, b, c = (
+        4 * RING**2 * np.einsum("ni,ni->n", one[:, :2], other[:, :2])
+        for one, other in ((along, along), (near, along), (near, near))
+    )
+    found = np.full(len(pixel), np.inf)
+    for row in range(len(pixel)):
+        roots = np.roots([1, 0, 2 * k[row] - a[row], -2 * b[row], k[row] ** 2 - c[row]])
+        real = roots[np.abs(roots.imag) < 1e-9].real + shift[row]
+        found[row] = real[real > 0].min(initial=np.inf) / lengths[row]
+    return found
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0),
+        Camera((0.5, -1.7, 0.47), (0.5, 0.5, 0.46), height=0.9),
+        Camera((0.8, 0.5, 0.47), (0.5, 0.8, 0.44), fov=70.0),
+    ],
+    ids=["aside", "along its plane", "from within"],
+)
+def test_a_circles_tube_is_a_torus(draw, circles, camera):
+    shown = Streamlines(("point:0.8,0.5,0.45",), duration=2 * np.pi, radius=RADIUS)
+    frame = draw(circles, field="u", objects=(shown,), camera=camera, size=(60, 48))
+    away = frame.position[frame.seen] - TORUS
+    off = np.hypot(np.hypot(away[:, 0], away[:, 1]) - RING, away[:, 2]) - RADIUS
+    assert len(off) > 90
+    assert np.abs(off).max() < 1e-10
+    # the value is that of the ball's middle, u = 0.5 - y on the circle nearby
+    middle = TORUS[1] + RING * away[:, 1] / np.hypot(away[:, 0], away[:, 1])
+    assert np.abs(frame.field[frame.seen] - (0.5 - middle)).max() < 1e-10
+    pixel = np.arange(0, frame.view.count, 5)
+    depth = torus_depths(frame, pixel)
+    proved = frame.status.ravel()[pixel] != Status.AMBIGUOUS
+    assert np.array_equal(frame.seen.ravel()[pixel][proved], np.isfinite(depth)[proved])
+    both = proved & np.isfinite(depth)
+    assert np.abs(frame.depth.ravel()[pixel][both] - depth[both]).max() < 1e-9
+    assert frame.counts()["ambiguous"] < 0.06 * frame.view.count
+
+
+def test_a_screws_tube_is_met_where_dense_sampling_meets_it(draw, helices):
+    shown = Streamlines(("point:0.2,0.8,0.5",), length=2.0, radius=0.05)
+    camera = Camera((4.2, -2.7, 2.9), (1.2, 0.5, 0.5), fov=24.0)
+    frame = draw(helices, field="u", objects=(shown,), camera=camera, size=(80, 50))
+    time = np.linspace(0, 2.0 / np.hypot(0.3, 0.3), 6001)
+    line = np.stack([0.2 + 0.3 * time, 0.5 + 0.3 * np.cos(time), 0.5 + 0.3 * np.sin(time)], axis=1)
+    for pixel in range(0, frame.view.count, 9):
+        origin, along, length = (own[0] for own in rays_of(frame, [pixel]))
+        away = line - origin
+        depth = away @ along
+        room = 0.05**2 - ((away - depth[:, None] * along) ** 2).sum(axis=1)
+        met = room >= 0
+        first = (depth[met] - np.sqrt(room[met])).min(initial=np.inf) / length
+        if frame.status.flat[pixel] == Status.CERTAIN:
+            # samples lie 1.4e-4 apart: what they meet is later by the square of that over radius and cosine
+            assert -1e-9 < first - frame.depth.flat[pixel] < 1e-3
+        elif frame.status.flat[pixel] == Status.MISS:
+            assert not met.any()
+
+
+BASE = Streamlines(("point:0.5,0.8,0.5", "point:0.7,0.23,0.4"), length=0.9, radius=0.05)
+VIEW = {
+    "camera": Camera((4.2, -2.7, 2.9), (1.0, 0.5, 0.5), fov=22.0),
+    "size": (48, 36),
+    "field": "x",
+    "range": (0.0, 1.9),
+}
+SCENES = {
+    "behind one another": {
+        "objects": (
+            replace(BASE, style=Style(opacity=0.5, quantity="x*u")),
+            CutSurface(Plane((1.2, 0, 0), (1, 0, 0)), Style(opacity=0.7)),
+        ),
+        "clip": (Clip(Sphere((1.0, 0.5, 0.9), 0.4)),),
+    },
+    "width in pixels": {"objects": (replace(BASE, radius=None, width=6.0), Faces(style=Style(opacity=0.3)))},
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_pictures_are_those_of_the_reference(draw, helices, scene):
+    frame, truth = (draw(helices, device, **VIEW, **SCENES[scene]) for device in ("vulkan", "reference"))
+    assert np.array_equal(frame.element, truth.element)
+    assert frame.counts()["certain"] > 0.95 * frame.seen.sum() > 200
+    assert np.abs(frame.depth[frame.seen] - truth.depth[frame.seen]).max() < 1e-9
+    assert np.abs(frame.field[frame.seen] - truth.field[frame.seen]).max() < 1e-9
+    assert np.abs(frame.color - truth.color).max() < 1e-7
+
+
+def test_scenes_commands_and_python_say_the_same():
+    text = "random:5;seeds.csv;direction=both;radius=0.01;velocity=u,v,w+0.1;steps=50"
+    made = streamlines(text)
+    assert made == Streamlines(("random:5", "seeds.csv"), "u,v,w+0.1", direction="both", steps=50, radius=0.01)
+    scene = composed((), {"streamlines": (made,), "contours": None, "opacity": 0.5}, ())
+    assert scene.objects[0].style.opacity == 0.5
+    assert scene_of(table_of(scene)) == scene
+    assert scene_of(table_of(scene), "below").objects[0].seeds[1].replace("\\", "/") == "below/seeds.csv"
+    words = option_words(scene)
+    assert words[:2] == ["--streamlines", "random:5;seeds.csv;velocity=u,v,w+0.1;direction=both;steps=50;radius=0.01"]
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"seeds": ()}, "seeds of streamlines: expected at least one, found none"),
+        ({"radius": 1.0, "width": 2.0}, "streamlines: expected a radius or a width, found both"),
+        ({"direction": "up"}, "direction of streamlines: expected forward or backward or both, found up"),
+        ({"length": -1.0}, "length of streamlines: expected a positive number, found -1.0"),
+        ({"seeds": ("point:7,7,7",)}, "expected some in the elements, found all outside"),
+        ({"seeds": ("pont:7,7,7",)}, "streamlines: expected seeds as one of .*perhaps point"),
+        ({"velocity": "u,v"}, "streamlines: expected a velocity of 3 components"),
+        ({"seeds": ("-",)}, "expected the name of a table, found -"),
+    ],
+)
+def test_what_is_refused(draw, helices, given, match):
+    with pytest.raises(SceneError, match=match):
+        draw(helices, objects=(Streamlines(**{"seeds": ("point:1,0.5,0.5",), **given}),), size=(8, 8))
