@@ -37,6 +37,20 @@ def test_planes_leave_parts_of_known_moments(shape):
     assert integrate(dataset, "volume", clip="outside:plane:1,0,0:1,0,0").value == pytest.approx(1, rel=1e-12)
 
 
+def test_level_sets_through_the_apex_of_pyramids():
+    """A sphere that the bottom of the cube cuts and whose top is the apex, and a double cone with its tip there."""
+    dataset = Dataset(grid(Shape.PYRAMID, 1))
+    ball = 4 / 3 * np.pi * 0.3**3 - np.pi * 0.1**2 * (3 * 0.3 - 0.1) / 3
+    cone = 2 * np.pi / 3 * 0.25**2 * 0.5
+    for clip, truth in (
+        ("sphere:0.5,0.5,0.2:0.3", ball),
+        ("(x-0.5)^2 + (y-0.5)^2 - (z-0.5)^2/4 = 0", cone),
+    ):
+        found = integrate(dataset, "volume", clip=f"outside:{clip}", error=1e-3)
+        assert found.value == pytest.approx(truth, rel=1e-6)
+        assert abs(found.value - truth) <= found[0].error < 1e-3 * truth
+
+
 def test_a_level_set_that_is_a_field():
     """A disc of radius 0.4 in the unit square, of a field on squares; several regions are added up."""
     bare = Dataset(grid(Shape.QUADRILATERAL, 3))

@@ -25,6 +25,7 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.levels import same_level
 from elvis.core.quantities.tree import Node, call, coordinate, number
+from elvis.core.shapes import Shape
 
 _PLANE, _SPHERE, _OUTSIDE = "plane:", "sphere:", "outside:"
 #: by how much of the size of its values a level is moved, so that surfaces along borders of elements count once: at
@@ -34,6 +35,8 @@ _AWAY, _MOST_AWAY, _AWAY_OF_JUMPS = 2e-14, 4e-12, 4.0
 _ROUNDING, _MOST_JUMP = 2e-15, 1e-10
 #: what moving a level does to integrals over its surface, as a rule, in parts of how far it is moved
 _MOVED = 50.0
+#: the same within which they are 0 at the apex of a pyramid
+_AT_APEX = 4.0
 #: values at once, of elements that are asked whether a surface meets them
 _BATCH = 1 << 20
 
@@ -150,6 +153,8 @@ class Level:
         for cell in range(len(corners(patch.shape))):
             reference = subcell_map(patch.shape, np.full(len(lattice), cell), lattice)[0]
             nets = sampled.nets(piece.rows[met], reference)
+            if patch.shape is Shape.PYRAMID:
+                nets = without_apex(nets, _AT_APEX * max(doubt.away, _ROUNDING) * doubt.size)
             nets = nets.reshape(len(met), *(1,) * (3 - d), *nets.shape[1:])
             cells = _boxes(patch, piece.rows[met], cell, nets, rounding[met], sizes[met])
             found.append(replace(cells, is_filled=is_filled).resolved())
@@ -178,6 +183,29 @@ class Level:
                 f"{self.name}: expected a polynomial of fields and coordinates, whose surface can be proved"
             )
         return max(degree, 1)
+
+
+def without_apex(nets: Floats, nothing: float) -> Floats:
+    """The nets (n, D, D, D) of g in pyramids' collapsed cubes, of g / (1 - c) instead where g is 0 at the apex.
+
+    There g vanishes on the whole face c = 1 that is the apex, next to which no halving shows a graph.  The quotient h
+    has its sign and its other zeros: with g of degree m in c, h_k = g_k m / (m - k), whose degree is raised to m.
+
+    nothing  below which values are 0
+    """
+    degree = nets.shape[3] - 1
+    result, k = nets.copy(), np.arange(degree + 1)
+    for _ in range(degree):
+        size = np.abs(result).max(axis=(1, 2, 3))
+        at_apex = np.abs(result[..., -1]).max(axis=(1, 2))
+        here = np.flatnonzero((at_apex <= nothing) & (size > nothing))
+        if not len(here):
+            break
+        quotient = result[here][..., :-1] * degree / (degree - k[:-1])
+        below = np.concatenate([quotient[..., :1], quotient], axis=3)
+        above = np.concatenate([quotient, quotient[..., -1:]], axis=3)
+        result[here] = below * k / degree + above * (1 - k / degree)
+    return result
 
 
 @dataclass(frozen=True)
