@@ -64,6 +64,24 @@ def test_means_over_time_are_integrals(tmp_path, elvis):
     assert np.abs(found["u_u"] - slope**2 * 2.0**2 / 12).max() < 1e-12  # that of a line over [0, 2]
 
 
+def test_extremes_are_those_of_steps_with_their_times(tmp_path, elvis):
+    """Exact where one step holds them throughout an element, else as near as is told."""
+    times = [0.0, 0.5, 1.0, 1.5, 2.5]
+    files = steps_of(tmp_path, times, lambda p, t: p[:, 1] + (t - 1) ** 2 * (1 + p[:, 0]))
+    elvis("average", *files, "--extremes", "--over", "time", "-o", tmp_path / "ends.fld")
+    names = ["u_min", "u_min_time", "u_max", "u_max_time"]
+    found = sample(read(files[0], tmp_path / "ends.fld"), names, POINTS)
+    x, y = POINTS[:, 0], POINTS[:, 1]
+    for name, truth in zip(names, (y, 1.0, y + 2.25 * (1 + x), 2.5), strict=True):
+        assert np.abs(found[name] - truth).max() < 1e-12
+    files = steps_of(tmp_path, times, lambda p, t: (t - 1) * (p[:, 0] - 0.6) + 0 * p[:, 1])
+    told = average(open_series(*files), with_extremes=True)
+    assert 0.0 < told.errors["u_min"] < 0.3
+    least = np.min([(t - 1) * (x - 0.6) for t in times], axis=0)
+    off = np.abs(sample(told.dataset, "u_min", POINTS)["u_min"] - least).max()
+    assert off <= told.errors["u_min"] * 0.9  # the least of all is -0.9
+
+
 def test_what_has_no_mean_is_refused(tmp_path, squares, elvis):
     steps = squares(True)
     with pytest.raises(ElvisError, match=r"expected one mesh at all steps, found another at time 0\.25"):

@@ -157,9 +157,21 @@ def test_frames_that_are_good_are_kept(files, tmp_path, drawn):
     assert steps("--zoom", "2", "--times", "0:3:2") == [None, None]
     assert len(pictures(folder)) == 2
     (folder / "film.json").unlink()
-    with pytest.raises(ElvisError, match=r"found frame-00000\.png without film\.json"):
+    with pytest.raises(ElvisError, match=r"found frame-00000\.png without a whole film\.json"):
         steps()
     assert len(pictures(folder)) == 2
+
+
+def test_steps_that_lack_the_field_are_left_out(files, tmp_path, drawn):
+    """Without --field that which comes first at first is shown; what no step has is refused."""
+    files[1].write_text(files[1].read_text().replace('FIELDS="u"', 'FIELDS="v"'))
+    for more, left, lacking in ((("--field", "u"), [1, 2], "step 0"), ((), [0], "step 2")):
+        drawn.clear()
+        told = run("animate", *files, *more, "-o", tmp_path / f"frames{len(more)}")
+        assert [scene.step for scene in drawn] == left
+        assert f"{lacking} has no frame: " in told
+    with pytest.raises(SceneError, match="there is no 'w'"):
+        run("animate", *files, "--field", "w", "-o", tmp_path / "none")
 
 
 def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):

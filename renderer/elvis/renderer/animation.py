@@ -13,8 +13,9 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
-from elvis.core.errors import FormatError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.core.moments import Moment
+from elvis.core.quantities import Expression, Names
 from elvis.core.terminal import warn
 from elvis.plugins.data import open_data
 from elvis.plugins.series.series import Series, series_in
@@ -95,6 +96,7 @@ class Film:
         self.scene = scene
         self.files, reading = expanded(tuple(map(Path, scene.data))), reading_for([scene], is_kept)
         self.series: Series | None = series_in(self.files, reading)
+        self._texts, self._field = reading.quantities, scene.field
         self._device, self._pictures = scene.device, None
         if self.series is None:
             self._pictures = Pictures(open_data(self.files, reading, warn), scene.device)
@@ -132,15 +134,15 @@ class Film:
     def draw(self, scene: Scene, following: Scene | None = None) -> Frame | None:
         """The picture that ``elvis render`` draws of a scene; the data of the ``following`` one are read meanwhile.
 
-        None of a step that can't be read: the faults of the series tell of it.
+        None of a step that can't be read, or lacks what is shown: the faults of the series tell of it.
         """
         is_read = self.series is None or scene.moment == self._moment
         data = None if self.series is None or is_read else self._reading(self.series, scene.moment).result()
         self._expect(following)
+        if not is_read and (data is None or self._lacks_fields(scene.moment, data)):
+            return None
         if data is not None:
             self._show(data, scene.moment)
-        elif not is_read:
-            return None
         assert self._pictures is not None  # data are shown
         return self._pictures.draw(scene)
 
@@ -164,6 +166,28 @@ class Film:
         if self._next is not None and self._next[0] == moment:
             return self._next[1]
         return self._reader.submit(_read, series, moment)
+
+    def _lacks_fields(self, moment: Moment, data: Dataset) -> bool:
+        """Whether data lack what the film shows; SceneError where nothing was shown yet, and the last step does too."""
+        lack = self._lack(data)
+        if not lack or self.series is None:
+            return False
+        if self._pictures is None and (last := self._reading(self.series, Moment()).result()) and self._lack(last):
+            raise SceneError(lack)
+        place = f"time {moment.time:.10g}" if moment.step is None else f"step {moment.step}"
+        self.series.faults.append(f"{place} has no frame: {lack.partition(';')[0]}")
+        return True
+
+    def _lack(self, data: Dataset) -> str:
+        """What quantities of the film lack in data, by default the field that was first at first; empty for nothing."""
+        names = Names.of(data)
+        self._field = self._field or next(iter(names.fields), "")
+        try:
+            for text in filter(None, (text or self._field for text in self._texts)):
+                Expression.parse(text, names)
+        except ElvisError as error:
+            return str(error)
+        return ""
 
     def _show(self, data: Dataset, moment: Moment) -> None:
         """Take the data of another moment."""

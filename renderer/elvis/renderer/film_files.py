@@ -56,7 +56,9 @@ class FrameFolder:
         known = self._known()
         there = sorted(self.folder.glob("frame-*.png"))
         if there and known is None:
-            raise ElvisError(f"{self.folder}: expected frames of a film, found {there[0].name} without {RECORD}")
+            raise ElvisError(
+                f"{self.folder}: expected frames of a film, found {there[0].name} without a whole {RECORD}"
+            )
         kept = [number for number, scene in enumerate(self.scenes) if self._is_good(number, scene, known or [])]
         names = {self.path(number) for number in kept}
         for path in there:

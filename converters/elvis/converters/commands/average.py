@@ -19,6 +19,8 @@ Examples:
 
 FILE = click.Path(path_type=Path)
 
+#: how names of extremes end
+_ENDINGS = ("_min", "_max", "_time")
 #: fits of covariances that leave more than this are told
 _ROUNDING = 1e-11
 
@@ -37,6 +39,12 @@ _ROUNDING = 1e-11
 )
 @click.option("--covariances", is_flag=True, help="Also the covariances u_u, u_v, … of all pairs of fields.")
 @click.option(
+    "--extremes",
+    is_flag=True,
+    help="Also the least and the greatest values over the steps, u_min and u_max, and their times, u_min_time and "
+    "u_max_time; their errors are told.",
+)
+@click.option(
     "--order",
     type=click.IntRange(1, 30),
     help="Highest degree of covariances, whose errors are told.  [default: that which holds them]",
@@ -49,6 +57,7 @@ def average(
     output: Path,
     over: str,
     covariances: bool,
+    extremes: bool,
     order: int | None,
     reader: tuple[str, ...],
     overwrite: bool,
@@ -73,14 +82,15 @@ def average(
     series = open_series(*files, reader=pairs(reader), cache=not no_cache)
     if not (has_mesh or series.is_native):
         raise ElvisError(f"{output}: expected a name ending in .xml, as the mesh is converted")
-    found = mean_of(series, over, covariances, order)
+    found = mean_of(series, over, covariances, order, extremes)
     for remark in series.told:
         note(remark)
     if found.left_out:
         note(f"fields that differ between steps are left out: {', '.join(found.left_out)}")
     for name, error in found.errors.items():
         if error > _ROUNDING:
-            reason = "no basis holds it" if order is None else f"degree {order} does not hold it"
+            holds_any = order is None or name.endswith(_ENDINGS)
+            reason = "no basis holds it" if holds_any else f"degree {order} does not hold it"
             note(f"{name}: {reason}: it is off by {error:.3g} of its largest value")
     written = write(found.dataset, output) if has_mesh else write(found.dataset, field_path=output)
     count = found.dataset.metadata["AveragedSteps"]

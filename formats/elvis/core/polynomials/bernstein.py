@@ -88,6 +88,7 @@ def bernstein_space(expansion: Expansion) -> BernsteinSpace:
     return BernsteinSpace(expansion.shape, tuple(degrees))
 
 
+@lru_cache(maxsize=8)
 def to_bernstein(expansion: Expansion, space: BernsteinSpace | None = None) -> Floats:
     """(m, count) Bernstein coefficients of every mode, so that ``coefficients @ matrix`` are those of an element.
 
@@ -100,7 +101,7 @@ def to_bernstein(expansion: Expansion, space: BernsteinSpace | None = None) -> F
     for direction, index in enumerate(plan.index):
         nets = _nets(expansion, direction, _top(target, direction))
         matrix *= nets[heights[:, direction], index[:, None], w[:, direction]]
-    return matrix
+    return frozen_floats(matrix)
 
 
 def _target(expansion: Expansion, space: BernsteinSpace | None) -> BernsteinSpace:

@@ -430,5 +430,5 @@ def _fill(net: Floats, patch: Patch, number: int, space: BernsteinSpace) -> None
     with np.errstate(invalid="ignore"):
         for part in even_chunks(len(patch), _AT_ONCE // (planes * space.count)):
             own = modal[part].reshape(-1, modal.shape[1] // planes)
-            scaled = bernstein_coefficients(plain, own, space) * weights(space)
-            net[part] = scaled.reshape(-1, planes, space.count)
+            nets = bernstein_coefficients(plain, own, space).reshape(-1, planes, space.count)
+            np.multiply(nets, weights(space), out=net[part])

@@ -64,7 +64,7 @@ def combined(steps: Sequence[Dataset], factors: Floats) -> tuple[Dataset, tuple[
     return replace(first, fields=tuple(found), rates=None), tuple(lacking)
 
 
-def _is_alike(one: Field, other: Field) -> bool:
+def is_alike(one: Field, other: Field) -> bool:
     """Whether two fields have the same bases on the same elements, in one order."""
     blocks = zip(one.blocks, other.blocks, strict=False)
     return len(one.blocks) == len(other.blocks) and all(
@@ -74,7 +74,7 @@ def _is_alike(one: Field, other: Field) -> bool:
 
 def sum_of(own: Sequence[Field], factors: Floats) -> Field | None:
     """The sum of a field's steps times factors; None where these are not alike."""
-    if not all(_is_alike(own[0], other) for other in own[1:]):
+    if not all(is_alike(own[0], other) for other in own[1:]):
         return None
     blocks = []
     for parts in zip(*(field.blocks for field in own), strict=True):

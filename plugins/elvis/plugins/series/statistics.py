@@ -25,6 +25,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.terminal import track
 from elvis.plugins.projection.operators import Operator, best
 from elvis.plugins.series.between import combined, is_one_mesh
+from elvis.plugins.series.extremes import Extremes
 from elvis.plugins.series.series import Series
 
 #: what a mean is over: steps, which count the same, or time, in which what lies between steps is linear
@@ -35,10 +36,10 @@ _GAUSS = (0.5 - 0.75**0.5 / 3, 0.5 + 0.75**0.5 / 3)
 
 @dataclass(frozen=True, eq=False)
 class Average:
-    """The means of all fields under their names, covariances ``u_v`` after these.
+    """The means of all fields under their names, covariances ``u_v`` and extremes ``u_min`` after these.
 
     left_out  fields that not all steps have alike
-    errors    largest difference between a covariance and its fit, as a part of its largest value, by name
+    errors    largest difference between these and their fits, as a part of the largest value, by name
     """
 
     dataset: Dataset
@@ -46,10 +47,17 @@ class Average:
     errors: Mapping[str, float]
 
 
-def average(series: Series, over: str = "steps", with_covariances: bool = False, order: int | None = None) -> Average:
+def average(
+    series: Series,
+    over: str = "steps",
+    with_covariances: bool = False,
+    order: int | None = None,
+    with_extremes: bool = False,
+) -> Average:
     """The mean of a series over all steps that can be read (see OVER), each of which is read once.
 
     order  degree that covariances have at most, whose errors are measured; None for that which holds them
+    with_extremes  whether least and greatest values over the steps are wanted, with their times (see `extremes`)
 
     Raises ElvisError where the mesh changes between steps, or covariances are asked for that no basis holds.
     """
@@ -57,16 +65,22 @@ def average(series: Series, over: str = "steps", with_covariances: bool = False,
         raise ElvisError(f"expected a mean over {' or '.join(OVER)}, found {over!r}")
     times: list[float] = []
     sums: _Sums | None = None
-    for weight, state in _states(series, over, times):
+    extremes: list[Extremes] = []
+    for weight, state in _states(series, over, times, extremes if with_extremes else None):
         if sums is None:
             sums = _Sums.of(state, with_covariances, order)
         sums.add(state, weight)
     assert sums is not None  # a series has a step that can be read, or raises
     mean = sums.mean
+    if not mean.solution:
+        raise ElvisError(f"expected a field that is alike at all steps, found {', '.join(sums.left_out) or 'none'}")
     fields, errors = sums.covariances()
+    for own in extremes:
+        more, left = own.fields()
+        fields, errors = (*fields, *more), {**errors, **left}
     taken = [field.name for field in fields if field.name in mean]
     if taken:
-        raise ElvisError(f"covariances would have the names of fields: {', '.join(taken)}")
+        raise ElvisError(f"statistics would have the names of fields: {', '.join(taken)}")
     metadata = {key: text for key, text in mean.metadata.items() if key != "Time"}
     metadata |= {"AveragedSteps": str(len(times)), "AveragedOver": over}
     metadata |= {"AveragedFrom": repr(times[0]), "AveragedTo": repr(times[-1])}
@@ -74,8 +88,14 @@ def average(series: Series, over: str = "steps", with_covariances: bool = False,
     return Average(whole, tuple(sums.left_out), errors)
 
 
-def _states(series: Series, over: str, times: list[float]) -> Iterator[tuple[float, Dataset]]:
-    """Weights and datasets whose weighted mean is asked for; ``times`` gets those of the steps that could be read."""
+def _states(
+    series: Series, over: str, times: list[float], extremes: list[Extremes] | None
+) -> Iterator[tuple[float, Dataset]]:
+    """Weights and datasets whose weighted mean is asked for.
+
+    times     gets those of the steps that could be read
+    extremes  gets those of the steps; None where they aren't wanted
+    """
     first: Dataset | None = None
     before: tuple[float, Dataset] | None = None
     for number in track(series.readable(), "mean of all steps", len(series)):
@@ -84,6 +104,9 @@ def _states(series: Series, over: str, times: list[float]) -> Iterator[tuple[flo
         if not is_one_mesh(first, step):
             raise ElvisError(f"expected one mesh at all steps, found another at time {time:.10g}: no mean can be made")
         times.append(time)
+        if extremes is not None:
+            extremes[:] = extremes or [Extremes(first)]
+            extremes[0].add(step, time)
         if over == "steps":
             yield 1.0, step
         elif before is not None:

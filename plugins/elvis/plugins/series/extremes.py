@@ -1,0 +1,118 @@
+"""Least and greatest values over the steps of a series, at points of each element, with the times of the steps.
+
+The least of polynomials is none: it has kinks where another step begins to hold it, and its time jumps there.  Both are
+fitted in the space of the field, exactly where one step holds it throughout an element; what fits leave is measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.dataset import Block, Dataset, Expansion, Field
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.expansion import values
+from elvis.plugins.projection.operators import Operator, best
+from elvis.plugins.series.between import is_alike
+
+
+class Extremes:
+    """Least and greatest values of all fields so far."""
+
+    def __init__(self, state: Dataset) -> None:
+        """Nothing yet, on the fields of a state; ElvisError where these have Fourier directions."""
+        self._times: list[float] = []
+        self._fields = {field.name: field for field in state.solution}
+        self._parts = {field.name: [_Part.of(field, block) for block in field.blocks] for field in state.solution}
+
+    def add(self, state: Dataset, time: float) -> None:
+        """Take a step in; fields that it has not alike are left out from now on."""
+        for name, first in list(self._fields.items()):
+            if name not in state or not is_alike(first, state.field(name)):
+                del self._fields[name], self._parts[name]
+        for name, parts in self._parts.items():
+            for part, block in zip(parts, state.field(name).blocks, strict=True):
+                part.add(block.coefficients, len(self._times))
+        self._times.append(time)
+
+    def fields(self) -> tuple[tuple[Field, ...], Mapping[str, float]]:
+        """For each field u: u_min, u_max, u_min_time, u_max_time; the largest error of each fit, by name.
+
+        Errors are parts of the largest magnitude of a value, those of times parts of the largest of these.
+        """
+        found, errors = [], dict[str, float]()
+        times = np.array(self._times)
+        for name, parts in self._parts.items():
+            for end in ("min", "max"):
+                own = {f"{name}_{end}": [part.ends[end].values for part in parts]}
+                own[f"{name}_{end}_time"] = [times[part.ends[end].steps] for part in parts]
+                for label, samples in own.items():
+                    fitted = [part.fit(each) for part, each in zip(parts, samples, strict=True)]
+                    size = max(float(np.abs(each).max(initial=0.0)) for each in samples)
+                    found.append(Field(label, tuple(block for block, _ in fitted)))
+                    errors[label] = max(left for _, left in fitted) / (size or 1.0)
+        return tuple(found), errors
+
+
+@dataclass
+class _End:
+    """The least values, or the greatest, so far.
+
+    sign    1 for the least, -1 for the greatest
+    values  (elements, points)
+    steps   (elements, points) that hold them
+    """
+
+    sign: int
+    values: Floats
+    steps: NDArray[np.int32]
+
+    def add(self, samples: Floats, step: int) -> None:
+        """Take the values (elements, points) of a step in; what is no number is passed over."""
+        is_beyond = self.sign * samples < self.sign * self.values
+        self.values[is_beyond] = samples[is_beyond]
+        self.steps[is_beyond] = step
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The extremes of a block of elements.
+
+    table  (n, m) values of the modes at the points of the operator
+    """
+
+    expansion: Expansion
+    element_ids: Ints
+    operator: Operator
+    table: Floats
+    ends: Mapping[str, _End]
+
+    @classmethod
+    def of(cls, field: Field, block: Block) -> _Part:
+        """Nothing yet of a block."""
+        if block.expansion.homogeneous:
+            raise ElvisError(f"extremes are for fields without Fourier directions, {field.name} has some")
+        operator = best(block.expansion, extra=1)
+        count = len(block), len(operator.points)
+        ends = {
+            name: _End(sign, np.full(count, sign * np.inf), np.zeros(count, np.int32))
+            for name, sign in (("min", 1), ("max", -1))
+        }
+        return cls(block.expansion, block.element_ids, operator, values(block.expansion, operator.points), ends)
+
+    def add(self, coefficients: Floats, step: int) -> None:
+        """Take the coefficients (elements, m) of a step in."""
+        samples = coefficients @ self.table.T
+        for end in self.ends.values():
+            end.add(samples, step)
+
+    def fit(self, samples: Floats) -> tuple[Block, float]:
+        """The block of the best approximation of samples (elements, n), and the largest difference from these."""
+        with np.errstate(invalid="ignore"):
+            coefficients = samples @ self.operator.matrix
+            left = np.abs(coefficients @ self.table.T - samples)
+        return Block(self.expansion, self.element_ids, frozen_floats(coefficients)), float(left.max(initial=0.0))
