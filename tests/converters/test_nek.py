@@ -8,6 +8,7 @@ import pytest
 from elvis.converters.nek import Nek
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.quadrature import lobatto
+from elvis.formats import open_series
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
@@ -130,6 +131,12 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
         assert np.abs(values_found(done.dataset, "pressure", places) - wanted).max() < 1e-12
     assert Nek.times([tmp_path / "run.nek5000"]) == [0.0, 1.0]
     assert not Nek([tmp_path / "run.nek5000"], step="0").fields
+    (tmp_path / "run.nek5000").write_text("filetemplate: run%01d.f%05d\nfirsttimestep: 1\nnumtimesteps: 4\n")
+    series = open_series(tmp_path / "run.nek5000", cache=False)
+    assert series.times.tolist() == [0.0, 1.0]
+    assert series.remarks == ["steps 2 to 3 of the file: 2 of 4 steps are missing or damaged, and left out"]
+    assert Nek([tmp_path / "run.nek5000"]).time == 1.0
+    (tmp_path / "run.nek5000").write_text("filetemplate: run%01d.f%05d\nfirsttimestep: 1\nnumtimesteps: 2\n")
     with pytest.raises(FormatError, match="expected a step from 0 to 1, found 2"):
         Nek([tmp_path / "run.nek5000"], step="2")
     with pytest.raises(ElvisError, match="expected a number for the option step, found 'last'"):

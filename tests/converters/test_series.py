@@ -14,6 +14,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid, mixed_plane
 from elvis.formats import Dataset, ElvisError, FormatError, open_series, read, sample, write
+from elvis.formats.field_heads import field_head
 from elvis.plugins.data import Reading
 from elvis.plugins.series.series import series_in
 from elvis.plugins.testing.steps import polynomial, steps_of, waves
@@ -277,3 +278,14 @@ def test_what_follows_the_fields_that_are_wanted_is_not_looked_at(tmp_path):
     assert series_in(files, Reading(quantities=("u",)))[1].time == 1.0
     with pytest.raises(FormatError, match="ends early"):
         series_in(files, Reading(quantities=("v",)))[1]
+
+
+def test_numbers_stand_for_a_time_that_all_files_tell(tmp_path):
+    """But for parts of one state, which hold other Fourier modes."""
+    files = steps_of(tmp_path, [2.0, 2.0, 2.0], waves)
+    series = open_series(*files)
+    assert series.times.tolist() == [0.0, 1.0, 2.0]
+    assert series.remarks == ["all files tell the time 2: the numbers in their names stand for it"]
+    for number, path in enumerate(files[1:]):
+        path.write_text(path.read_text().replace("<ELEMENTS ", f'<ELEMENTS HOMOGENEOUSZIDS="{number}" '))
+    assert len({field_head(path).mark for path in files[1:]}) == 3

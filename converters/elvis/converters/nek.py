@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import nan
 from os.path import isfile
 from pathlib import Path
 
@@ -57,11 +58,11 @@ class Nek(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """Those of the files that an index names; of field files that of the last."""
+        """Those of the files that an index names, nan of those that are missing; of field files that of the last."""
         indices = [path for path in paths if _kind(path) == "index"]
         if indices:
             count = _index(indices[0])[2]
-            return [read_header(_member(indices[0], number)).time for number in range(count)]
+            return [_time_of(indices[0], number) for number in range(count)]
         return [max(read_header(path).time for path in paths if _kind(path) == "field")]
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
@@ -190,12 +191,24 @@ def _index(path: Path) -> tuple[str, int, int]:
 
 
 def _member(index: Path, step: int) -> Path:
-    """The first file of a step of a series, -1 stands for the last."""
+    """The first file of a step of a series, -1 stands for the last that is there."""
     template, first, count = _index(index)
-    path = Path(index.parent, template % (0, first + checked_step(step, count, index)))
-    if not isfile(path):
-        raise FormatError(f"expected {path.name} next to it, found none", file=index)
-    return path
+    last = first + checked_step(step, count, index)
+    paths = [
+        Path(index.parent, template % (0, number)) for number in range(last, first - 1 if step < 0 else last - 1, -1)
+    ]
+    found = next(filter(isfile, paths), None)
+    if found is None:
+        raise FormatError(f"expected {paths[0].name} next to it, found none", file=index)
+    return found
+
+
+def _time_of(index: Path, step: int) -> float:
+    """The time of a step of a series, nan where its file is missing or damaged."""
+    try:
+        return read_header(_member(index, step)).time
+    except FormatError:
+        return nan
 
 
 def _steps(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:

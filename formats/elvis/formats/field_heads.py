@@ -20,6 +20,7 @@ _HEAD, _TAIL = 1 << 20, 1 << 12
 _SECTION = re.compile(rb"<ELEMENTS\s([^>]*)")
 _FIELDS = re.compile(rb"""\bFIELDS\s*=\s*["']([^"']*)""")
 _IDS = re.compile(rb"""\bID\s*=\s*["']([^"']*)""")
+_PLANES = re.compile(rb"""\bHOMOGENEOUS[YZ]IDS\s*=\s*["']([^"']*)""")
 _TIME = re.compile(rb"<Time>([^<]*)</Time>")
 _PIECES = re.compile(rb"<Partition\s[^>]*>([^<]*)<")
 
@@ -29,7 +30,7 @@ class FieldHead:
     """What is known of a field file without reading its coefficients.
 
     time   None where the file has none
-    mark   stands for the fields and the elements that they are on: files of one mark hold the same ones
+    mark   stands for the fields, the elements that they are on and the Fourier modes: files of one mark hold the same
     fault  why the file can't be whole; empty where nothing speaks against it
     """
 
@@ -73,6 +74,7 @@ def _of_xml(path: Path, section: re.Pattern[bytes]) -> FieldHead | None:
         return None
     told = [search.search(found[0]) for search in (_FIELDS, _IDS)]
     parts = [own[1] for own in told if own] or found
+    parts += _PLANES.findall(found[0])
     time = _TIME.search(start)
     fault = "" if _is_closed(path) else "the file ends before its last tag"
     return FieldHead(time_of({"Time": time[1].decode("ascii", "replace")} if time else {}), _mark(parts), fault)
@@ -97,9 +99,10 @@ def _of_hdf5(path: Path) -> FieldHead | None:
                 return None
             time = time_of(read_hdf5_metadata(root))
             counts = hdf5.unsigned(root, "DECOMPOSITION")
+            planes = hdf5.ints(root, "HOMOGENEOUSZIDS")
     except (FormatError, OSError):
         return None
-    return FieldHead(time, _mark([ids.tobytes(), b"" if counts is None else counts.tobytes()]))
+    return FieldHead(time, _mark([b"" if own is None else own.tobytes() for own in (ids, counts, planes)]))
 
 
 def _mark(parts: list[bytes]) -> str:

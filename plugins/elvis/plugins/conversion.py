@@ -194,7 +194,8 @@ class Converter(ABC):
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
         """The times of the steps in files that it opens, by the numbers of its option ``step``; or of their only step.
 
-        None where the files tell no times, or only a whole reading would; FormatError where they are damaged.
+        Those of steps that are missing are nan.  None where the files tell no times, or only a whole reading would;
+        FormatError where they are damaged.
         """
         return ()
 

@@ -97,6 +97,11 @@ def _native(paths: Sequence[Path]) -> Found | None:
             found.steps.append(Step(head.time if has_times else number, (path,)))
     if not has_times:
         found.remarks.append(NO_TIMES)
+    told = [step.time for step in found.steps]
+    numbers = {path: number for number, path in _by_number(members)}
+    if _is_one_time(told) and None not in numbers.values():
+        found.remarks.append(_one_time(told))
+        found.steps = [replace(step, time=numbers[step.files[0]]) for step in found.steps]
     return found
 
 
@@ -122,8 +127,20 @@ def _converted(paths: Sequence[Path], reading: Reading) -> Found | None:
             converter = _converter(paths, name)
             times = converter.times(paths)
             if len(times) > 1:
-                return Found(tuple(paths), [Step(time, option=i) for i, time in enumerate(times)])
+                return _listed(paths, times)
     return _numbered(paths, reading, name)
+
+
+def _listed(paths: Sequence[Path], times: Sequence[float]) -> Found:
+    """Steps by the times that files list, but for those that aren't there."""
+    steps = [Step(time, option=number) for number, time in enumerate(times)]
+    lacking = [number for number, time in enumerate(times) if not isfinite(time)]
+    found = Found(tuple(paths), [step for step in steps if step.option not in lacking])
+    if lacking:
+        some = f"steps {lacking[0]} to {lacking[-1]}" if len(lacking) > 1 else f"step {lacking[0]}"
+        counts = f"{len(lacking)} of {len(steps)} steps are missing or damaged, and left out"
+        found.remarks.append(f"{some} of the file: {counts}")
+    return found
 
 
 def _converter(paths: Sequence[Path], name: str | None) -> type[Converter]:
@@ -160,7 +177,20 @@ def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Foun
     are_steps = reading.moment.is_asked or (None not in told and len(set(told)) == len(told) > 1)
     if converter is None or not by_number or (converter.joins and not are_steps):
         return None
+    if not converter.joins and _is_one_time(told):
+        by_number = {number: replace(step, time=number) for number, step in by_number.items()}
+        found.remarks.append(_one_time(told))
     return _with_times(found, by_number, reading)
+
+
+def _is_one_time(told: Sequence[float | None]) -> bool:
+    """Whether several files tell the same time."""
+    return len(told) > 1 and None not in told and len(set(told)) == 1
+
+
+def _one_time(told: Sequence[float | None]) -> str:
+    """What is said where several files tell the same time."""
+    return f"all files tell the time {told[0]:.10g}: the numbers in their names stand for it"
 
 
 def _with_times(found: Found, by_number: dict[float, Step], reading: Reading) -> Found:
