@@ -9,7 +9,8 @@ from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, _series
+from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
+from elvis.renderer.passes.isosurface.nodes import series
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import View
 
@@ -144,7 +145,7 @@ def test_elements_that_are_all_rounding_cost_few_sub_elements(renderer, shape):
 def test_chebyshev_series_are_exact_where_symmetry_says_so():
     """Cosines are right to a few roundings, zeros too: that of pi / 2 as rounded is 6e-17."""
     for degree in range(1, 21):
-        points, transform = _series(degree)
+        points, transform = series(degree)
         assert np.array_equal(points, -points[::-1])
         assert np.array_equal(transform[:, ::-1], transform * (-1.0) ** np.arange(degree + 1)[:, None])
         assert np.allclose(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats
 from elvis.plugins.volume import Enclosure, Part, Quantity
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel, stand_in
@@ -18,6 +18,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
+from elvis.renderer.passes.isosurface.nodes import series
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import bin_sections
@@ -361,8 +362,8 @@ class IsosurfaceDrawer:
         """Chebyshev points and what belongs to them, for a quantity and for the leaves of one that is enclosed."""
         degree = own.degree or stand_in(own)
         enclosure = None if own.degree else own.enclosure
-        nodes, transform = _series(degree)
-        leaf_nodes, leaf_series = _series(1 if enclosure is None else enclosure.degree)
+        nodes, transform = series(degree)
+        leaf_nodes, leaf_series = series(1 if enclosure is None else enclosure.degree)
         leaf_transform = powers(leaf_series)
         return {
             "nodes": nodes,
@@ -424,27 +425,6 @@ class IsosurfaceDrawer:
 def _join(sub_elements: list[NDArray[Any]]) -> NDArray[Any]:
     """Sub-elements of all lists, in the layout of the kernels, which may have gaps."""
     return np.concatenate(sub_elements, dtype=sub_elements[0].dtype)
-
-
-def _series(degree: int) -> tuple[Floats, Floats]:
-    """Chebyshev points (n,), n = degree + 1, and the matrix (n, n) from values there to those of T_0 to T_degree.
-
-    Cosines are those of angles up to pi / 4, or sines: all are right to 5 roundings, zeros too.
-    """
-    n = degree + 1
-    odd = 2 * np.arange(n) + 1
-    transform = 2 / n * _cosines(np.outer(np.arange(n), odd), n)
-    transform[0] /= 2
-    return _cosines(odd, n), transform
-
-
-def _cosines(multiples: Ints, n: int) -> Floats:
-    """The cosines of multiples of pi / (2 n)."""
-    turned = multiples % (4 * n)
-    half = np.minimum(turned, 4 * n - turned)
-    quarter = np.minimum(half, 2 * n - half)
-    magnitude = np.where(2 * quarter <= n, np.cos(np.pi * quarter / (2 * n)), np.sin(np.pi * (n - quarter) / (2 * n)))
-    return np.asarray(np.where(half > n, -magnitude, magnitude))
 
 
 def _finish(hits: HitBuffer, value: float) -> HitBuffer:
