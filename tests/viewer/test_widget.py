@@ -9,6 +9,7 @@ from driving import PATIENCE
 
 from elvis.formats import read
 from elvis.renderer import render, view
+from elvis.scene import SceneError
 
 pytest.importorskip("anywidget")
 
@@ -64,16 +65,25 @@ def test_the_scene_changes_both_ways(viewer):
     assert (viewer.frame.rgb == render(read(*viewer.scene.data), viewer.scene).rgb).all()
 
 
-def test_files_are_handed_to_the_page(viewer):
-    viewer._receive(None, {"type": "save", "id": 7, "suffix": ".toml"}, None)
-    viewer._receive(None, {"type": "save", "id": 8, "suffix": ".exe"}, None)
+def test_files_are_handed_to_the_page(viewer, tmp_path):
+    """In any size and with any samples, as `save` writes them."""
+    how = {"size": (48, 31), "samples": 2}
+    for number, suffix in ((7, ".toml"), (8, ".exe"), (9, ".png")):
+        viewer._receive(None, {"type": "save", "id": number, "suffix": suffix, "content": how}, None)
     end = time.monotonic() + PATIENCE
     found = {}
-    while time.monotonic() < end and len(found) < 2:
+    while time.monotonic() < end and len(found) < 3:
         found = {content["id"]: (content, buffers) for content, buffers in viewer.sent if "id" in content}
         time.sleep(0.05)
     assert b'field = "u"' in found[7][1][0]
     assert "expected a name that ends in" in found[8][0]["text"]
+    viewer.save(tmp_path / "own.png", **how)
+    assert bytes(found[9][1][0]) == (tmp_path / "own.png").read_bytes()
+    wanted = render(scene=replace(viewer.scene, **how))
+    wanted.save(tmp_path / "wanted.png")
+    assert (tmp_path / "wanted.png").read_bytes() == (tmp_path / "own.png").read_bytes()
+    with pytest.raises(SceneError, match="size"):
+        viewer.save(tmp_path / "none.png", size=(0, 31))
 
 
 #: a cell of a notebook: what anywidget gives to the module

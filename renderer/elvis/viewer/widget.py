@@ -11,6 +11,7 @@ import json
 import struct
 import threading
 from collections.abc import Coroutine
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -124,13 +125,25 @@ class NotebookViewer:
     @property
     def frame(self) -> Frame:
         """The exact record of what is shown, drawn here."""
-        scene = self.scene
-        return render(scene=scene) if self._data is None else render(self._data, scene)
+        return self._drawn(self.scene)
 
-    def save(self, path: str | Path) -> None:
-        """Write the picture, or the record, of what is shown."""
-        frame = self.frame
-        frame.save(path, plain=frame.scene.plain)
+    def save(self, path: str | Path, *, size: tuple[int, int] | None = None, samples: int | None = None) -> None:
+        """Write the picture, or the record, of what is shown.
+
+        size     width and height in pixels; those of the window by default
+        samples  samples each way whose mean a pixel is; those of the scene by default
+
+        Raises SceneError where these are none, or the name ends in no suffix of a picture or record.
+        """
+        scene = self.scene
+        if size is not None:
+            scene = replace(scene, size=size)
+        if samples is not None:
+            scene = replace(scene, samples=samples)
+        self._drawn(scene).save(path, plain=scene.plain)
+
+    def _drawn(self, scene: Scene) -> Frame:
+        return render(scene=scene) if self._data is None else render(self._data, scene)
 
     def close(self) -> None:
         """End the process that draws."""

@@ -1112,7 +1112,7 @@ class Viewer {
     this.listen();
     new ResizeObserver(() => this.sized()).observe(this.stage);
     // another window has had a size of its own
-    window.addEventListener("focus", () => this.size && this.resize(this.size));
+    window.addEventListener("focus", () => this.size && this.stage.isConnected && this.resize(this.size));
   }
 
   tools() {
