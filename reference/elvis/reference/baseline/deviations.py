@@ -72,9 +72,10 @@ def why_not() -> str:
     try:
         comparison_module("open3d", "open3d")
     except MissingPackageError as error:
-        return f"Distances of surfaces are left out: {error}."
-    except OSError as error:
-        return f"Distances of surfaces are left out: open3d can't be loaded: {error}."
+        # it may be there, and a library of the system not
+        is_missing = isinstance(error.__cause__, ModuleNotFoundError)
+        reason = str(error) if is_missing else f"open3d can't be loaded: {error.__cause__}"
+        return f"Distances of surfaces are left out: {reason}."
     return ""
 
 
