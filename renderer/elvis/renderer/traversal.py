@@ -68,6 +68,12 @@ class Traversal:
         farthest = np.maximum(np.abs(high - value), np.abs(value - low))
         return farthest <= 4.0 * self.rounding(number, quantity, value)
 
+    def holding(self, number: int, quantity: str | None, value: float) -> Bools:
+        """(n,) elements of a part that may have the value, but not all over."""
+        low, high = self.loaded.bounds(number, quantity)
+        exactly = (low == value) & (high == value) & (self.rounding(number, quantity, value) == 0.0)
+        return np.asarray(~((low > value) | (high < value) | exactly))
+
     def corners(self, number: int) -> Floats:
         """(n, 4, 3) the corners of a part's straight tetrahedra; asked of the device once."""
         return self.loaded.once(("corners", number), lambda: self._read_corners(number))

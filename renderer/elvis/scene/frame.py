@@ -236,8 +236,10 @@ class Frame:
         # some rows at a time, as pictures may be large
         rows = max(1, _AT_ONCE // max(1, self.status.shape[1]))
         blocks = (self.status[first : first + rows].ravel() for first in range(0, len(self.status), rows))
-        numbers = sum((np.bincount(block, minlength=len(Status)) for block in blocks), np.zeros(len(Status), np.int64))
-        by_status = {status.name.lower(): int(numbers[status.value]) for status in Status}
+        by_status = dict.fromkeys((status.name.lower() for status in Status), 0)
+        for block in blocks:
+            for status in Status:
+                by_status[status.name.lower()] += int(np.count_nonzero(block == status))
         undefined = self.stats.get("not_a_number")
         if undefined is None:
             undefined = int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))

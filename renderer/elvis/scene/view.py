@@ -64,6 +64,17 @@ class View:
         corner = self.corner + x * self.column + y * self.row
         return View(self.camera, width, height, corner, self.column, self.row, self.to_pixel - shift)
 
+    def shows_same(self, other: View) -> bool:
+        """Whether the rays of all pixels are those of another view."""
+        if self is other:
+            return True
+        if (self.camera, self.width, self.height) != (other.camera, other.width, other.height):
+            return False
+        return all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in ("corner", "column", "row", "to_pixel")
+        )
+
     @property
     def count(self) -> int:
         """Number of pixels."""

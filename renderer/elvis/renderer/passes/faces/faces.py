@@ -218,7 +218,7 @@ class FaceDrawer:
             last.chosen = chosen
             last.view = None
 
-        if last.view is not view:
+        if last.view is None or not last.view.shows_same(view):
             in_view = []
             for block, own in zip(self.faces.blocks, last.chosen, strict=True):
                 patches, edges = face_patches(block.space, own.nets, view)

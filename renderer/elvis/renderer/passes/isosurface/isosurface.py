@@ -19,6 +19,7 @@ from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 from elvis.renderer.passes.isosurface.nodes import series
+from elvis.renderer.passes.isosurface.straight_levels import StraightLevels
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import bin_sections
@@ -44,8 +45,6 @@ _ROUNDS, _BATCH = 48, 1 << 14
 _OF_LEAVES, _OF_POINTS = 1 << 24, 1 << 23
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
-#: levels of parts of which all that no view changes is kept
-_LEVELS = 16
 #: drafts of a part: sub-elements in which rays take too many steps are drawn once more in parts, with closer bounds
 _DRAFTS = 5
 
@@ -66,21 +65,6 @@ class Level:
     buffers: dict[str, Buffer]
 
 
-@dataclass(frozen=True, eq=False)
-class _StraightLevel:
-    """What a level of straight tetrahedra is about, whatever the view.
-
-    wanted           (n,) elements of the part that may have the value
-    flat, undefined  elements left out, see IsosurfaceDrawer
-    buffers          errors and greatest changes of the field, and of what tells where it isn't to be shown
-    """
-
-    wanted: Bools
-    flat: int
-    undefined: int
-    buffers: dict[str, Buffer]
-
-
 class IsosurfaceDrawer:
     """A loaded volume, ready for any level of any of its quantities from any view.
 
@@ -93,7 +77,7 @@ class IsosurfaceDrawer:
         self.traversal = Traversal(loaded)
         self.counts: dict[str, int] = {}
         self._constants_on_device: dict[tuple[int, str | None], dict[str, Buffer]] = {}
-        self._straight_levels: dict[tuple[int, str | None, float], _StraightLevel] = {}
+        self._straight = StraightLevels(loaded, self.traversal)
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) where they are given.
@@ -156,7 +140,7 @@ class IsosurfaceDrawer:
     def _draw_straight(self, draw: Kernel, level: Level) -> None:
         """The straight tetrahedra of a part that may have the value."""
         view, number, quantity, value = level.view, level.number, level.quantity, level.value
-        own = self._straight_level(number, quantity, value)
+        own = self._straight.of(number, quantity, value)
         self.counts["flat"] += own.flat
         self.counts["undefined"] += own.undefined
         sections = visible_sections(view, self.traversal.corners(number), own.wanted)
@@ -170,49 +154,12 @@ class IsosurfaceDrawer:
             }
             draw(len(tiles), {**level.buffers, **own.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
 
-    def _straight_level(self, number: int, quantity: str | None, value: float) -> _StraightLevel:
-        """What a level of a part is about: found once, and kept for the last ones."""
-        key = number, quantity, value
-        found = self._straight_levels.pop(key, None) or self._make_straight_level(*key)
-        self._straight_levels[key] = found
-        while len(self._straight_levels) > _LEVELS:
-            del self._straight_levels[next(iter(self._straight_levels))]
-        return found
-
-    def _make_straight_level(self, number: int, quantity: str | None, value: float) -> _StraightLevel:
-        flat = self.traversal.flat(number, quantity, value)
-        undefined = np.isnan(self.loaded.bounds(number, quantity)[0])
-        arrays = {
-            "errors": np.where(flat, np.inf, self.traversal.rounding(number, quantity, value)),
-            "steepest": self.traversal.steepest(number, quantity, value),
-            **self._condition(number, quantity),
-        }
-        buffers = {name: self.device.buffer(array) for name, array in arrays.items()}
-        buffers |= self.traversal.lines(self.traversal.degree(number, quantity))
-        wanted = self._holding(number, quantity, value) & ~undefined
-        return _StraightLevel(wanted, int(flat.sum()), int(undefined.sum()), buffers)
-
-    def _condition(self, number: int, quantity: str | None) -> dict[str, Floats]:
-        """How well it is known where the level isn't to be shown: errors of what tells, and its greatest change."""
-        condition = self.loaded.condition(number, quantity)
-        found = {"condition_errors": np.zeros(1), "condition_steepest": np.zeros(1)}
-        if condition is not None:
-            found["condition_errors"] = self.traversal.rounding(number, condition, 0.0)
-            found["condition_steepest"] = self.traversal.steepest(number, condition, 0.0)
-        return found
-
-    def _holding(self, number: int, quantity: str | None, value: float) -> Bools:
-        """(n,) elements of a part that may have the value, but not all over."""
-        low, high = self.loaded.bounds(number, quantity)
-        exactly = (low == value) & (high == value) & (self.traversal.rounding(number, quantity, value) == 0.0)
-        return np.asarray(~((low > value) | (high < value) | exactly))
-
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
 
     def _whole(self, split: Kernel, number: int, quantity: str | None, value: float) -> NDArray[Any]:
         """The elements of a part that may have the value, as sub-elements."""
-        elements = np.flatnonzero(self._holding(number, quantity, value))
+        elements = np.flatnonzero(self.traversal.holding(number, quantity, value))
         sub_elements = np.zeros(len(elements), split.dtype("sub_elements"))
         sub_elements["element"], sub_elements["half"] = elements, 1.0
         sub_elements["error"] = self.traversal.rounding(number, quantity, value)[elements]

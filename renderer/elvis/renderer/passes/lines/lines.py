@@ -22,6 +22,7 @@ from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import NOBODY
+from elvis.renderer.tiles import order_of
 from elvis.scene.errors import SceneError
 from elvis.scene.view import View
 
@@ -99,6 +100,23 @@ class WorkItems:
         for item in fields(WorkItems):
             records[item.name] = getattr(self, item.name)
         return records
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """A stage on a hit buffer, for the items of one part.
+
+    buffers  what items of all parts share
+    size     numbers of its record
+    """
+
+    stage: str
+    view: View
+    hits: HitBuffer
+    number: int
+    quantity: str | None
+    buffers: dict[str, Buffer]
+    size: dict[str, float]
 
 
 class Lines:
@@ -210,21 +228,45 @@ class Lines:
         """A stage over the items of each part, sorted by element."""
         items = _waves(items)
         ends = np.searchsorted(items.element, self._loaded.first)
-        packed = "reference" not in hits.held
-        for number, part in enumerate(self._loaded.parts):
+        for number in range(len(self._loaded.parts)):
+            work = _Work(stage, view, hits, number, quantity, buffers, size)
             own = items[ends[number] : ends[number + 1]]
-            count = len(own.pixel)
-            if not count:
-                continue
-            kernel, facets = self._device.kernel(stage, part, quantity), self.facets(number)
-            place = {"first": self._loaded.first[number], "count": count, "facets": len(facets)}
-            smooth = self._is_polynomial(number, quantity)
-            flat = hits.flat is not None
-            record = record_of(kernel, "view", view, **place, **size, packed=packed, flat=flat, smooth=smooth)
-            references = self._device.buffer(hits.reference[own.base]) if packed else hits.held["reference"]
-            data = {"items": own.records(kernel.dtype("items")), "facets": facets, "view": record}
-            brought = {name: self._device.buffer(some) for name, some in data.items()}
-            kernel(count, {**self._loaded.bindings(number, quantity), **buffers, **brought, "references": references})
+            if stage == "line_draw":
+                own = self._draw_first(work, own)
+            self._run_part(work, own)
+
+    def _draw_first(self, work: _Work, own: WorkItems) -> WorkItems:
+        """Draws contours in squares that take few cells; returns the items of the rest, which keep others waiting."""
+        deferred = self._device.empty(np.uint32, len(own.pixel))
+        work.buffers["deferred"] = deferred
+        self._run_part(replace(work, size={**work.size, "deferring": 1}), own)
+        left = np.flatnonzero(self._device.read(deferred, np.uint32, len(own.pixel)))
+        return own[left]
+
+    def _run_part(self, work: _Work, own: WorkItems) -> None:
+        """A stage over items of a part."""
+        count = len(own.pixel)
+        if not count:
+            return
+        number, hits = work.number, work.hits
+        kernel = self._device.kernel(work.stage, self._loaded.parts[number], work.quantity)
+        facets, packed = self.facets(number), "reference" not in hits.held
+        facts = {
+            "first": self._loaded.first[number],
+            "count": count,
+            "facets": len(facets),
+            "packed": packed,
+            "flat": hits.flat is not None,
+            "smooth": self._is_polynomial(number, work.quantity),
+        }
+        data = {
+            "items": own.records(kernel.dtype("items")),
+            "facets": facets,
+            "view": record_of(kernel, "view", work.view, **facts, **work.size),
+        }
+        brought = {name: self._device.buffer(some) for name, some in data.items()}
+        brought["references"] = self._device.buffer(hits.reference[own.base]) if packed else hits.held["reference"]
+        kernel(count, {**self._loaded.bindings(number, work.quantity), **work.buffers, **brought})
 
     def facets(self, number: int) -> Floats:
         """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""
@@ -243,7 +285,7 @@ class Lines:
 
 def _waves(items: WorkItems) -> WorkItems:
     """Work items by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
-    order = np.argsort(items.element, kind="stable")
+    order = order_of(items.element)
     element = items.element[order]
     first = np.flatnonzero(np.diff(element.astype(np.int64), prepend=-1))
     counts = np.diff(np.append(first, len(element)))
