@@ -1,14 +1,17 @@
 """Who may look, and what the server gives."""
 
+import asyncio
 import json
 import urllib.error
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
-from driving import PATIENCE
+from driving import PATIENCE, finished
 
 from elvis.scene.files import read_scene
+from elvis.viewer.server import serve
 
 
 def fetch(address, **headers):
@@ -152,3 +155,22 @@ def test_numbers_that_are_none_go_to_the_page_as_null():
     from elvis.viewer.drawing_process import _number
 
     assert json.dumps([_number(value) for value in (float("nan"), float("inf"), -1.5)]) == "[null, null, -1.5]"
+
+
+def test_idle_seconds_count_from_the_last_one_who_left(monkeypatch):
+    """Somebody looks, leaves, looks again, and leaves: what was counted before is no more."""
+
+    async def main():
+        loop = asyncio.get_running_loop()
+        later, timers = loop.call_later, []
+        monkeypatch.setattr(loop, "call_later", lambda *given: timers.append(later(*given)) or timers[-1])
+        server = SimpleNamespace(session=SimpleNamespace(viewers=set()), token="")
+        server.start = server.close = lambda *_: asyncio.sleep(0)
+        serving = asyncio.create_task(serve(server, "localhost", 0, lambda address: server.on_empty(), 1000.0))
+        while len(timers) < 2:
+            await asyncio.sleep(0)
+        found = [timer.cancelled() for timer in timers]
+        serving.cancel()
+        return found
+
+    assert finished(main()) == [True, False]

@@ -220,9 +220,15 @@ async def serve(server: Server, host: str, port: int, opened: Callable[[str], ob
         if not server.session.viewers:
             done.set()
 
+    waiting: list[asyncio.TimerHandle] = []
+
     def on_empty() -> None:
-        if idle is not None:
-            loop.call_later(idle, end_if_empty)
+        if idle is None:
+            return
+        # the seconds count from the last one who left
+        while waiting:
+            waiting.pop().cancel()
+        waiting.append(loop.call_later(idle, end_if_empty))
 
     server.on_empty = on_empty
     own = await server.start(host, port)
