@@ -232,7 +232,7 @@ class Device:
         entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
         own = self._session.load_module_from_source(name, source)
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
-        return Kernel(self._device, program, self.watch)
+        return Kernel(self._device, program, self.watch, is_in_c=self.adapter.kind == "cpu")
 
     def appended(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
@@ -255,7 +255,7 @@ class Kernel:
     capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
     """
 
-    def __init__(self, device: slangpy.Device, program: slangpy.ShaderProgram, watch: Watch) -> None:
+    def __init__(self, device: slangpy.Device, program: slangpy.ShaderProgram, watch: Watch, is_in_c: bool) -> None:
         import slangpy
 
         self._device: slangpy.Device | None = device
@@ -268,6 +268,7 @@ class Kernel:
         fields = (layout.element_type_layout or layout).fields
         self._globals: dict[str, slangpy.TypeLayoutReflection] = {item.name: item.type_layout for item in fields}
         self._dtypes: dict[str, np.dtype[Any]] = {}
+        self._is_in_c = is_in_c
         self._needed = frozenset(self._globals) - {OFFSET, COUNT}
         self._pointers = frozenset(name for name, own in self._globals.items() if _is_pointer(own))
         # arguments stay from one dispatch to the next: what has changed is written
@@ -285,7 +286,7 @@ class Kernel:
     def dtype(self, name: str) -> np.dtype[Any]:
         """The NumPy dtype of one element of a buffer, bound or read through a pointer, as Slang lays it out."""
         if name not in self._dtypes:
-            self._dtypes[name] = _dtype(self._globals[name].element_type_layout)
+            self._dtypes[name] = _dtype(self._globals[name].element_type_layout, self._is_in_c)
         return self._dtypes[name]
 
     def __call__(
@@ -431,15 +432,21 @@ def _leaves(chosen: Part | Quantity) -> str:
     )
 
 
-def _dtype(layout: Any) -> np.dtype[Any]:
-    """Dtype of a reflected struct, array, vector or scalar."""
+def _dtype(layout: Any, is_in_c: bool) -> np.dtype[Any]:
+    """Dtype of a reflected struct, array, vector or scalar.
+
+    is_in_c  whether kernels are compiled as C++, where what follows a struct begins after its padding; for what is read
+             through pointers Slang tells the places that other targets have, in the padding
+    """
     import slangpy
 
     kinds, reflected = slangpy.TypeReflection.Kind, layout.type
     if reflected.kind == kinds.struct:
-        fields = [(field.name, _dtype(field.type_layout), field.offset) for field in layout.fields]
+        fields = [(field.name, _dtype(field.type_layout, is_in_c), field.offset) for field in layout.fields]
+        if is_in_c:
+            return np.dtype([(name, own) for name, own, _ in fields], align=True)
         names, formats, offsets = (list(column) for column in zip(*fields, strict=True))
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.stride})
     if reflected.kind == kinds.array:
-        return np.dtype((_dtype(layout.element_type_layout), (reflected.element_count,)))
+        return np.dtype((_dtype(layout.element_type_layout, is_in_c), (reflected.element_count,)))
     return np.dtype((reflected.scalar_type.name, (reflected.col_count,) if reflected.kind == kinds.vector else ()))
