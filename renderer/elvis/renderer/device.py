@@ -20,6 +20,7 @@ from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
+from elvis.renderer.layouts import dtype_of
 from elvis.renderer.memory import CLOSED, Buffer, Pool
 from elvis.renderer.pacing import Pace, Watch
 
@@ -286,7 +287,7 @@ class Kernel:
     def dtype(self, name: str) -> np.dtype[Any]:
         """The NumPy dtype of one element of a buffer, bound or read through a pointer, as Slang lays it out."""
         if name not in self._dtypes:
-            self._dtypes[name] = _dtype(self._globals[name].element_type_layout, self._is_in_c)
+            self._dtypes[name] = dtype_of(self._globals[name].element_type_layout, self._is_in_c)
         return self._dtypes[name]
 
     def __call__(
@@ -430,23 +431,3 @@ def _leaves(chosen: Part | Quantity) -> str:
         f"export static const int leaf_degree = {enclosure.degree};"
         f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
     )
-
-
-def _dtype(layout: Any, is_in_c: bool) -> np.dtype[Any]:
-    """Dtype of a reflected struct, array, vector or scalar.
-
-    is_in_c  whether kernels are compiled as C++, where what follows a struct begins after its padding; for what is read
-             through pointers Slang tells the places that other targets have, in the padding
-    """
-    import slangpy
-
-    kinds, reflected = slangpy.TypeReflection.Kind, layout.type
-    if reflected.kind == kinds.struct:
-        fields = [(field.name, _dtype(field.type_layout, is_in_c), field.offset) for field in layout.fields]
-        if is_in_c:
-            return np.dtype([(name, own) for name, own, _ in fields], align=True)
-        names, formats, offsets = (list(column) for column in zip(*fields, strict=True))
-        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.stride})
-    if reflected.kind == kinds.array:
-        return np.dtype((_dtype(layout.element_type_layout, is_in_c), (reflected.element_count,)))
-    return np.dtype((reflected.scalar_type.name, (reflected.col_count,) if reflected.kind == kinds.vector else ()))
