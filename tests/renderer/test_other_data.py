@@ -100,7 +100,7 @@ def test_on_one_mesh_differences_are_drawn_by_coefficients(draw, own):
     """So they have isosurfaces and contours: u - ref:u = x - 0.4 is 0 there."""
     shifted = with_field(own.mesh, lambda p: cubic(p) - p[:, 0] + 0.4, 4)
     both = own.beside(ref=shifted)
-    assert both.shared == {"ref"}
+    assert list(both.shared) == ["ref"]
     assert list(both) == ["u"]
     level = Isosurface((0.0,), style=Style(contours=Contours(count=3, quantity="y - ref:u + u")))
     frame = draw(both, field="u - ref:u", objects=(level,), camera="iso", size=(60, 40))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as default
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
@@ -13,6 +13,9 @@ from elvis.core.hints import perhaps
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
+
+if TYPE_CHECKING:
+    from elvis.core.common_elements import CommonElements
 
 #: key of the metadata that names the fields which hold the map of the elements
 MAP_KEY = "GeometryMap"
@@ -126,8 +129,8 @@ class Dataset:
     remarks  sentences on how the data were come by, which belong to all that is made of them
     rates    derivatives in time of the fields, None where the data are no moment of a series
     others   datasets that expressions may name, by the names that they have in these: `ref:p`
-    shared   the names of those on the same mesh (`elvis.core.one_mesh`), whose fields are fields of this one too, as
-             `field("ref:p")`
+    shared   the names of those that hold all elements of this one (`elvis.core.common_elements`), whose fields are
+             fields of this one too, as `field("ref:p")`
     """
 
     mesh: Mesh
@@ -138,7 +141,7 @@ class Dataset:
     remarks: tuple[str, ...] = ()
     rates: Rates | None = None
     others: Mapping[str, Dataset] = default(default_factory=dict)
-    shared: frozenset[str] = frozenset()
+    shared: Mapping[str, CommonElements] = default(default_factory=dict)
 
     @property
     def map_names(self) -> tuple[str, ...]:
@@ -154,11 +157,14 @@ class Dataset:
 
     def beside(self, **others: Dataset) -> Dataset:
         """The same with other datasets that expressions may name: after ``beside(ref=other)`` p - ref:p is one."""
-        from elvis.core.one_mesh import are_on_one_mesh
+        from elvis.core.common_elements import common_elements
 
-        shared = {name for name, other in others.items() if are_on_one_mesh(self, other)}
-        kept = self.shared - others.keys()
-        return replace(self, others={**self.others, **others}, shared=kept | shared)
+        shared = {name: own for name, own in self.shared.items() if name not in others}
+        for name, other in others.items():
+            common = common_elements(self, other)
+            if common.is_whole:
+                shared[name] = common
+        return replace(self, others={**self.others, **others}, shared=shared)
 
     def field(self, name: str) -> Field:
         """The field of this name, or a derivative in time; KeyError, with a near name, where there is none."""
@@ -169,7 +175,7 @@ class Dataset:
             return self.rates.field(name[2:-3])
         owner, _, own = name.partition(":")
         if owner in self.shared:
-            return replace(self.others[owner].field(own), name=name)
+            return self.shared[owner].field(self.others[owner].field(own), name)
         names = list(self)
         known = f"the fields are {', '.join(names)}" if names else "the data hold no fields"
         raise KeyError(f"there is no field {name!r}{perhaps(str(name), names)}; {known}")

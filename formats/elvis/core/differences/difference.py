@@ -8,7 +8,7 @@ one's elements, which are halved where its borders make kinks, until the error a
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, overload
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.differences.greatest import greatest_at_points, greatest_of_fields
-from elvis.core.differences.pairing import REFERENCE, common_fields, paired, theirs
+from elvis.core.differences.pairing import Pair, common_fields, theirs
 from elvis.core.errors import ElvisError
 from elvis.core.extrema import Extreme
 from elvis.core.files.columns import Columns
@@ -24,6 +24,7 @@ from elvis.core.hints import perhaps
 from elvis.core.integrals.reference_cells import whole_elements
 from elvis.core.integrals.refinement import Summation, Sums
 from elvis.core.norms import integration_points
+from elvis.core.patch import Patch
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import Node, call, field, number, world_derivative
@@ -164,14 +165,25 @@ def diff(
     names = _chosen(first, second, fields)
     if not 0 < error < 1:
         raise ElvisError(f"expected an error between 0 and 1, found {error:g}")
-    both = paired(first, second)
-    is_same_mesh = REFERENCE in both.shared
-    found = [_Compared(both, name, is_same_mesh, error) for name in names]
-    rows = [own.difference() for own in found]
-    elements = sum(len(patch) for patch in found[0].evaluator.patches)
-    dimension = max(patch.dimension for patch in found[0].evaluator.patches)
-    size = (found[0].measure / max(elements, 1)) ** (1 / dimension)
-    return Differences(rows, is_same_mesh, list(_remarks(rows, is_same_mesh)), elements, size)
+    pair = Pair(first, second)
+    found = [_whole_difference(name, list(pair.parts(name)), error) for name in names]
+    rows = [row for row, _, _ in found]
+    _, measure, held = found[0]
+    elements = sum(map(len, held))
+    dimension = max((patch.dimension for patch in held), default=1)
+    size = (measure / max(elements, 1)) ** (1 / dimension)
+    return Differences(rows, pair.is_same_mesh, [*_remarks(rows), *pair.remarks()], elements, size)
+
+
+def _whole_difference(
+    name: str, parts: Sequence[tuple[Dataset, bool]], error: float
+) -> tuple[Difference, float, Sequence[Patch]]:
+    """The difference of a field over all parts of the first dataset; their measure and elements."""
+    found = [_Compared(dataset, name, is_common, error) for dataset, is_common in parts]
+    sums = reduce(Sums.__add__, (own.sums for own in found))
+    greatest = _greatest_of([own.greatest() for own in found])
+    row = _difference(name, sums, greatest)
+    return row, float(sums.measure[5]), [patch for own in found for patch in own.held]
 
 
 def _chosen(first: Dataset, second: Dataset, fields: str | Sequence[str] | None) -> list[str]:
@@ -187,21 +199,54 @@ def _chosen(first: Dataset, second: Dataset, fields: str | Sequence[str] | None)
     return names
 
 
-def _remarks(rows: Sequence[Difference], is_same_mesh: bool) -> Iterator[str]:
+def _remarks(rows: Sequence[Difference]) -> Iterator[str]:
     for row in rows:
         if row.covered < 1 - 1e-12:
             part = 1 - row.covered
             yield f"{row.field}: the second dataset has nothing on {part:.3g} of the first, which is left out"
-    if not is_same_mesh:
+    if any(np.isnan(row.bound) for row in rows):
         yield "the meshes differ: Linf is the greatest difference at points, no bound of it is proved"
 
 
-class _Compared:
-    """One field of two solutions in a dataset that holds both."""
+def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
+    """The norms of a field's difference from its integrals, those of `_Compared`."""
+    size = np.sqrt(sums.value[3])
+    l1, squares, slopes = sums.value[:3]
+    noise = _ROUNDING * size
+    return Difference(
+        field=name,
+        l1=float(l1),
+        l2=float(np.sqrt(squares)),
+        h1=float(np.sqrt(squares + slopes)),
+        linf=greatest.value,
+        bound=greatest.bound,
+        where=greatest.place,
+        element=greatest.element,
+        relative=float(np.sqrt(squares) / size) if size > 0 else np.nan,
+        covered=float(sums.measure[4] / sums.measure[5]),
+        l1_error=float(sums.error[0] + noise * np.sqrt(sums.measure[4])),
+        l2_error=float(_of_root(squares, sums.error[1]) + noise),
+        h1_error=float(_of_root(squares + slopes, sums.error[1] + sums.error[2]) + noise),
+    )
 
-    def __init__(self, both: Dataset, name: str, is_same_mesh: bool, error: float) -> None:
-        self._both, self._name, self._is_same_mesh, self._error = both, name, is_same_mesh, error
-        own, other = field(name), theirs(name, is_same_mesh)
+
+def _greatest_of(found: Sequence[Extreme]) -> Extreme:
+    """The greatest of several magnitudes, and the greatest of their bounds."""
+    known = [own for own in found if np.isfinite(own.value)] or list(found)
+    best = max(known, key=lambda own: own.value)
+    return replace(best, bound=float(np.max([own.bound for own in known])))
+
+
+class _Compared:
+    """One field of two solutions on a part of a dataset that holds both.
+
+    held  the elements of the part
+    sums  the integrals of `roots`
+    """
+
+    def __init__(self, both: Dataset, name: str, is_common: bool, error: float) -> None:
+        self._both, self._name, self._is_common, self._error = both, name, is_common, error
+        own, other = field(name), theirs(name, is_common)
         self._difference = call("-", own, other)
         axes = range(Names.of(both).dimension)
         slopes = [world_derivative(self._difference, axis) for axis in axes]
@@ -215,42 +260,17 @@ class _Compared:
             "value": self._difference,
         }
         self._expressions = {key: Expression(key, root) for key, root in roots.items()}
-        self.evaluator = Evaluator(both, list(self._expressions.values()))
-        self._sums = self._summed(slopes)
+        self._evaluator = Evaluator(both, list(self._expressions.values()))
+        column = self._evaluator.names.index(name)
+        self.held = [patch for patch in self._evaluator.patches if patch.fields[column] is not None]
+        self.sums = self._summed(slopes)
 
-    def difference(self) -> Difference:
-        """All norms."""
-        sums, size = self._sums, np.sqrt(self._sums.value[3])
-        l1, squares, slopes = sums.value[:3]
-        noise = _ROUNDING * size
-        greatest = self._greatest()
-        return Difference(
-            field=self._name,
-            l1=float(l1),
-            l2=float(np.sqrt(squares)),
-            h1=float(np.sqrt(squares + slopes)),
-            linf=greatest.value,
-            bound=greatest.bound,
-            where=greatest.place,
-            element=greatest.element,
-            relative=float(np.sqrt(squares) / size) if size > 0 else np.nan,
-            covered=float(sums.measure[4] / sums.measure[5]),
-            l1_error=float(sums.error[0] + noise * np.sqrt(sums.measure[4])),
-            l2_error=float(_of_root(squares, sums.error[1]) + noise),
-            h1_error=float(_of_root(squares + slopes, sums.error[1] + sums.error[2]) + noise),
-        )
-
-    @property
-    def measure(self) -> float:
-        """Of the elements of the first dataset that have the field."""
-        return float(self._sums.measure[5])
-
-    def _greatest(self) -> Extreme:
+    def greatest(self) -> Extreme:
         """The greatest magnitude of the difference."""
         found = None
-        if self._is_same_mesh:
+        if self._is_common:
             found = greatest_of_fields(self._both, *Expression("", self._difference).fields)
-        return found or greatest_at_points(self.evaluator, self._expressions["value"])
+        return found or greatest_at_points(self._evaluator, self.held, self._expressions["value"])
 
     def _summed(self, slopes: Sequence[Node]) -> Sums:
         """The integrals of all expressions.
@@ -262,10 +282,8 @@ class _Compared:
         gradients = self._share(*(_total([call("abs", slope) for slope in each]) for each in (slopes, own)))
         precision = [1.0, values, gradients, 1.0, 1.0, 1.0]
         expressions = list(self._expressions.values())[: len(precision)]
-        summation = Summation(self._both, self.evaluator, expressions, self._error, precision, _MOST)
-        number = self.evaluator.names.index(self._name)
-        held = [patch for patch in self.evaluator.patches if patch.fields[number] is not None]
-        return summation.over(list(whole_elements(tuple(held))))
+        summation = Summation(self._both, self._evaluator, expressions, self._error, precision, _MOST)
+        return summation.over(list(whole_elements(tuple(self.held))))
 
     def _share(self, root: Node, of: Node) -> float:
         """How large an expression is in parts of another, by some points: from rounding to 1."""

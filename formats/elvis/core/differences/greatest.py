@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,14 +48,15 @@ class _Places:
         return _Places(self.patch, self.rows[first], self.eta[first], self.values[first])
 
 
-def greatest_at_points(evaluator: Evaluator, expression: Expression) -> Extreme:
+def greatest_at_points(evaluator: Evaluator, held: Sequence[Patch], expression: Expression) -> Extreme:
     """The greatest magnitude of an expression, from points of a lattice in every element and around the best of these.
 
+    held  the elements, of the evaluator's
     The lattice holds the elements' borders.  The bound is NaN: nothing is proved.
     """
-    total = sum(len(patch) for patch in evaluator.patches)
+    total = sum(map(len, held))
     found = Extreme(np.nan, np.nan, (np.nan,) * 3, -1)
-    for patch in evaluator.patches:
+    for patch in held:
         d = patch.dimension
         count = int(np.clip((_MOST / max(total, 1)) ** (1 / d), _LEAST, max(patch.geometry.modes) + 4))
         places = _searched(evaluator, expression, patch, min(count, _GREATEST))

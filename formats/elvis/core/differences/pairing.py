@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from elvis.core.dataset import Dataset
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.core.arrays import Ints, frozen_floats, frozen_ints
+from elvis.core.common_elements import CommonElements, common_elements
+from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.quantities.tree import Node, field, other
 
 #: the other solution in expressions
 REFERENCE = "reference"
+#: distances of maps, in parts of the coordinates, that nobody has to know of
+_ROUNDING = 1e-13
 
 
 def common_fields(first: Dataset, second: Dataset) -> list[str]:
@@ -15,11 +24,62 @@ def common_fields(first: Dataset, second: Dataset) -> list[str]:
     return [one.name for one in first.solution if one.name in known]
 
 
-def paired(first: Dataset, second: Dataset) -> Dataset:
-    """The first dataset, in which fields of the second may be named as `theirs` does."""
-    return first.beside(**{REFERENCE: second})
+class Pair:
+    """Two datasets, the elements that they have in common, and the first one with fields of the second beside it."""
+
+    def __init__(self, first: Dataset, second: Dataset) -> None:
+        self._first, self._second = first, second
+        self._common = common_elements(first, second)
+
+    @property
+    def is_same_mesh(self) -> bool:
+        """Whether all elements of the first dataset are elements of the second."""
+        return self._common.is_whole
+
+    def remarks(self) -> Iterator[str]:
+        """What is said of elements that are taken for the same."""
+        if self._common.apart > _ROUNDING:
+            part = f"{self._common.apart:.1g} of the coordinates"
+            yield f"elements of both meshes are taken for the same, whose maps differ by up to {part}"
+
+    def parts(self, name: str) -> Iterator[tuple[Dataset, bool]]:
+        """The first dataset with a field on common elements, and with it on the others; which of both it is.
+
+        In both the second dataset's field may be named as `theirs` does.  There is one at least.
+        """
+        own, others = self._first.field(name), {REFERENCE: self._second}
+        ids = _ids(self._common.field(self._second.field(name), name))
+        held = _ids(own)
+        shared, rest = np.intersect1d(held, ids), np.setdiff1d(held, ids)
+        if len(shared):
+            common: dict[str, CommonElements] = {REFERENCE: self._common}
+            yield replace(_with(self._first, _on(own, shared)), others=others, shared=common), True
+        if len(rest) or not len(shared):
+            yield replace(_with(self._first, _on(own, rest)), others=others, shared={}), False
 
 
-def theirs(name: str, is_same_mesh: bool) -> Node:
-    """A field of the second dataset in one that `paired` made."""
-    return field(f"{REFERENCE}:{name}") if is_same_mesh else other(REFERENCE, f'"{name}"')
+def _ids(of: Field) -> Ints:
+    """Ids of the elements that hold a field."""
+    return np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in of.blocks)])
+
+
+def _with(dataset: Dataset, own: Field) -> Dataset:
+    """The dataset with another field of a name that it has."""
+    return replace(dataset, fields=tuple(own if one.name == own.name else one for one in dataset.fields))
+
+
+def _on(of: Field, ids: Ints) -> Field:
+    """A field on some elements alone."""
+    return replace(of, blocks=tuple(part for block in of.blocks if len(part := _part(block, ids))))
+
+
+def _part(block: Block, ids: Ints) -> Block:
+    held = np.isin(block.element_ids, ids)
+    if held.all():
+        return block
+    return Block(block.expansion, frozen_ints(block.element_ids[held]), frozen_floats(block.coefficients[held]))
+
+
+def theirs(name: str, is_common: bool) -> Node:
+    """A field of the second dataset in a part of the first, on common elements or on others."""
+    return field(f"{REFERENCE}:{name}") if is_common else other(REFERENCE, f'"{name}"')

@@ -62,7 +62,7 @@ class Names:
         fields = tuple(one.name for one in dataset.solution)
         others = {name: Names.of(other) for name, other in dataset.others.items()}
         noted, rates = _parameters(dataset.metadata), dataset.rates
-        return Names(fields, dimension, dataset.time, noted, sides, rates, others, dataset.shared)
+        return Names(fields, dimension, dataset.time, noted, sides, rates, others, frozenset(dataset.shared))
 
     @cached_property
     def flow(self) -> Flow:

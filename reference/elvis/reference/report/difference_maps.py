@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.dataset import Dataset
-from elvis.core.differences.pairing import REFERENCE, paired
+from elvis.core.differences.pairing import REFERENCE
 from elvis.core.errors import ElvisError
 from elvis.core.picturing import Kind
 from elvis.reference.study import complete, drawing_device
@@ -46,7 +46,7 @@ def difference_maps(
     """
     if Kind.LINE in map(Kind.of, (first, second)):
         raise ElvisError("1D data are drawn as curves of their own")
-    draw, both = drawing_device(), paired(first, second)
+    draw, both = drawing_device(), first.beside(**{REFERENCE: second})
     asked = replace(scene, outputs=(), stats=None, range=None, size=scene.size or SIZE)
     for field in fields:
         ours = draw(first, replace(asked, field=field), device=scene.device)
