@@ -32,6 +32,7 @@ def course_of(item: Streamlines) -> Course:
         item.steps,
         item.tolerance,
         item.random,
+        item.wall,
     )
 
 

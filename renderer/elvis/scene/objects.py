@@ -289,6 +289,14 @@ class Streamlines(Model, of="streamlines"):
         float | None, Setting("Error of a step in units of length.", **POSITIVE, default="1e-12 diagonals")
     ] = None
     random: Annotated[int, Setting("Number that random seeds are drawn with.", ge=0)] = 0
+    wall: Annotated[
+        str | None,
+        Setting(
+            "A boundary on which lines follow the wall shear, or the velocity where one is given: skin friction lines.",
+            metavar="NAME",
+            default="lines in elements",
+        ),
+    ] = None
     radius: Annotated[
         float | None,
         Setting("Radius of the tubes in world units.", **POSITIVE, default="0.003 diagonals of the box"),

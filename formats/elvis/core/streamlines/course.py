@@ -16,6 +16,7 @@ from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
 from elvis.core.streamlines.tracer import Limits, Tracer
 from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+from elvis.core.streamlines.walls import WallVelocity, corners_of, shear_expressions
 
 #: directions: signs of the velocity
 DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
@@ -38,6 +39,7 @@ class Course:
     steps      at most, each within one element
     tolerance  error of a step in the world; None: 1e-12 of the diagonal of the box
     random     number that random seeds are drawn with
+    wall       a boundary on which lines follow the shear, or what is given as velocity, along it (`walls`)
     """
 
     seeds: Any
@@ -49,6 +51,7 @@ class Course:
     steps: int = 10_000
     tolerance: float | None = None
     random: int = 0
+    wall: str | None = None
 
     def check(self) -> None:
         """ElvisError for a direction that there is not, and limits that are not positive."""
@@ -92,11 +95,11 @@ class Flow:
         if dataset.mesh.dimension < 2:
             raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
         course.check()
-        velocity = Velocity(dataset, velocity_expressions(dataset, course.velocity), others)
+        velocity, neighbours = _moving(dataset, course, others)
         locator = Locator(velocity.patches)
-        location = locator.locate(seed_points(dataset, locator, course.seeds, course.random))
+        seeds = seed_points(dataset, locator, course.seeds, course.random, velocity.evaluator.patches)
+        location = locator.locate(seeds)
         limits = _limits(diagonal(locator), course, _REST * _fastest(velocity, location))
-        neighbours = Neighbours(dataset, velocity.patches)
         return Flow(velocity, neighbours, locator, location, limits, DIRECTIONS[course.direction])
 
     @property
@@ -110,6 +113,16 @@ class Flow:
             tracer = Tracer(self.velocity, self.neighbours, self.locator, self.limits, sign)
             tracer.place(self.location.patch, self.location.row, self.location.reference)
             yield tracer
+
+
+def _moving(dataset: Dataset, course: Course, others: Sequence[Expression]) -> tuple[Velocity, Neighbours]:
+    """What lines follow, in elements or on a wall."""
+    if course.wall is None:
+        velocity = Velocity(dataset, velocity_expressions(dataset, course.velocity), others)
+        return velocity, Neighbours.of(dataset, velocity.patches)
+    on_wall = WallVelocity(dataset, shear_expressions(dataset, course.velocity), others, course.wall)
+    vertices = [corners_of(dataset, piece) for piece in on_wall.pieces]
+    return on_wall, Neighbours.of_faces(on_wall.patches, vertices)
 
 
 def diagonal(locator: Locator) -> float:

@@ -25,7 +25,7 @@ class End(IntEnum):
 #: what the ends are called, and what that means
 WORDS = {
     End.GOING: ("going", "under way"),
-    End.LEFT: ("left", "left the domain"),
+    End.LEFT: ("left", "left the domain, or the wall that it is on"),
     End.LENGTH: ("length", "has the length asked for"),
     End.DURATION: ("duration", "has the duration asked for"),
     End.SPEED: ("speed", "became slower than asked for"),

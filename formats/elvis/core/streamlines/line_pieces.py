@@ -183,7 +183,8 @@ def _in_patch(velocity: Velocity, number: int, rows: Ints, nets: Floats, most: f
         points, deviation = _image(velocity, number, rows, nets)
         done = (deviation <= most) | (halving == _HALVINGS)
         reference = np.zeros((int(done.sum()), DEGREE + 1, 3))
-        reference[:, :, :dimension] = np.einsum("nbd,bp->npd", nets[done], _BERNSTEIN)
+        own = velocity.in_elements(number, nets[done])
+        reference[:, :, : own.shape[2]] = np.einsum("nbd,bp->npd", own, _BERNSTEIN)
         ids = velocity.patches[number].element_ids[rows[done]]
         found.append(Pieces(points[done], reference, ids, deviation[done]))
         left = np.flatnonzero(~done)

@@ -43,27 +43,55 @@ class Crossing:
 
 
 class Neighbours:
-    """The sides of all elements of some patches of a dataset, which has two or three dimensions.
+    """The sides of all elements of some patches, of two or three dimensions.
 
     names  of the boundaries that a side may belong to
     """
 
-    def __init__(self, dataset: Dataset, patches: Sequence[Patch]) -> None:
+    @staticmethod
+    def of(dataset: Dataset, patches: Sequence[Patch]) -> Neighbours:
+        """Those of elements of a dataset."""
         mesh = dataset.mesh
-        self._patches = patches
+        vertices, sides = [], []
+        for patch in patches:
+            rows = mesh.of(patch.shape).rows_of(patch.element_ids)
+            vertices.append(local_vertices(mesh, patch.shape)[rows])
+            sides.append(mesh.of(patch.shape).members[rows])
+        count = max((int(own.max(initial=-1)) for own in sides), default=-1) + 1
+        return Neighbours(patches, vertices, sides, *_named(dataset, count))
+
+    @staticmethod
+    def of_faces(patches: Sequence[Patch], vertices: Sequence[Ints]) -> Neighbours:
+        """Those of faces with some vertices (n, k), by which they share edges."""
+        edges = [own[:, np.array(patch.shape.edges)] for patch, own in zip(patches, vertices, strict=True)]
+        pairs = np.concatenate([np.sort(own.reshape(-1, 2), axis=1) for own in edges])
+        which = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
+        ends = np.cumsum([own.shape[0] * own.shape[1] for own in edges])
+        parts = np.split(which, ends[:-1])
+        sides = [part.reshape(own.shape[:2]) for part, own in zip(parts, edges, strict=True)]
+        return Neighbours(patches, vertices, sides, (), np.full(len(pairs), -1))
+
+    def __init__(
+        self,
+        patches: Sequence[Patch],
+        vertices: Sequence[Ints],
+        sides: Sequence[Ints],
+        names: tuple[str, ...],
+        boundary: Ints,
+    ) -> None:
+        """Patches with vertices (n, k) and sides (n, f) of their elements; numbers of the sides' boundaries, or -1."""
+        self._patches, self.names, self._boundary = patches, names, boundary
         self._starts = np.cumsum([0, *map(len, patches)])
         self._shape = np.concatenate([np.full(len(p), _SHAPES.index(p.shape)) for p in patches])
         self._vertices = np.full((len(self._shape), _VERTICES), -1)
         self._side = np.full((len(self._shape), _SIDES), -1)
-        for first, patch in zip(self._starts, patches, strict=False):
-            rows = mesh.of(patch.shape).rows_of(patch.element_ids)
-            own, members = local_vertices(mesh, patch.shape)[rows], mesh.of(patch.shape).members[rows]
-            here = slice(first, first + len(patch))
+        for first, own, members in zip(self._starts, vertices, sides, strict=False):
+            here = slice(first, first + len(own))
             self._vertices[here, : own.shape[1]] = own
             self._side[here, : members.shape[1]] = members
         self._beyond = _pairs(self._side)
-        self.names, self._boundary = _named(dataset, int(self._side.max(initial=-1)) + 1)
-        self._tables = [_Sides.of(shape) if shape.dimension == mesh.dimension else None for shape in _SHAPES]
+        present = {patch.shape.dimension for patch in patches}
+        self._tables = [_Sides.of(shape) if shape.dimension in present else None for shape in _SHAPES]
 
     def facets(self, patch: int) -> tuple[Floats, Floats]:
         """Normals (k, d) and offsets (k,) of the sides of a patch's elements, in the order of the mesh's members."""

@@ -27,6 +27,7 @@ from elvis.core.integrals.targets import Places
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
+from elvis.core.patch import Patch
 from elvis.core.quantities.names import Names
 from elvis.core.queries import points_in_table, points_on_line
 from elvis.core.sampling import world_points
@@ -37,16 +38,19 @@ _Parts = Sequence[str]
 _MOST, _DRAWS = 1_000_000, 100
 
 
-def seed_points(dataset: Dataset, locator: Locator, seeds: Any, random: int = 0) -> Floats:
+def seed_points(
+    dataset: Dataset, locator: Locator, seeds: Any, random: int = 0, patches: Sequence[Patch] | None = None
+) -> Floats:
     """(n, 3) seeds from points (n, d), a text or several (see above); ElvisError for what they can't be.
 
-    random  number that random points are drawn with: the same points each time
+    random   number that random points are drawn with: the same points each time
+    patches  the elements whose sides boundaries are; None: those of the locator
     """
     dimension = Names.of(dataset).dimension
     if isinstance(seeds, (str, Path)):
         seeds = [seeds]
     if isinstance(seeds, Sequence) and seeds and all(isinstance(seed, (str, Path)) for seed in seeds):
-        found = np.concatenate([_Reader(dataset, locator, random).points(str(seed)) for seed in seeds])
+        found = np.concatenate([_Reader(dataset, locator, random, patches).points(str(seed)) for seed in seeds])
     else:
         found = world_points(seeds, dimension)
     if not len(found):
@@ -57,8 +61,9 @@ def seed_points(dataset: Dataset, locator: Locator, seeds: Any, random: int = 0)
 class _Reader:
     """What texts stand for in a dataset."""
 
-    def __init__(self, dataset: Dataset, locator: Locator, random: int) -> None:
+    def __init__(self, dataset: Dataset, locator: Locator, random: int, patches: Sequence[Patch] | None) -> None:
         self.dataset, self.locator = dataset, locator
+        self._patches = tuple(locator.patches if patches is None else patches)
         self._draw = np.random.default_rng(random)
         self._kinds: Mapping[str, tuple[tuple[int, ...], Callable[[_Parts], Floats]]] = {
             "point": ((1,), self._point),
@@ -123,7 +128,7 @@ class _Reader:
         """The middles of equal parts of each side, in its collapsed coordinates."""
         count = _count(parts[1]) if len(parts) > 1 else 1
         middles = (2 * np.arange(count) + 1) / count - 1
-        places_by_name = Places(self.dataset, tuple(self.locator.patches), {})
+        places_by_name = Places(self.dataset, self._patches, {})
         known = (ALL, *places_by_name.boundaries)
         if parts[0] not in known:
             hint = perhaps(parts[0], known)

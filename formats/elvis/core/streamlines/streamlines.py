@@ -128,6 +128,7 @@ def trace(
     spacing: float | None = None,
     fields: Sequence[str] = (),
     random: int = 0,
+    wall: str | None = None,
 ) -> Streamlines:
     """Streamlines through seeds, integrated exactly in the curved elements (see `tracer`).
 
@@ -142,6 +143,7 @@ def trace(
     spacing    of points along a line at most; None: 1/200 of the diagonal
     fields     further quantities at the points
     random     number that random seeds are drawn with
+    wall       a boundary of 3D data: lines follow the shear on it, or the velocity along it where one is given
 
     ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
     """
@@ -152,7 +154,7 @@ def trace(
     if taken:
         raise ElvisError(f"the field {taken[0]!r} has the name of a column; an expression such as 1*{taken[0]} has not")
     components = None if texts is None else tuple(texts)
-    course = Course(seeds, components, direction, length, duration, speed, steps, tolerance, random)
+    course = Course(seeds, components, direction, length, duration, speed, steps, tolerance, random, wall)
     flow = Flow.of(dataset, course, others)
     positive("spacing", spacing)
     apart = SPACING * flow.size if spacing is None else float(spacing)

@@ -136,7 +136,7 @@ class Tracer:
         motion = self.velocity.motion(self.patch[lines], self.row[lines], self.state[lines, :-1])
         self._slope[lines], self._jacobians[lines] = self._slopes(motion), motion.jacobians
         self._end_slow(lines, motion)
-        self._orientation[lines] = _orientations(motion.jacobians)
+        self._orientation[lines] = self._orientations(motion.jacobians)
 
     def _end_slow(self, lines: Ints, motion: Motion) -> None:
         """End the lines that move no more."""
@@ -300,7 +300,7 @@ class Tracer:
         motion = self.velocity.motion(self.patch[lines], self.row[lines], self.state[lines, :-1])
         self._jacobians[lines] = motion.jacobians
         self._end_slow(lines, motion)
-        folded = _orientations(motion.jacobians) != self._orientation[lines]
+        folded = self._orientations(motion.jacobians) != self._orientation[lines]
         self._finish(lines, np.where(folded, End.INVERTED, End.GOING))
 
     def _leave(self, lines: Ints, side: Ints) -> None:
@@ -380,6 +380,14 @@ class Tracer:
         ends[unnamed[going_on]] = End.GOING
         self._finish(lines, ends)
 
+    def _orientations(self, jacobians: Floats) -> Floats:
+        """(n,) the sign of the map's determinant, 0 where it is no number; 1 on surfaces in space."""
+        if jacobians.shape[2] == 2 and self.velocity.is_oriented and not jacobians[:, 2].any():
+            found = np.linalg.det(jacobians[:, :2])
+        else:
+            found = tangents.determinants(jacobians)
+        return np.asarray(np.nan_to_num(np.sign(found)))
+
     def _find(self, lines: Ints, points: Floats) -> Bools:
         """(k,) whether lines go on in elements found at their points, which they then are in."""
         found = np.zeros(len(lines), bool)
@@ -422,15 +430,6 @@ def points_within(piece: Piece, spacing: float) -> tuple[Ints, Floats, Floats]:
     last = fraction == 1
     states[last] = piece.end[which[last]]
     return which, fraction, states
-
-
-def _orientations(jacobians: Floats) -> Floats:
-    """(n,) the sign of the map's determinant, 0 where it is no number; 1 on surfaces in space."""
-    if jacobians.shape[2] == 2 and not jacobians[:, 2].any():
-        found = np.linalg.det(jacobians[:, :2])
-    else:
-        found = tangents.determinants(jacobians)
-    return np.asarray(np.nan_to_num(np.sign(found)))
 
 
 def _is_folding(jacobians: Floats) -> Bools:

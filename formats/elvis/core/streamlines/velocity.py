@@ -63,7 +63,11 @@ class Velocity:
 
     patches  the elements, in the order of ``evaluator``
     others   further quantities that `values` is asked for
+
+    is_oriented  whether neighbours in the plane see it from the same side
     """
+
+    is_oriented = True
 
     def __init__(self, dataset: Dataset, expressions: Sequence[Expression], others: Sequence[Expression] = ()) -> None:
         self.evaluator = Evaluator(dataset, [*expressions, *others])
@@ -97,6 +101,10 @@ class Velocity:
             here = np.flatnonzero(patch == number)
             found[here] = pointwise.positions(self.patches[number], row[here], points[here])
         return found
+
+    def in_elements(self, number: int, points: Floats) -> Floats:
+        """(…, D) reference coordinates in the elements of a patch, of points (…, D): the same."""
+        return points
 
     def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n,) values of one of the evaluator's expressions."""

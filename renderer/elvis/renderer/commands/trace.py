@@ -20,6 +20,7 @@ Examples:
   elvis trace wing.xml wing.fld --seeds line:0.1,0.5,0.1:0.1,0.5,0.9:20 -o lines.vtp
   elvis trace wing.xml wing.fld --seeds random:200 --direction both --length 2 -o lines.npz
   elvis trace bend.xml bend.fld --seeds boundary:inlet:4 --field p -o lines.csv
+  elvis trace wing.xml wing.fld --wall wing --seeds boundary:wing:2 -o friction.vtp
   elvis trace jet.xml jet.fld --seeds seeds.csv --velocity rhou/rho,rhov/rho --duration 5
 """
 
@@ -47,7 +48,8 @@ def trace(
     Lines are integrated in the elements' own coordinates by a method of order 8, one element at a time, so that curved
     elements, high orders and jumps cost no accuracy. Each line ends in a way that has a name: left or the name of the
     boundary it left through, length, duration, speed, steps, stagnation, jump, outside, nan, inverted, failed. With
-    --direction both, lines against the stream follow the others. A file has the points of all lines with time, length,
+    --direction both, lines against the stream follow the others. With --wall they stay on a boundary, along the wall
+    shear. A file has the points of all lines with time, length,
     element, velocity and the quantities of --field.
     """
     from elvis.core.arguments import texts_of

@@ -22,7 +22,7 @@ STYLES = tuple(name for name, setting in settings(Style).items() if setting.opti
 OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
 
 #: what streamlines follow, as pictures and `elvis trace` have it
-COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "speed", "steps", "tolerance")
+COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "speed", "steps", "tolerance", "wall")
 
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {

@@ -1,0 +1,156 @@
+"""What moves on walls: the shear of a flow on the faces of a boundary, in the faces' own coordinates.
+
+On a wall where a fluid is at rest it moves, next to it, by h du/dn at the height h: along the wall shear.  Lines along
+that are skin friction lines (Legendre 1956; Delery 2013, Three-dimensional separated flow topology, chapter 2).  The
+derivatives are those of the fields in the elements that have the faces; lines are followed in coordinates (r, s) of
+these faces, so that no point leaves the wall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.integrals.reference_cells import Piece
+from elvis.core.integrals.targets import Places
+from elvis.core.mapping import pointwise, tangents
+from elvis.core.mapping.margins import facets
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.boxnets import box_degrees
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities import tree
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+from elvis.core.streamlines.velocity import Motion, Velocity, velocity_expressions
+
+
+def shear_expressions(dataset: Dataset, texts: Sequence[str] | None) -> list[Expression]:
+    """The components of what lines on walls follow: given as texts, or the wall shear for a viscosity of one.
+
+    ElvisError where the data have no velocity, and for another number of components than three.
+    """
+    if texts is not None:
+        return velocity_expressions(dataset, texts)
+    flow = Names.of(dataset).flow
+    names = [f"wall_shear_{axis}" for axis in tree.AXES]
+    return [Expression(name, flow.node(name, {"mu": tree.number(1.0)})) for name in names]
+
+
+def wall_pieces(dataset: Dataset, patches: Sequence[Patch], wall: str) -> list[Piece]:
+    """The faces of a boundary as sides of elements; ElvisError for data that aren't 3D, and where there are none."""
+    if dataset.mesh.dimension != 3:
+        raise ElvisError(f"lines on the wall {wall}: expected 3D data, whose walls have faces")
+    target = Places(dataset, tuple(patches), {}).named(wall)
+    rows = target.rows if target.total is None else (target.total,)
+    return [piece for row in rows for piece in row.pieces if isinstance(piece, Piece)]
+
+
+def corners_of(dataset: Dataset, piece: Piece) -> Ints:
+    """(n, corners) rows of the mesh's vertices at the corners of sides, in the order of the sides' shape."""
+    shape = piece.patch.shape
+    assert piece.number is not None
+    entities = dataset.mesh.of(shape).rows_of(piece.patch.element_ids[piece.rows])
+    return np.asarray(local_vertices(dataset.mesh, shape)[entities][:, list(shape.faces[piece.number])])
+
+
+def outward(piece: Piece, jacobians: Floats) -> Floats:
+    """(n, 3) unit normals of sides, out of their elements, from Jacobians (n, 3, 3) of the elements there."""
+    normals, offsets = facets(piece.patch.shape)
+    assert piece.number is not None
+    corners = piece.patch.shape.vertices[list(piece.patch.shape.faces[piece.number])]
+    slope = normals[np.abs(corners @ normals.T + offsets).sum(axis=0).argmin()]
+    with np.errstate(all="ignore"):
+        gradients = tangents.duals(jacobians) @ slope
+        return np.asarray(-gradients / np.linalg.norm(gradients, axis=1, keepdims=True))
+
+
+class WallVelocity(Velocity):
+    """The shear on a wall: as `Velocity`, with a patch for the faces of each kind in place of elements.
+
+    pieces  the faces as sides of elements, one for each of ``patches``
+    """
+
+    is_oriented = False
+
+    def __init__(
+        self, dataset: Dataset, expressions: Sequence[Expression], others: Sequence[Expression], wall: str
+    ) -> None:
+        self.evaluator = Evaluator(dataset, [*expressions, *others])
+        self.expressions, self.others = tuple(expressions), tuple(others)
+        self.pieces = wall_pieces(dataset, self.evaluator.patches, wall)
+        self.patches = tuple(_face_patch(piece) for piece in self.pieces)
+
+    def is_straight(self, number: int) -> bool:
+        """As if no face were: their maps are those of elements."""
+        return False
+
+    def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
+        """At reference points (n, 2) of faces: patches (n,) and rows in them (n,)."""
+        found = Motion(np.zeros((len(points), 3)), np.empty((len(points), 2)), np.empty((len(points), 3, 2)))
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            piece, places = self._places(int(number), row[here], points[here])
+            along = piece.along(places.jacobians)
+            shear = np.zeros((len(here), 3))
+            for axis, value in enumerate(self.evaluator.values_at(self.expressions, places)):
+                shear[:, axis] = value
+            with np.errstate(all="ignore"):
+                reference = np.einsum("nci,nc->ni", tangents.duals(along), shear)
+            found.velocity[here] = np.einsum("nci,ni->nc", along, reference)
+            found.reference[here], found.jacobians[here] = reference, along
+        return found
+
+    def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
+        """(n, 3) world coordinates, by the maps of the elements."""
+        found = np.empty((len(points), 3))
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            piece = self.pieces[number]
+            found[here] = pointwise.positions(piece.patch, piece.rows[row[here]], piece.places(points[here]))
+        return found
+
+    def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
+        """(n,) values of one of the evaluator's expressions."""
+        found = np.empty(len(points))
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            _, places = self._places(int(number), row[here], points[here])
+            (value,) = self.evaluator.values_at([expression], places)
+            found[here] = value
+        return found
+
+    def in_elements(self, number: int, points: Floats) -> Floats:
+        """(…, 3) reference coordinates in elements of points (…, 2) on faces of a patch."""
+        return self.pieces[number].places(points)
+
+    def _places(self, number: int, row: Ints, points: Floats) -> tuple[Piece, ElementPoints]:
+        """Points on faces as points of elements, with the normals of the wall, which stages beyond it need, too."""
+        piece = self.pieces[number]
+        rows, inner = piece.rows[row], piece.places(points)
+        normals = outward(piece, pointwise.jacobians(piece.patch, rows, inner))
+        return piece, ElementPoints(piece.patch, rows, inner, normals)
+
+
+def _face_patch(piece: Piece) -> Patch:
+    """Sides of elements as elements of a surface: their maps, interpolated where they are polynomials."""
+    degree = max(1, *box_degrees(bernstein_space(piece.patch.geometry)))
+    nodes = gauss(degree + 1)[0]
+    lattice = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = uncollapse(piece.shape, lattice)
+    expansion = modified(piece.shape, (degree + 1, degree + 1))
+    tables = values(piece.patch.geometry, piece.places(points))
+    world = piece.patch.geometry_coefficients[piece.rows] @ tables.T
+    coefficients = world @ np.linalg.pinv(values(expansion, points)).T
+    ids = piece.patch.element_ids[piece.rows]
+    return Patch(piece.shape, frozen_ints(ids), expansion, frozen_floats(coefficients), (), ())
