@@ -234,19 +234,41 @@ def test_only_scratch_folders_of_ours_are_leftovers(tmp_path):
 
 
 def test_a_folder_taken_for_a_leftover_is_made_again(tmp_path, monkeypatch):
-    """Another run may see a new scratch folder before it is locked, and remove it."""
-    locked, made = scratch._locked, []
+    """Another run may see a new scratch folder before it is locked: remove it, or hold its lock and then do so."""
+    lock, made = scratch._lock, []
 
     def robbed(own):
         made.append(own)
-        if len(made) < 3:
+        if len(made) == 1:
             scratch.shutil.rmtree(own)
-        return locked(own)
+        held = lock(own) if len(made) == 2 else None
+        try:
+            return lock(own)
+        finally:
+            if held is not None:
+                scratch._discard(own, held)
 
-    monkeypatch.setattr(scratch, "_locked", robbed)
+    monkeypatch.setattr(scratch, "_lock", robbed)
     write_text(tmp_path / "a", "text")
     assert len(made) == 3
     assert state(tmp_path) == {"a": "text"}
+
+
+def test_a_folder_that_is_removed_can_not_be_locked_on_the_way(tmp_path, monkeypatch):
+    """Whoever opened its lock before that finds it gone; a lock that is made once it is free keeps the folder."""
+    close, found = os.close, []
+
+    def closed(lock):
+        close(lock)
+        if not found and not (made / "lock").exists():
+            found.append(scratch._lock(made))
+
+    with scratch.scratch(tmp_path) as made:
+        monkeypatch.setattr(os, "close", closed)
+    monkeypatch.undo()
+    assert made.is_dir()
+    scratch._discard(made, found[0])
+    assert not os.listdir(tmp_path)
 
 
 def test_file_systems_without_locks_and_links(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ Each worker opens the data once and draws frames that follow one another, so tha
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,14 @@ from elvis.scene import Scene
 
 #: blocks of frames for each worker, so that all end at about one time
 _BLOCKS = 4
+#: how processes begin: where a system can, as copies of one that has loaded these modules and holds no device
+_METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+_PRELOADED = ["distributed", "elvis.renderer.film_workers"]
+#: of Dask: the work of a worker that was ended is not given to another
+_CONFIGURATION = {
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.worker.multiprocessing-method": _METHOD,
+}
 #: seconds between looks at what is done
 _LOOK = 0.1
 #: the film that a worker draws, by what it was opened with
@@ -63,6 +72,15 @@ class Workers:
         for module in ("distributed", *(() if self.scheduler else ("cryptography",))):
             require_module(module, "--workers", "parallel")
 
+    def prepare(self) -> None:
+        """Begin to load the modules that all workers of this machine need, once, while the data are looked at."""
+        if self.scheduler or _METHOD != "forkserver":
+            return
+        from multiprocessing.forkserver import ensure_running
+
+        multiprocessing.set_forkserver_preload(_PRELOADED)
+        ensure_running()
+
     @contextmanager
     def _client(self) -> Iterator[Any]:
         """A client of the scheduler, or of workers of its own."""
@@ -76,7 +94,7 @@ class Workers:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         threads = os.environ.get("LP_NUM_THREADS", str(max(1, cores // self.count)))
         with (
-            dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+            dask.config.set(_CONFIGURATION),
             distributed.LocalCluster(
                 n_workers=self.count,
                 threads_per_worker=1,

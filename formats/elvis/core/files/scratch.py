@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 try:
@@ -79,30 +79,42 @@ def _make_folder(folder: Path) -> tuple[Path, int | None]:
     for _ in range(_TRIES):
         own = folder / f".elvis-{os.urandom(6).hex()}.tmp"
         own.mkdir(mode=0o700)
-        lock = _locked(own)
-        if lock is not None or own.is_dir():
+        try:
+            return own, _lock(own)
+        except (BlockingIOError, FileNotFoundError):
+            continue  # another process, which came between, took it for a leftover
+        except OSError:
             break
-    return own, lock
+    return own, None
 
 
 def _locked(own: Path) -> int | None:
     """A descriptor that holds the lock of a scratch folder; None where it can't be had or the folder is gone."""
-    path = own / "lock"
-    if fcntl is None:
-        return None
     try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        return _lock(own)
     except OSError:
         return None
+
+
+def _lock(own: Path) -> int:
+    """A descriptor that holds the lock of a scratch folder.
+
+    Raises BlockingIOError where another process has it, FileNotFoundError where the folder is gone, and OSError where
+    there are no locks.
+    """
+    if fcntl is None:
+        raise OSError("there are no locks")
+    path = own / "lock"
+    lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         # the one that held it before may have removed the folder
-        if os.path.samestat(os.fstat(lock), os.stat(path)):
-            return lock
+        if not os.path.samestat(os.fstat(lock), os.stat(path)):
+            raise FileNotFoundError(path)
     except OSError:
-        pass
-    os.close(lock)
-    return None
+        os.close(lock)
+        raise
+    return lock
 
 
 def _put_back(leftover: Path, folder: Path) -> None:
@@ -116,10 +128,16 @@ def _put_back(leftover: Path, folder: Path) -> None:
 def _discard(own: Path, lock: int | None) -> None:
     """Remove a scratch folder and free its lock; the old goes first, so that nobody puts it back.
 
-    The lock goes last: network file systems keep files that are open, and so the folder.
+    The name of the lock goes before it is free: so whoever made the folder, and waits for that lock, finds it gone, and
+    a lock made anew keeps the folder.  Network file systems keep files that are open: so the folder goes last.
     """
-    shutil.rmtree(own / "old", ignore_errors=True)
-    shutil.rmtree(own / "new", ignore_errors=True)
+    for part in (own / "old", own / "new"):
+        shutil.rmtree(part, ignore_errors=True)
+        with suppress(OSError):
+            part.unlink()
+    with suppress(OSError):
+        (own / "lock").unlink()
     if lock is not None:
         os.close(lock)
-    shutil.rmtree(own, ignore_errors=True)
+    with suppress(OSError):
+        own.rmdir()

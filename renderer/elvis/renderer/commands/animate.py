@@ -121,6 +121,7 @@ def animate(
     crew = Workers(workers, scheduler) if workers > 1 or scheduler else None
     if crew is not None:
         crew.check()
+        crew.prepare()
     moving = [Key.of(*key) for key in keys]
     folder, films = _places(outputs, data, overwrite)
     with Film(scene, not no_cache) as film:
