@@ -8,10 +8,25 @@ import pytest
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer import Camera, Clip, CutSurface, Faces, Plane, SceneError, Sphere, Status, Streamlines, Style
+from elvis.renderer import (
+    Camera,
+    Clip,
+    CutSurface,
+    Faces,
+    Plane,
+    Scene,
+    SceneError,
+    Sphere,
+    Status,
+    Streamlines,
+    Style,
+)
+from elvis.renderer.passes.tubes.tubes import TubeDrawer
+from elvis.renderer.rendering import completed
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.commandline.writing import option_words
+from elvis.scene.quantities import quantities
 from elvis.scene.tables import scene_of, table_of
 
 
@@ -174,3 +189,15 @@ def test_scenes_commands_and_python_say_the_same():
 def test_what_is_refused(draw, helices, given, match):
     with pytest.raises(SceneError, match=match):
         draw(helices, objects=(Streamlines(**{"seeds": ("point:1,0.5,0.5",), **given}),), size=(8, 8))
+
+
+def test_several_objects_are_prepared_once_for_a_view(renderer, helices, monkeypatch):
+    prepared = []
+    whole = TubeDrawer._prepared
+    monkeypatch.setattr(TubeDrawer, "_prepared", lambda *given: prepared.append(given) or whole(*given))
+    scene = completed(helices, Scene(**VIEW, objects=(BASE, replace(BASE, seeds=("point:0.3,0.3,0.5",)))))
+    drawing = renderer("vulkan")
+    drawing.load(helices, *quantities(scene))
+    for _ in range(2):
+        drawing.render(scene)
+    assert len(prepared) == 2

@@ -33,7 +33,7 @@ SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdi
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
 #: stages that hold many copies of an element's code, as formulas do: loops compile sooner
-COMPACT = ("line_draw",)
+COMPACT = ("line_draw", "trace_follow")
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
 #: groups of a row, as in dispatch.slang

@@ -30,6 +30,7 @@ from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.hits import outside
 from elvis.renderer.passes.solids.solids import SolidDrawer, values_at_hits
+from elvis.renderer.passes.streams.following import Followers
 from elvis.renderer.passes.tubes.tubes import Girth, TubeDrawer
 from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.renderer.pixels import NOBODY
@@ -106,6 +107,12 @@ class Stages:
     def tubes(self) -> TubeDrawer:
         """Streamlines."""
         return TubeDrawer(self.loaded)
+
+    @cached_property
+    def _followers(self) -> Followers:
+        """What follows lines on the device."""
+        device = self.loaded.device
+        return Followers(lambda: device)
 
     @cached_property
     def distances(self) -> DistanceDrawer:
@@ -246,7 +253,7 @@ class Stages:
             raise SceneError(
                 "streamlines: expected elements whose neighbours are known, found what a runtime plugin has opened"
             )
-        return curves_in(self.dataset, item)
+        return curves_in(self.dataset, item, self._followers)
 
     def _tubes(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
         """Streamlines."""

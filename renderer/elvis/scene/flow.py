@@ -7,8 +7,9 @@ from weakref import WeakKeyDictionary
 from elvis.core.arguments import texts_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.streamlines.course import Course
+from elvis.core.streamlines.course import Course, MakeTracer
 from elvis.core.streamlines.line_pieces import Curves, curves
+from elvis.core.streamlines.tracer import Tracer
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import Streamlines
 
@@ -36,8 +37,11 @@ def course_of(item: Streamlines) -> Course:
     )
 
 
-def curves_in(dataset: Dataset, item: Streamlines) -> Curves:
-    """The lines of an object; SceneError for seeds and velocities that can't be, and where all seeds are outside."""
+def curves_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Curves:
+    """The lines of an object; SceneError for seeds and velocities that can't be, and where all seeds are outside.
+
+    make  of what follows lines that aren't known yet
+    """
     course = course_of(item)
     known = _KNOWN.setdefault(dataset, {})
     if "-" in item.seeds:
@@ -46,7 +50,7 @@ def curves_in(dataset: Dataset, item: Streamlines) -> Curves:
         if len(known) >= _MOST:
             known.clear()
         try:
-            known[course] = curves(dataset, course)
+            known[course] = curves(dataset, course, make)
         except ElvisError as error:
             raise SceneError(f"streamlines: {error}") from error
     found = known[course]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -24,6 +24,9 @@ DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,),
 TOLERANCE, LENGTH = 1e-12, 10.0
 #: a speed that counts as rest, in parts of the greatest speed at the seeds and in the elements' middles
 _REST = 1e-10
+
+#: makes a tracer, as `Tracer` does
+MakeTracer: TypeAlias = Callable[[Velocity, Neighbours, Locator, Limits, int], Tracer]
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,13 @@ class Flow:
         """Diagonal of the box of all elements."""
         return diagonal(self.locator)
 
-    def tracers(self) -> Iterator[Tracer]:
-        """The lines, ready to go: those of one direction after those of the other."""
+    def tracers(self, make: MakeTracer = Tracer) -> Iterator[Tracer]:
+        """The lines, ready to go: those of one direction after those of the other.
+
+        make  of what follows them: `Tracer`, or what does so elsewhere
+        """
         for sign in self.signs:
-            tracer = Tracer(self.velocity, self.neighbours, self.locator, self.limits, sign)
+            tracer = make(self.velocity, self.neighbours, self.locator, self.limits, sign)
             tracer.place(self.location.patch, self.location.row, self.location.reference)
             yield tracer
 

@@ -222,7 +222,7 @@ def _powers() -> Floats:
     return frozen_floats(nets)
 
 
-_POWERS = _powers()
+POWERS = _powers()
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +264,7 @@ class Step:
         first, last = h * slopes[:, 0], h * slopes[:, COUNT]
         higher = h[:, None] * np.einsum("tk,nks->nts", DENSE, slopes)
         terms = np.concatenate([np.stack([change, first - change, 2 * change - first - last], axis=1), higher], axis=1)
-        return np.asarray(self.start[:, None] + np.einsum("tb,nts->nbs", _POWERS, terms))
+        return np.asarray(self.start[:, None] + np.einsum("tb,nts->nbs", POWERS, terms))
 
 
 def step(derivative: Derivative, start: Floats, slope: Floats, width: Floats) -> Step:

@@ -17,7 +17,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.boxnets import power_net
-from elvis.core.streamlines.course import Course, Flow
+from elvis.core.streamlines.course import Course, Flow, MakeTracer
 from elvis.core.streamlines.dop853 import DEGREE
 from elvis.core.streamlines.endings import WORDS, End
 from elvis.core.streamlines.first_roots import before, beyond
@@ -122,13 +122,16 @@ class Curves:
     size: float
 
 
-def curves(dataset: Dataset, course: Course) -> Curves:
-    """The lines of a course; ElvisError as `course.Flow.of`, and where there are too many pieces."""
+def curves(dataset: Dataset, course: Course, make: MakeTracer = Tracer) -> Curves:
+    """The lines of a course; ElvisError as `course.Flow.of`, and where there are too many pieces.
+
+    make  as `Flow.tracers`
+    """
     flow = Flow.of(dataset, course)
     names = (*(WORDS[end][0] for end in End), *flow.neighbours.names)
     found, count = [], 0
     ends = np.zeros(len(names), np.int64)
-    for tracer in flow.tracers():
+    for tracer in flow.tracers(make):
         for part in _pieces_of(tracer, flow.velocity, DEVIATION * flow.size):
             found.append(part)
             count += len(part)

@@ -91,13 +91,32 @@ class Neighbours:
             self._side[here, : members.shape[1]] = members
         self._beyond = _pairs(self._side)
         present = {patch.shape.dimension for patch in patches}
-        self._tables = [_Sides.of(shape) if shape.dimension in present else None for shape in _SHAPES]
+        self._tables = [Sides.of(shape) if shape.dimension in present else None for shape in _SHAPES]
 
     def facets(self, patch: int) -> tuple[Floats, Floats]:
         """Normals (k, d) and offsets (k,) of the sides of a patch's elements, in the order of the mesh's members."""
+        table = self.sides(patch)
+        return table.normals, table.offsets
+
+    def sides(self, patch: int) -> Sides:
+        """The sides of a patch's elements."""
         table = self._tables[_SHAPES.index(self._patches[patch].shape)]
         assert table is not None
-        return table.normals, table.offsets
+        return table
+
+    def doors(self, patch: int) -> tuple[Ints, Ints, Ints]:
+        """What is beyond the k sides of a patch's n elements, of which all patches' are counted one after the other.
+
+        The elements (n, k), -1 where there is none; their own sides (n, k); and which of their vertices the c corners
+        of the sides are, (n, k, c).
+        """
+        table, first = self.sides(patch), self._starts[patch]
+        own = np.arange(first, self._starts[patch + 1])
+        beyond = self._beyond[own, : len(table.corners)]
+        other, across = np.divmod(beyond, _SIDES)
+        corners = self._vertices[own[:, None, None], table.corners]
+        local = (self._vertices[other][:, :, None, :] == corners[..., None]).argmax(axis=3)
+        return np.where(beyond < 0, -1, other), np.where(beyond < 0, -1, across), local
 
     def is_outer(self, patch: Ints, row: Ints, side: Ints) -> Ints:
         """(n,) whether nothing lies beyond sides of elements."""
@@ -138,7 +157,7 @@ class Neighbours:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sides:
+class Sides:
     """The sides of a shape, in the order of the mesh's members.
 
     corners   (k, c)     local vertices: the first, the next one and, of faces, the last one
@@ -154,7 +173,7 @@ class _Sides:
     offsets: Floats
 
     @staticmethod
-    def of(shape: Shape) -> _Sides:
+    def of(shape: Shape) -> Sides:
         """Those of a shape of two or three dimensions."""
         sides = shape.edges if shape.dimension == 2 else shape.faces
         corners = np.array([side if len(side) == 2 else (side[0], side[1], side[-1]) for side in sides])
@@ -164,7 +183,7 @@ class _Sides:
         normals, offsets = facets(shape)
         heights = np.abs(places @ normals.T + offsets).sum(axis=1)
         which = heights.argmin(axis=1)
-        return _Sides(corners, places[:, 0], duals, normals[which], offsets[which])
+        return Sides(corners, places[:, 0], duals, normals[which], offsets[which])
 
     def weights(self, side: Ints, points: Floats) -> Floats:
         """(n, c) weights of the corners at points (n, d) of sides (n,)."""

@@ -15,7 +15,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
-from elvis.core.streamlines.course import Course, Flow, positive
+from elvis.core.streamlines.course import Course, Flow, MakeTracer, positive
 from elvis.core.streamlines.endings import WORDS, End
 from elvis.core.streamlines.tracer import Piece, Tracer, points_within
 from elvis.core.streamlines.velocity import Velocity
@@ -129,6 +129,7 @@ def trace(
     fields: Sequence[str] = (),
     random: int = 0,
     wall: str | None = None,
+    make: MakeTracer = Tracer,
 ) -> Streamlines:
     """Streamlines through seeds, integrated exactly in the curved elements (see `tracer`).
 
@@ -144,6 +145,7 @@ def trace(
     fields     further quantities at the points
     random     number that random seeds are drawn with
     wall       a boundary of 3D data: lines follow the shear on it, or the velocity along it where one is given
+    make       of what follows the lines, as `Flow.tracers`
 
     ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
     """
@@ -158,7 +160,7 @@ def trace(
     flow = Flow.of(dataset, course, others)
     positive("spacing", spacing)
     apart = SPACING * flow.size if spacing is None else float(spacing)
-    parts = [_collected(tracer, apart) for tracer in flow.tracers()]
+    parts = [_collected(tracer, apart) for tracer in flow.tracers(make)]
     return _joined(parts, flow.velocity, (*(WORDS[end][0] for end in End), *flow.neighbours.names))
 
 

@@ -25,19 +25,19 @@ from elvis.core.streamlines.neighbours import Crossing, Neighbours
 from elvis.core.streamlines.velocity import Motion, Velocity
 
 #: how far a line may be beyond a side that it runs along: inner sides, where it is handed over, and outer ones
-_BESIDE, _BESIDE_OUTER = 1e-13, 1e-10
+BESIDE, BESIDE_OUTER = 1e-13, 1e-10
 #: a step's length in reference coordinates at most: elements are 2 wide, and fields hold little beyond
-_REACH = 1.0
+REACH = 1.0
 #: changes of a step's width: least, greatest, and part of what the error allows
-_SHRINK, _GROW, _SAFETY = 0.2, 5.0, 0.9
+SHRINK, GROW, SAFETY = 0.2, 5.0, 0.9
 #: sides that a line may cross in succession without coming farther, as it does around a vertex
 _TURNS = 64
 #: a velocity across a side, as part of its size, that is rounding
-_ALONG = 1e-9
+ALONG = 1e-9
 #: the shortest step, in reference coordinates
-_SHORTEST = 1e-14
+SHORTEST = 1e-14
 #: gaps between elements at a side, in parts of the box, that are rounding
-_GAP = 1e-12
+GAP = 1e-12
 
 
 @dataclass(frozen=True)
@@ -157,12 +157,12 @@ class Tracer:
         taken = step(lambda states: self._derivative(active, states), self.state[active], self._slope[active], width)
         error = self._error(active, taken)
         with np.errstate(divide="ignore", over="ignore"):
-            factor = np.clip(_SAFETY * error**-0.125, _SHRINK, _GROW)
+            factor = np.clip(SAFETY * error**-0.125, SHRINK, GROW)
         accepted = error <= 1
         self._width[active] = width * np.where(accepted, factor, np.minimum(factor, 1.0))
 
         # what can't be followed however short the steps: where a map folds the derivative has a pole
-        stuck = active[~accepted & (width * np.abs(self._slope[active, :-1]).max(axis=1) < _SHORTEST)]
+        stuck = active[~accepted & (width * np.abs(self._slope[active, :-1]).max(axis=1) < SHORTEST)]
         self._finish(stuck, np.where(_is_folding(self._jacobians[stuck]), End.INVERTED, End.FAILED))
         kept = np.flatnonzero(accepted)
         return self._keep(active[kept], taken.part(kept)) if len(kept) else None
@@ -171,7 +171,7 @@ class Tracer:
         """(k,) widths to be tried: what the last step suggests, within an element's reach and the duration."""
         speed = np.abs(self._slope[active, :-1]).max(axis=1)
         with np.errstate(divide="ignore"):
-            reach = _REACH / speed
+            reach = REACH / speed
         width = np.fmin(self._width[active], reach)
         left = self.limits.duration - self.time[active]
         return np.asarray(np.minimum(width, left))
@@ -205,7 +205,7 @@ class Tracer:
 
         # those that go on in their elements have their derivative already
         progress = ends[:, -1] - self.state[lines, -1]
-        idle = progress <= _GAP * self._size
+        idle = progress <= GAP * self._size
         self._turns[lines] = np.where(idle, self._turns[lines] + (event >= 0), 0)
         self.state[lines], self._slope[lines] = ends, slopes
         self.time[lines] += widths
@@ -248,8 +248,8 @@ class Tracer:
         sides = np.arange(heights.shape[1])
         outer = self.neighbours.is_outer(self.patch[lines, None], self.row[lines, None], sides[None])
         slope = self._slope[lines, : normals.shape[1]]
-        along = slope @ normals.T >= -_ALONG * np.abs(slope).max(axis=1, keepdims=True)
-        beside = np.where(outer & along, _BESIDE_OUTER, _BESIDE)
+        along = slope @ normals.T >= -ALONG * np.abs(slope).max(axis=1, keepdims=True)
+        beside = np.where(outer & along, BESIDE_OUTER, BESIDE)
         return np.where(heights <= beside, beside, 0.0)
 
     def _restep(
@@ -347,7 +347,7 @@ class Tracer:
     def _mend(self, lines: Ints, points: Floats) -> None:
         """Look for world points where an element's side isn't quite that of the one before."""
         found = self.velocity.positions(self.patch[lines], self.row[lines], self.state[lines, :-1])
-        apart = np.linalg.norm(found - points, axis=1) > _GAP * self._size
+        apart = np.linalg.norm(found - points, axis=1) > GAP * self._size
         for number in np.unique(self.patch[lines[apart]]):
             here = np.flatnonzero(apart & (self.patch[lines] == number))
             patch = self.velocity.patches[int(number)]
@@ -366,7 +366,7 @@ class Tracer:
             normals, _ = self.neighbours.facets(int(number))
             slope = self._slope[lines[here], : normals.shape[1]]
             across = np.einsum("ni,ni->n", slope, normals[side[here]])
-            found[here] = across < -_ALONG * np.abs(slope).max(axis=1)
+            found[here] = across < -ALONG * np.abs(slope).max(axis=1)
         return found
 
     def _go_out(self, lines: Ints, side: Ints, points: Floats) -> None:

@@ -18,6 +18,7 @@ from elvis.core.picturing import Kind
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.plugins.native.device_spaces import field_space, map_space
 from elvis.plugins.native.elements import Elements
 from elvis.plugins.native.polynomials import is_affine
@@ -65,6 +66,15 @@ class NativeVolume:
         if dimension == 2 and Kind.of(dataset) is Kind.SURFACE:
             parts = [_in_space(part) for part in parts]
         return NativeVolume(dimension, parts)
+
+
+def stacks(found: Sequence[Patch], evaluator: Evaluator, names: tuple[str, ...]) -> Iterator[tuple[Part, list[Patch]]]:
+    """Parts that have several fields of a dataset in each element (see Elements.stack), with the patches in each."""
+    for geometry, own in _groups(found, evaluator.names.index(names[0])):
+        elements = Elements(own, geometry, evaluator.names, evaluator.expressions, evaluator.attributes)
+        part = elements.stack(names)
+        is_in_space = geometry.shape.dimension == 2 and not all(patch.is_flat for patch in own)
+        yield (_in_space(part) if is_in_space else part), own
 
 
 def _dimension(dataset: Dataset, found: Sequence[Patch]) -> int:

@@ -104,6 +104,19 @@ class Elements:
             slopes=own.slopes,
         )
 
+    def stack(self, names: tuple[str, ...]) -> Part:
+        """The elements with several fields: number e M + m of the type has field m of M on the map of element e.
+
+        Of the part's numbers and functions there are none but ids, boxes and buffers.
+        """
+        space, net = self._net(names)
+        type, source = self._type(space)
+        maps = Maps.of(self.patches, self.geometry)
+        buffers: dict[str, NDArray[Any]] = {"control_points": maps.points, "control_indices": maps.indices}
+        buffers["coefficients"] = net
+        ids = np.concatenate([patch.element_ids for patch in self.patches])
+        return Part(f"native_{self.geometry.shape.name.lower()}", type, ids, maps.boxes, buffers, source=source)
+
     @cached_property
     def series(self) -> Homogeneous | None:
         """The Fourier series along z that the fields have."""

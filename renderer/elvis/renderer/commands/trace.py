@@ -29,6 +29,9 @@ Examples:
     "trace", params=course_options(), epilog=EPILOG, short_help="Follow streamlines through curved elements, exactly."
 )
 @click.option("--spacing", type=float, help="Greatest distance of points along a line.  [default: 1/200 diagonal]")
+@click.option(
+    "--device", default="auto", show_default=True, help="What follows many lines, see elvis devices; reference: NumPy."
+)
 @field_option
 @json_option
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .vtp (ParaView).")
@@ -37,6 +40,7 @@ Examples:
 def trace(
     data: Data,
     spacing: float | None,
+    device: str,
     quantities: tuple[str, ...],
     as_json: bool,
     output: Path | None,
@@ -55,6 +59,7 @@ def trace(
     from elvis.core.arguments import texts_of
     from elvis.core.files.output import check_places
     from elvis.core.terminal import print_json, print_table, stage
+    from elvis.renderer.passes.streams.following import following
     from elvis.scene import Streamlines as Shown
 
     # what is not given is as in a scene, whose checks hold here, too
@@ -66,10 +71,15 @@ def trace(
             [output], [*data.inputs(), *(Path(seed) for seed in followed.seeds if Path(seed).is_file())], overwrite
         )
     source = data.source()
+    asked |= {"spacing": spacing, "fields": quantities}
+    velocity = texts_of(followed.velocity)
+    found: Streamlines
     with stage("following lines"):
-        found: Streamlines = source.trace(
-            list(followed.seeds), texts_of(followed.velocity), spacing=spacing, fields=quantities, **asked
-        )
+        if device == "reference":
+            found = source.trace(list(followed.seeds), velocity, **asked)
+        else:
+            with following(device) as make:
+                found = source.trace(list(followed.seeds), velocity, make=make, **asked)
     _warn_of_seeds(found)
     if output is not None:
         _write(output, found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -60,16 +61,24 @@ class _InView:
     most: Ints
 
 
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """What a view sees of curves on the device, and how much each tile has to do."""
+
+    view: View
+    girth: Girth
+    buffers: dict[str, Buffer]
+    work: Ints
+
+
 class TubeDrawer:
-    """Tubes in a loaded volume; what the last view saw of the last curves is kept."""
+    """Tubes in a loaded volume; what the last view saw of each of the last curves is kept."""
 
     def __init__(self, loaded: DeviceVolume) -> None:
         self.loaded = loaded
         order = np.argsort(loaded.ids[:-1], kind="stable")
         self._ids, self._owners = loaded.ids[:-1][order], order
-        self._key: tuple[View, Pieces, Girth] | None = None
-        self._buffers: dict[str, Buffer] = {}
-        self._work: Ints = np.empty(0, np.int64)
+        self._known: WeakKeyDictionary[Pieces, _Prepared] = WeakKeyDictionary()
 
     def draw(
         self, view: View, pieces: Pieces, girth: Girth, beyond: Floats | None = None, quantity: str | None = None
@@ -80,24 +89,24 @@ class TubeDrawer:
         """
         device = self.loaded.device
         kernel = device.kernel("tube_draw")
-        key = (view, pieces, girth)
-        if self._key != key:
-            self._key = None
-            self._buffers = self._prepared(view, pieces, girth)
-            self._key = key
+        own = self._known.get(pieces)
+        if own is None or (own.view, own.girth) != (view, girth):
+            # what was there is given back before more is taken
+            self._known.pop(pieces, None)
+            self._known[pieces] = own = self._prepared(view, pieces, girth)
         radius, growth = girth.in_view(view)
         greatest = max(self.loaded.extent, float(np.abs(view.camera.eye).max()))
         facts = {"radius": radius, "growth": growth, "misplaced": misplaced(view, self.loaded.extent)}
-        facts |= {"tie": 1e-12 * greatest, "count": len(self._work), "has_beyond": beyond is not None}
+        facts |= {"tie": 1e-12 * greatest, "count": len(own.work), "has_beyond": beyond is not None}
         after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
         held = new_arrays(device, view.count, _HELD)
         record = device.buffer(record_of(kernel, "view", view, **facts))
         output = {**arrays_to_write(device, held), "after": device.buffer(after), "view": record}
-        kernel(len(self._work), {**self._buffers, **output}, groups=True, work=self._work)
+        kernel(len(own.work), {**own.buffers, **output}, groups=True, work=own.work)
         hits = HitBuffer.on_device(device, held, field=np.empty(0))
         return hits.showing(values_at_hits(self.loaded, hits, quantity))
 
-    def _prepared(self, view: View, pieces: Pieces, girth: Girth) -> dict[str, Buffer]:
+    def _prepared(self, view: View, pieces: Pieces, girth: Girth) -> _Prepared:
         """The kernel's records of what a view sees."""
         device = self.loaded.device
         kernel = device.kernel("tube_draw")
@@ -113,9 +122,9 @@ class TubeDrawer:
         curves["deviation"] = pieces.deviation[seen.number]
         curves["owner"] = owner[seen.number]
         tiles, listed = bin_sections(seen.least, seen.most, kernel.dtype("tiles"), (view.width, view.height))
-        self._work = (tiles["end"] - tiles["first"]).astype(np.int64)
+        work = (tiles["end"] - tiles["first"]).astype(np.int64)
         data = {"curves": curves, "listed": listed, "tiles": tiles}
-        return {name: device.buffer(array) for name, array in data.items()}
+        return _Prepared(view, girth, {name: device.buffer(array) for name, array in data.items()}, work)
 
     def _owners_of(self, element: Ints) -> tuple[Ints, Bools]:
         """Indices of elements by their ids (n,), and (n,) whether the volume has them."""

@@ -1,0 +1,1 @@
+"""Streamlines of many seeds, followed on the device (the twin of elvis.core.streamlines.tracer)."""

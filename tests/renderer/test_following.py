@@ -1,0 +1,102 @@
+"""Streamlines followed on a device against those of the host, which closed forms judge."""
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Dataset
+from elvis.core.shapes import Shape
+from elvis.core.streamlines.streamlines import trace
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.renderer.passes.streams import following
+
+
+@pytest.fixture
+def follow(renderer, monkeypatch):
+    """Lines on the device, however few, and how many steps it took."""
+    monkeypatch.setattr(following, "FEW", 1)
+
+    def follow(dataset, seeds, **settings):
+        taken = []
+
+        class Counting(following.DeviceTracer):
+            def _take(self, stage, lines, found):
+                taken.append(int(found["count"].sum()))
+                super()._take(stage, lines, found)
+
+        monkeypatch.setattr(following, "DeviceTracer", Counting)
+        device = renderer("vulkan").device
+        lines = trace(dataset, seeds, make=following.Followers(lambda: device), **settings)
+        return lines, sum(taken)
+
+    return follow
+
+
+def rotating(mesh, modes, climb=0.03):
+    """A rotation about the middle of the unit cube, a little upwards."""
+    bare, d = Dataset(mesh), mesh.dimension
+    parts = {
+        "u": lambda p: 0.5 - p[:, 1],
+        "v": lambda p: p[:, 0] - 0.5,
+        "w": lambda p: np.full(len(p), climb),
+    }
+    return Dataset(mesh, tuple(approximated(bare, name, parts[name], modes) for name in "uvw"[:d]))
+
+
+def check_same(lines, truth):
+    """Both have the same ends, and their last points are the same."""
+    assert lines.counts() == truth.counts()
+    assert np.array_equal(lines.end, truth.end)
+    for line in range(len(truth)):
+        assert np.abs(lines[line][-1] - truth[line][-1]).max() < 1e-11
+    last = truth.offsets[1:] - 1, lines.offsets[1:] - 1
+    assert np.abs(lines.time[last[1]] - truth.time[last[0]]).max() < 1e-10
+    assert np.abs(lines.length[last[1]] - truth.length[last[0]]).max() < 1e-10
+    assert np.array_equal(lines.element[last[1]], truth.element[last[0]])
+
+
+@pytest.mark.parametrize("modes", [3, 5])
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+@pytest.mark.sampled(free=("shape", "modes", "bent"))
+def test_lines_are_those_of_the_host(follow, shape, bent, modes):
+    d = shape.dimension
+    mesh = grid(shape, 3 if d == 2 else 2)
+    dataset = rotating(curved(mesh, ripple(0.05), 2) if bent else mesh, modes)
+    seeds = np.array([[0.75, 0.5, 0.45], [0.55, 0.45, 0.55], [0.05, 0.05, 0.5], [0.5, 0.5, 0.1]])[:, :d]
+    settings = {"duration": 9.0, "direction": "both"}
+    lines, taken = follow(dataset, seeds, **settings)
+    check_same(lines, trace(dataset, seeds, **settings))
+    # through the middle of the plane runs no line; nearly all steps are the device's
+    assert taken > 20
+    turn = lines[0][-1, :2] - 0.5
+    assert np.abs(turn - 0.25 * np.array([np.cos(9.0), np.sin(9.0)])).max() < 1e-10
+
+
+def test_all_shapes_in_one_mesh(follow):
+    mesh = curved(mixed_volume(1), ripple(0.02), 2)
+    bare = Dataset(mesh)
+    helix = {"u": lambda p: 0.3 + 0 * p[:, 0], "v": lambda p: 0.5 - p[:, 2], "w": lambda p: p[:, 1] - 0.5}
+    dataset = Dataset(mesh, tuple(approximated(bare, name, own, 3) for name, own in helix.items()))
+    seeds = [[0.2, 0.8, 0.5], [0.2, 0.23, 0.4], [0.1, 0.5, 0.5], [9.0, 0.0, 0.0]]
+    for settings in ({}, {"length": 1.2}):
+        lines, taken = follow(dataset, seeds, **settings)
+        check_same_but_outside(lines, trace(dataset, seeds, **settings))
+        assert taken > 0
+    # where steps end depends on rounding, how many there are does not
+    lines, _ = follow(dataset, seeds, steps=7)
+    assert lines.counts() == {"steps": 3, "outside": 1}
+
+
+def check_same_but_outside(lines, truth):
+    """The same of lines of which the last one has no points."""
+    assert np.array_equal(lines.end, truth.end)
+    assert len(lines[len(lines) - 1]) == len(truth[len(truth) - 1]) == 0
+    for line in range(len(truth) - 1):
+        assert np.abs(lines[line][-1] - truth[line][-1]).max() < 1e-11
+
+
+def test_without_a_device_the_host_follows(monkeypatch):
+    monkeypatch.setattr(following, "FEW", 1)
+    dataset = rotating(grid(Shape.TRIANGLE, 1), 3)
+    lines = trace(dataset, [[0.7, 0.5]], duration=1.0, make=following.Followers(lambda: None))
+    check_same(lines, trace(dataset, [[0.7, 0.5]], duration=1.0))
