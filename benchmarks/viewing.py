@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import replace
 from math import cos, pi, sin
 from pathlib import Path
-from signal import SIGINT
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
@@ -93,7 +92,7 @@ async def _open(command: list[str]) -> tuple[float, float]:
                 if message.type == aiohttp.WSMsgType.BINARY:
                     arrived.append((perf_counter() - start, _facts_of(message.data)))
                     await socket.send_json({"type": "shown"})
-        process.send_signal(SIGINT)
+        process.terminate()
     return arrived[0][0], arrived[-1][0]
 
 

@@ -193,7 +193,12 @@ def test_the_end_is_quiet(wave):
     """Ctrl-C, which all processes of a terminal get, as soon as the address is there; nothing is left behind."""
     command = [sys.executable, "-m", "elvis", "view", *wave, "--no-browser"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
-    with subprocess.Popen(command, **pipes) as process:
+
+    def heed_interrupts():
+        """Tests that run in a shell's background inherit that Ctrl-C is ignored."""
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    with subprocess.Popen(command, **pipes, preexec_fn=heed_interrupts) as process:
         told = ""
         while "ends it" not in told:
             told += process.stdout.readline()
