@@ -79,14 +79,14 @@ def test_frames_show_nothing_of_what_memory_held_before(linear, renderer, monkey
     give = Pool.give
     device = drawing.device._device
 
-    def spoiled(own, memory):
+    def spoiled(own, piece):
         if own is drawing.device.memory:
-            noise = drawing.device.buffer(np.full(memory.size, 0xA5, np.uint8)).memory
+            noise = drawing.device.buffer(np.full(piece.size, 0xA5, np.uint8)).memory
             encoder = device.create_command_encoder()
-            encoder.copy_buffer(memory, 0, noise, 0, memory.size)
+            encoder.copy_buffer(piece.memory, 0, noise, 0, piece.size)
             device.submit_command_buffer(encoder.finish())
             device.wait_for_idle()
-        give(own, memory)
+        give(own, piece)
 
     monkeypatch.setattr(Pool, "give", spoiled)
     drawing.render(scene)

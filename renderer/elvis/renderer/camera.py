@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,17 +11,30 @@ from numpy.typing import NDArray
 from elvis.renderer.device import Kernel
 from elvis.scene.view import View
 
+#: Camera records of views that are drawn
+_CAMERAS: WeakKeyDictionary[View, NDArray[Any]] = WeakKeyDictionary()
+
 
 def record_of(kernel: Kernel, name: str, view: View, **values: Any) -> NDArray[Any]:
     """(1,) a kernel's record of this name, which has a camera: that of the view, and other values by name."""
     record = np.zeros(1, kernel.dtype(name))
-    fill_camera(record["camera"], view)
+    record["camera"] = _camera(view, record.dtype["camera"])
     for key, value in values.items():
         record[key] = value
     return record
 
 
-def fill_camera(camera: NDArray[Any], view: View) -> None:
+def _camera(view: View, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """(1,) the Camera record of a view, made once for all kernels that lay it out alike."""
+    known = _CAMERAS.get(view)
+    if known is None or known.dtype != dtype:
+        known = np.zeros(1, dtype)
+        _fill(known, view)
+        _CAMERAS[view] = known
+    return known
+
+
+def _fill(camera: NDArray[Any], view: View) -> None:
     """Let Camera records say what a view says."""
     eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]
     camera["to_column"], camera["to_row"], camera["to_weight"] = view.to_pixel

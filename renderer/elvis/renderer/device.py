@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
-from weakref import WeakSet
 from zlib import crc32
 
 import numpy as np
@@ -73,7 +71,6 @@ class Device:
         self._folders = [*SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
-        self._buffers: WeakSet[Buffer] = WeakSet()
         self._readable = Pool(self._create_readable)
         # software shares its memory with the host, which writes and reads it in place
         shared = self.adapter.software
@@ -99,8 +96,6 @@ class Device:
 
     def close(self) -> None:
         """Give the device back with all that was made on it; it can't be used any more.  Closing twice is harmless."""
-        for buffer in self._buffers:
-            buffer.release()
         for kernel in self._kernels.values():
             kernel.release()
         self._kernels.clear()
@@ -147,7 +142,6 @@ class Device:
             size = count * itemsize / 2**20
             raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
         self.bytes_made += buffer.size if pool.made > before else 0
-        self._buffers.add(buffer)
         return buffer
 
     def _create(self, itemsize: int, count: int) -> slangpy.Buffer:
@@ -173,7 +167,7 @@ class Device:
         """The content of a buffer, or its first ``count`` elements."""
         dtype = np.dtype(dtype)
         size = buffer.size if count is None else count * dtype.itemsize
-        with working():
+        with WORKING:
             source = buffer if self._is_read_in_place(buffer, size) else self._copy(buffer, size)
             self._device.wait_for_idle()
             content: NDArray[Any] = source.memory.to_numpy().reshape(-1).view(np.uint8)[:size].view(dtype)
@@ -181,7 +175,7 @@ class Device:
 
     def _is_read_in_place(self, buffer: Buffer, size: int) -> bool:
         """Whether the host reads a buffer sooner as it is, all of it, than a copy of its first bytes."""
-        return buffer.pool is self._readable and buffer.memory.size <= 2 * size + FEW
+        return buffer.pool is self._readable and buffer.room <= 2 * size + FEW
 
     def _copy(self, buffer: Buffer, size: int) -> Buffer:
         """A copy of a buffer's first bytes that the host can read when the device has done all that it was given."""
@@ -270,8 +264,8 @@ class Kernel:
         self._globals: dict[str, slangpy.TypeLayoutReflection] = {item.name: item.type_layout for item in fields}
         self._dtypes: dict[str, np.dtype[Any]] = {}
         self._is_in_c = is_in_c
-        self._needed = frozenset(self._globals) - {OFFSET, COUNT}
-        self._pointers = frozenset(name for name, own in self._globals.items() if _is_pointer(own))
+        # buffers by name, and whether the module reads them through pointers
+        self._needed = {name: _is_pointer(own) for name, own in self._globals.items() if name not in (OFFSET, COUNT)}
         # arguments stay from one dispatch to the next: what has changed is written
         self._arguments = device.create_root_shader_object(program)
         cursor = slangpy.ShaderCursor(self._arguments)
@@ -301,35 +295,35 @@ class Kernel:
         if self._device is None or self._watch is None:
             raise DeviceError(CLOSED)
         try:
-            bound = {name: self._argument(name, buffers[name]) for name in self._needed}
+            for name, by_address in self._needed.items():
+                buffer = buffers[name]
+                self._write(name, buffer.address if by_address else buffer.memory)
         except KeyError:
-            missing = self._needed - buffers.keys()
+            missing = self._needed.keys() - buffers.keys()
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound") from None
         if COUNT in self._globals:
-            bound[COUNT] = count
+            self._write(COUNT, count)
         total = count if groups else -(-count // self._group)
         fresh, start = not self._pace.compiled, perf_counter()
-        with working():
+        with WORKING:
             for first, end in self._pace.batches(total, GROUPS_IN_ROW, work):
-                self._dispatch(first, end - first, bound)
+                self._dispatch(first, end - first)
                 self._watch.after_dispatch()
         if fresh:
             self._watch.compiled(perf_counter() - start)
 
-    def _argument(self, name: str, buffer: Buffer) -> slangpy.Buffer | int:
-        """What stands for a buffer: its address where the module reads it through a pointer, else itself."""
-        return buffer.memory.device_address if name in self._pointers else buffer.memory
+    def _write(self, name: str, argument: slangpy.Buffer | int) -> None:
+        """Let a global have a value, unless it has it already."""
+        if self._written.get(name) != argument:
+            self._places[name].write(argument)
+            self._written[name] = argument
 
-    def _dispatch(self, first: int, total: int, bound: dict[str, Any]) -> None:
+    def _dispatch(self, first: int, total: int) -> None:
         """Run some groups from the first one on, in rows that devices allow."""
         import slangpy
 
         assert self._device is not None
-        for name, argument in {**bound, OFFSET: first}.items():
-            known = self._written.get(name)
-            if known is not argument and known != argument:
-                self._places[name].write(argument)
-                self._written[name] = argument
+        self._write(OFFSET, first)
         row = min(total, GROUPS_IN_ROW)
         encoder = self._device.create_command_encoder()
         commands = encoder.begin_compute_pass()
@@ -370,25 +364,19 @@ def _keeping(device: slangpy.Device, cache: KernelCache, announcement: Announcem
     return keep
 
 
-def _writeable(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The bytes as an array that could be written to: slangpy takes no others, though it only reads.
-
-    Nothing is copied where the memory is NumPy's own.
-    """
-    try:
-        raw.flags.writeable = True
-    except ValueError:
-        return raw.copy()
-    return raw
-
-
-@contextmanager
-def working() -> Iterator[None]:
+class _Working:
     """What goes wrong while the device works is a DeviceLostError in the driver's words."""
-    try:
-        yield
-    except RuntimeError as error:
-        raise DeviceLostError(f"the device failed: {' '.join(str(error).split()) or 'it was lost'}") from error
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, RuntimeError):
+            raise DeviceLostError(f"the device failed: {' '.join(str(error).split()) or 'it was lost'}") from error
+
+
+#: around all that a device is given to do
+WORKING = _Working()
 
 
 def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) -> str:

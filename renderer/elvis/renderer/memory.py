@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
+from weakref import WeakSet
 
 from elvis.renderer.device_errors import DeviceError
 
@@ -22,6 +23,40 @@ CLOSED = "the device is closed: open another one"
 Kind: TypeAlias = tuple[int, int]
 
 
+class Piece:
+    """A piece of memory that serves one buffer after another.
+
+    kind  bytes of an element, and number of elements
+    size  bytes
+    """
+
+    __slots__ = ("__weakref__", "_address", "_memory", "kind", "size")
+
+    def __init__(self, memory: slangpy.Buffer, kind: Kind) -> None:
+        self._memory: slangpy.Buffer | None = memory
+        self.kind, self.size = kind, int(memory.size)
+        self._address: int | None = None
+
+    @property
+    def memory(self) -> slangpy.Buffer:
+        """What slangpy knows it as; DeviceError where the device is closed."""
+        if self._memory is None:
+            raise DeviceError(CLOSED)
+        return self._memory
+
+    @property
+    def address(self) -> int:
+        """Where kernels find it, asked for once; DeviceError where the device is closed."""
+        memory = self.memory
+        if self._address is None:
+            self._address = memory.device_address
+        return self._address
+
+    def release(self) -> None:
+        """Give the memory back, whoever still refers to it."""
+        self._memory = None
+
+
 class Pool:
     """Memory that is free, by kind.
 
@@ -31,36 +66,40 @@ class Pool:
 
     def __init__(self, create: Callable[[int, int], slangpy.Buffer], most: int = MOST_FREE) -> None:
         self._create, self._most = create, most
-        self._free: defaultdict[Kind, list[slangpy.Buffer]] = defaultdict(list)
+        self._pieces: WeakSet[Piece] = WeakSet()
+        self._free: defaultdict[Kind, list[Piece]] = defaultdict(list)
         self._bytes, self.made = 0, 0
 
     def take(self, itemsize: int, count: int) -> Buffer:
         """A buffer of elements without content, which may be what an earlier one has left."""
         kind = itemsize, rounded(count)
-        try:
-            memory = self._free[kind].pop()
-        except IndexError:
-            memory = self._make(kind)
+        free = self._free[kind]
+        if free:
+            piece = free.pop()
+            self._bytes -= piece.size
         else:
-            self._bytes -= memory.size
-        return Buffer(memory, itemsize * count, self)
+            piece = self._make(kind)
+        return Buffer(piece, itemsize * count, self)
 
-    def _make(self, kind: Kind) -> slangpy.Buffer:
+    def _make(self, kind: Kind) -> Piece:
         """New memory; what is free is given back where there is no room otherwise."""
         self.made += 1
         try:
-            return self._create(*kind)
+            memory = self._create(*kind)
         except RuntimeError:
             if not self._bytes:
                 raise
             self.clear()
-            return self._create(*kind)
+            memory = self._create(*kind)
+        piece = Piece(memory, kind)
+        self._pieces.add(piece)
+        return piece
 
-    def give(self, memory: slangpy.Buffer) -> None:
+    def give(self, piece: Piece) -> None:
         """Keep memory for later, unless too much of it is free."""
-        if self._bytes + memory.size <= self._most:
-            self._bytes += memory.size
-            self._free[memory.struct_size, memory.size // memory.struct_size].append(memory)
+        if self._bytes + piece.size <= self._most:
+            self._bytes += piece.size
+            self._free[piece.kind].append(piece)
 
     def clear(self) -> None:
         """Give all that is free back to the device."""
@@ -68,9 +107,11 @@ class Pool:
         self._bytes = 0
 
     def close(self) -> None:
-        """The same, and keep nothing from now on."""
+        """Give all memory back, whoever still refers to a buffer, and keep nothing from now on."""
         self._most = -1
         self.clear()
+        for piece in self._pieces:
+            piece.release()
 
 
 class Buffer:
@@ -80,25 +121,28 @@ class Buffer:
     pool  where the memory is from, and goes to
     """
 
-    def __init__(self, memory: slangpy.Buffer, size: int, pool: Pool) -> None:
-        self._memory: slangpy.Buffer | None = memory
-        self.size, self.pool = size, pool
+    __slots__ = ("_piece", "pool", "size")
+
+    def __init__(self, piece: Piece, size: int, pool: Pool) -> None:
+        self._piece, self.size, self.pool = piece, size, pool
 
     @property
     def memory(self) -> slangpy.Buffer:
         """What slangpy knows it as; DeviceError where the device is closed."""
-        if self._memory is None:
-            raise DeviceError(CLOSED)
-        return self._memory
+        return self._piece.memory
 
-    def release(self) -> None:
-        """Give the memory back, whoever still refers to the buffer."""
-        self._memory = None
+    @property
+    def room(self) -> int:
+        """Bytes that there are."""
+        return self._piece.size
+
+    @property
+    def address(self) -> int:
+        """Where kernels find it; DeviceError where the device is closed."""
+        return self._piece.address
 
     def __del__(self) -> None:
-        memory, self._memory = self._memory, None
-        if memory is not None:
-            self.pool.give(memory)
+        self.pool.give(self._piece)
 
 
 @lru_cache(maxsize=1024)

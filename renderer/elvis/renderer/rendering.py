@@ -25,6 +25,7 @@ from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
+from elvis.renderer.adapters import KINDS
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
@@ -107,7 +108,7 @@ def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
 
 def _other(device: str) -> Drawing | None:
     """The device plugin of that name; None for the devices of this renderer, which is the plugin ``auto``."""
-    if device == "auto" or device not in plugins("elvis.devices"):
+    if device.split(":")[0] in ("auto", *KINDS) or device not in plugins("elvis.devices"):
         return None
     return cast(Drawing, load("elvis.devices", device))
 

@@ -34,6 +34,10 @@ class Status(IntEnum):
     FAILED = 3  # an element may hold its point, but the search for it did not converge
 
 
+#: statuses by the names that statistics give them
+_STATUSES = {status.name.lower(): int(status) for status in Status}
+
+
 @dataclass(frozen=True, eq=False)
 class Legend:
     """What colours or lines mean.
@@ -236,10 +240,10 @@ class Frame:
         # some rows at a time, as pictures may be large
         rows = max(1, _AT_ONCE // max(1, self.status.shape[1]))
         blocks = (self.status[first : first + rows].ravel() for first in range(0, len(self.status), rows))
-        by_status = dict.fromkeys((status.name.lower() for status in Status), 0)
+        by_status = dict.fromkeys(_STATUSES, 0)
         for block in blocks:
-            for status in Status:
-                by_status[status.name.lower()] += int(np.count_nonzero(block == status))
+            for name, status in _STATUSES.items():
+                by_status[name] += int(np.count_nonzero(block == status))
         undefined = self.stats.get("not_a_number")
         if undefined is None:
             undefined = int(np.count_nonzero(self.seen & ~np.isfinite(self.field)))

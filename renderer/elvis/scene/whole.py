@@ -22,7 +22,7 @@ ALONG_UP = 1e-12
 
 @lru_cache(maxsize=64)
 def _basis(eye: Vector, at: Vector, up: Vector) -> "tuple[Floats, Floats, Floats]":
-    """See Camera.basis, which each pass of a picture asks many times."""
+    """See Camera.basis."""
     import numpy as np
 
     from elvis.core.arrays import frozen_floats
@@ -61,6 +61,11 @@ class Camera(Model):
         Where the camera looks along ``up``, y is upwards, and z where it looks along that.
         Raises SceneError where the view or ``up`` has no direction.
         """
+        return self._axes
+
+    @cached_property
+    def _axes(self) -> "tuple[Floats, Floats, Floats]":
+        """See basis, which each pass of a picture asks many times."""
         return _basis(*(tuple(map(float, vector)) for vector in (self.eye, self.at, self.up)))
 
 

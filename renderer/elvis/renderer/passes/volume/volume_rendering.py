@@ -160,6 +160,52 @@ class _Band:
         return held, lists
 
 
+class _Media:
+    """What follows from the media of a picture, whatever its view.
+
+    quantities  of which segments are listed
+    curved      for each of them the parts in which rays are not lines, or the quantity not a polynomial along them
+    chosen      for each of them and each part the elements of which media show or hide something
+    march       the kernel that marches along rays
+    buffers     the media and their transfer functions
+    """
+
+    def __init__(self, loaded: DeviceVolume, traversal: Traversal, media: Sequence[Medium]) -> None:
+        self.media = media
+        self._loaded = loaded
+        self.quantities = list(dict.fromkeys(medium.quantity for medium in media))
+        parts = range(len(loaded.parts))
+        self.curved = [[n for n in parts if not traversal.is_straight(n, own)] for own in self.quantities]
+        self.degree = max(traversal.degree(n, own) or STAND_IN for n in parts for own in self.quantities)
+        self.chosen = [[self._counts(own, n) for n in parts] for own in self.quantities]
+        self.march = loaded.device.kernel("volume_march", line_degree=self.degree, media=len(media))
+        self.buffers = self._buffers()
+
+    def _counts(self, quantity: str | None, number: int) -> Bools:
+        """(n,) elements of a part of which a quantity's media show or hide something."""
+        low, high = self._loaded.bounds(number, quantity)
+        found = np.zeros(len(low), bool)
+        for medium in self.media:
+            if medium.quantity == quantity:
+                found |= medium.counts(low, high)
+            found &= ~medium.hides(*self._loaded.bounds(number, medium.quantity))
+        return found
+
+    def _buffers(self) -> dict[str, Any]:
+        """Buffers that all marches share."""
+        device = self._loaded.device
+        medium = np.zeros(len(self.media), self.march.dtype("medium"))
+        counts = [len(own.transfer.values) for own in self.media]
+        medium["list"] = [self.quantities.index(own.quantity) for own in self.media]
+        medium["count"], medium["first"] = counts, np.cumsum(counts) - counts
+        medium["gate"] = [own.gate for own in self.media]
+        buffers = {"medium": device.buffer(medium)}
+        for name in ("values", "densities", "colors"):
+            numbers = [np.asarray(getattr(own.transfer, name), np.float64) for own in self.media]
+            buffers[name] = device.buffer(np.concatenate(numbers))
+        return buffers
+
+
 class VolumeRenderer:
     """A loaded volume, ready for any transfer functions from any view.
 
@@ -168,6 +214,7 @@ class VolumeRenderer:
 
     def __init__(self, loaded: DeviceVolume, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
+        self._last: _Media | None = None
 
     def draw(
         self,
@@ -185,12 +232,18 @@ class VolumeRenderer:
 
         Raises SceneError for 2D data, for curved elements without faces, and where densities times lengths overflow.
         """
-        for medium in media:
-            self._check(medium.transfer)
-        march = _March(self, view, media, fragments, error, clips)
+        march = _March(self, view, self._of(media), fragments, error, clips)
         for band in march.bands():
             march.band(band)
         return march.ray_integrals()
+
+    def _of(self, media: Sequence[Medium]) -> _Media:
+        """What follows from media: frame after frame has the same."""
+        if self._last is None or self._last.media != media:
+            for medium in media:
+                self._check(medium.transfer)
+            self._last = _Media(self.loaded, self.traversal, media)
+        return self._last
 
     def _check(self, transfer: Transfer) -> None:
         if self.loaded.dimension != 3:
@@ -205,64 +258,38 @@ class VolumeRenderer:
 class _March:
     """One picture of volumes, in the making.
 
-    quantities  of which segments are listed
-    curved      for each of them the parts in which rays are not lines, or the quantity not a polynomial along them
-    chosen      for each of them and each part the elements that count
-    bent        (elements,) those among them that are curved, for any quantity
+    quantities, curved  see _Media
+    chosen              for each quantity and each part the elements that count
+    bent                (elements,) those among them that are curved, for any quantity
     """
 
     def __init__(
         self,
         renderer: VolumeRenderer,
         view: View,
-        media: Sequence[Medium],
+        shown: _Media,
         fragments: FragmentLists,
         error: float,
         clips: Sequence[Clip],
     ) -> None:
         self.renderer, self.loaded, self.traversal = renderer, renderer.loaded, renderer.traversal
-        self.device, self.view, self.media, self.error = self.loaded.device, view, media, error
+        self.device, self.view, self.media, self.error = self.loaded.device, view, shown.media, error
         self.visibility = Visibility(clips, view)
-        self.quantities = list(dict.fromkeys(medium.quantity for medium in media))
+        self.quantities, self.curved, self.degree = shown.quantities, shown.curved, shown.degree
         parts = range(len(self.loaded.parts))
-        self.curved = [[n for n in parts if not self.traversal.is_straight(n, own)] for own in self.quantities]
-        self.degree = max(self.traversal.degree(n, own) or STAND_IN for n in parts for own in self.quantities)
-        self.chosen = [[self._counts(own, n) for n in parts] for own in self.quantities]
+        hidden = [self.visibility.hides(part.boxes) for part in self.loaded.parts]
+        self.chosen = [[own[n] & ~hidden[n] for n in parts] for own in shown.chosen]
         bent = [[own[n] & (n in at) for own, at in zip(self.chosen, self.curved, strict=True)] for n in parts]
         self.bent = np.concatenate([np.any(some, axis=0) for some in bent])
-        self.march = self.device.kernel("volume_march", line_degree=self.degree, media=len(media))
+        self.march, self.shared = shown.march, shown.buffers
         self.lost = np.zeros(view.count, np.int64)
         self.fixed = {**self.traversal.lines(self.degree), **fragments.buffers}
         self.fixed["ray_integrals"] = self.device.empty(self.march.dtype("ray_integrals"), view.count)
-        self.shared = self._shared_buffers()
         self.parts = [
             self._list_curved(k, n) if n in curved else self._straight(k, n)
             for k, curved in enumerate(self.curved)
             for n in parts
         ]
-
-    def _counts(self, quantity: str | None, number: int) -> Bools:
-        """(n,) elements of a part of which a quantity's media show or hide something."""
-        low, high = self.loaded.bounds(number, quantity)
-        found = np.zeros(len(low), bool)
-        for medium in self.media:
-            if medium.quantity == quantity:
-                found |= medium.counts(low, high)
-            found &= ~medium.hides(*self.loaded.bounds(number, medium.quantity))
-        return found & ~self.visibility.hides(self.loaded.parts[number].boxes)
-
-    def _shared_buffers(self) -> dict[str, Any]:
-        """Buffers that all marches share."""
-        medium = np.zeros(len(self.media), self.march.dtype("medium"))
-        counts = [len(own.transfer.values) for own in self.media]
-        medium["list"] = [self.quantities.index(own.quantity) for own in self.media]
-        medium["count"], medium["first"] = counts, np.cumsum(counts) - counts
-        medium["gate"] = [own.gate for own in self.media]
-        buffers = {"medium": self.device.buffer(medium)}
-        for name in ("values", "densities", "colors"):
-            numbers = [np.asarray(getattr(own.transfer, name), np.float64) for own in self.media]
-            buffers[name] = self.device.buffer(np.concatenate(numbers))
-        return buffers
 
     def _tolerance(self, quantity: str | None) -> float:
         """Error of a quantity that changes colours by less than a quarter of the error asked for, along any ray."""
