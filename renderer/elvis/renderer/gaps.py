@@ -9,6 +9,7 @@ of its section is. They are looked at in bands of rows, which bounds the memory.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,24 @@ from elvis.scene.view import PlaneView
 _UNKNOWN = -1
 #: candidates that are resolved together, so that memory does not grow with the picture
 _MOST = 1 << 17
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """Sections of elements of a part, and a mask (h, w) of pixels that may be theirs.
+
+    first  index in the volume of the part's first element
+    """
+
+    first: int
+    sections: NDArray[Any]
+    mask: Bools
+
+    def between_rows(self, start: int, stop: int) -> _Asked:
+        """The same of rows from ``start`` to before ``stop``."""
+        mask: Bools = np.zeros_like(self.mask)
+        mask[start:stop] = self.mask[start:stop]
+        return _Asked(self.first, _between_rows(self.sections, start, stop), mask)
 
 
 class Gaps:
@@ -51,40 +70,40 @@ class Gaps:
         if not sum(map(len, bent)) or not free.any():
             return
 
-        # wherever an element that owns nothing may be
+        # wherever an element that owns nothing may be; of the others beside what is owned
+        due = free & beside(~free)
         is_owning = np.zeros(self._first[-1], bool)
         is_owning[pixels.owner[~free.reshape(-1)]] = True
-        idle = []
+        asked = []
         for some, first in zip(bent, self._first, strict=False):
-            idle.append(some[~is_owning[some["element"] + first]])
-        self._resolve(view, pixels, idle, free)
+            owns = is_owning[some["element"] + first]
+            asked += [_Asked(first, some[~owns], free), _Asked(first, some[owns], due)]
+        self._resolve(view, pixels, asked)
 
-        # beside what is owned, then beside what has been found
-        due = free & beside(~free)
-        while due.any():
-            self._resolve(view, pixels, bent, due)
+        # beside what has been found, as long as something is
+        while True:
             found = free & (pixels.owner != NOBODY).reshape(free.shape)
             free = free & ~found & ~due
             due = free & beside(found)
+            if not due.any():
+                return
+            asked = [_Asked(first, some, due) for some, first in zip(bent, self._first, strict=False)]
+            self._resolve(view, pixels, asked)
 
-    def _resolve(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]], mask: Bools) -> None:
-        """Prove who of the sections' elements, if any, owns the pixels of a mask (h, w), some rows at a time."""
-        for start, stop in row_bands(sections, mask):
-            own: Bools = np.zeros_like(mask)
-            own[start:stop] = mask[start:stop]
-            proved = []
-            for some, first in zip(sections, self._first, strict=False):
-                candidates = self._candidates(_between_rows(some, start, stop), first, own)
-                if len(candidates):
-                    proved.append(prove(self._parts, view, candidates))
-            resolve(pixels, proved)
+    def _resolve(self, view: PlaneView, pixels: Pixels, asked: Sequence[_Asked]) -> None:
+        """Prove who of the elements, if any, owns the pixels, some rows at a time."""
+        for start, stop in row_bands([(own.sections, own.mask) for own in asked]):
+            candidates = [self._candidates(own.between_rows(start, stop)) for own in asked]
+            every = np.concatenate(candidates) if candidates else self._empty(0)
+            if len(every):
+                resolve(pixels, [prove(self._parts, view, every)])
 
-    def _candidates(self, sections: NDArray[Any], first: int, mask: Bools) -> NDArray[Any]:
-        """Undecided candidates: elements of a part's sections, by index in the volume, for the pixels of a mask."""
-        pixel, element = pairs(sections, mask)
+    def _candidates(self, asked: _Asked) -> NDArray[Any]:
+        """Undecided candidates: elements by index in the volume, for pixels that may be theirs."""
+        pixel, element = pairs(asked.sections, asked.mask)
         candidates = self._empty(len(pixel))
         candidates["pixel"] = pixel
-        candidates["element"] = first + element
+        candidates["element"] = asked.first + element
         return candidates
 
     def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
@@ -111,25 +130,12 @@ def unknown(parts: Sequence[Part]) -> list[NDArray[np.int8]]:
     return [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
 
 
-def row_bands(sections: Sequence[NDArray[Any]], mask: Bools) -> list[tuple[int, int]]:
-    """First and last but one rows of bands in which a mask (h, w) has at most n pixels of sections' bounds.
+def row_bands(asked: Sequence[tuple[NDArray[Any], Bools]]) -> list[tuple[int, int]]:
+    """First and last but one rows of bands in which masks (h, w) have at most n pixels of their sections' bounds.
 
     A row that has more by itself is a band of its own; rows without any are in none.
     """
-    height, width = mask.shape
-
-    # how the number of sections, and of pixels within their bounds, changes from one row to the next
-    count_steps = np.zeros(height + 1, np.int64)
-    area_steps = np.zeros(height + 1, np.int64)
-    for some in sections:
-        left, top = np.clip(some["least"][:, :2], 0, (width, height)).astype(np.int64).T
-        right, bottom = np.clip(some["most"][:, :2] + 1, 0, (width, height)).astype(np.int64).T
-        for row, sign in ((top, 1), (bottom, -1)):
-            np.add.at(count_steps, row, sign)
-            np.add.at(area_steps, row, sign * (right - left))
-    count = count_steps.cumsum()[:height]
-    area = area_steps.cumsum()[:height]
-    candidates = np.minimum(area, count * mask.sum(axis=1))
+    candidates: Ints = np.asarray(sum(_most_in_rows(sections, mask) for sections, mask in asked))
 
     # as many rows together as there is room for
     bands = []
@@ -145,6 +151,23 @@ def row_bands(sections: Sequence[NDArray[Any]], mask: Bools) -> list[tuple[int, 
     if total:
         bands.append((start, int(row) + 1))
     return bands
+
+
+def _most_in_rows(sections: NDArray[Any], mask: Bools) -> Ints:
+    """(h,) most pixels that each row of a mask (h, w) has within sections' bounds, each section by itself."""
+    height, width = mask.shape
+
+    # how the number of sections, and of pixels within their bounds, changes from one row to the next
+    count_steps = np.zeros(height + 1, np.int64)
+    area_steps = np.zeros(height + 1, np.int64)
+    left, top = np.clip(sections["least"][:, :2], 0, (width, height)).astype(np.int64).T
+    right, bottom = np.clip(sections["most"][:, :2] + 1, 0, (width, height)).astype(np.int64).T
+    for row, sign in ((top, 1), (bottom, -1)):
+        np.add.at(count_steps, row, sign)
+        np.add.at(area_steps, row, sign * (right - left))
+    count = count_steps.cumsum()[:height]
+    area = area_steps.cumsum()[:height]
+    return np.asarray(np.minimum(area, count * mask.sum(axis=1)))
 
 
 def _between_rows(sections: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
