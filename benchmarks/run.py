@@ -28,6 +28,7 @@ import orders
 import pictures
 import repeating
 import rivals
+import running
 import scenes
 import sharing
 import shown
@@ -177,6 +178,13 @@ def streamlines(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, flow.tables(numbers)
 
 
+def situ(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Pictures of a running solver."""
+    cells, side, count = (2, 60, 16) if options.quick else (10, 1000, 1000)
+    numbers = running.measure(options.device, cells, side, count)
+    return numbers, [running.table(numbers)]
+
+
 PARTS: dict[str, Part] = {
     "cut": cut,
     "surfaces": surfaces,
@@ -195,6 +203,7 @@ PARTS: dict[str, Part] = {
     "series": series,
     "measure": measure,
     "flow": streamlines,
+    "in-situ": situ,
 }
 
 

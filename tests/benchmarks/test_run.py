@@ -29,7 +29,7 @@ def test_every_part_prints_its_table(quick):
     text, numbers = quick
     parts = {
         "cut", "surfaces", "isosurface", "volume", "orders", "compile", "million", "load", "convert", "start",
-        "repeat", "view", "large", "targets", "series", "measure", "flow"
+        "repeat", "view", "large", "targets", "series", "measure", "flow", "in-situ"
     }  # fmt: skip
     assert set(numbers) == {"machine", *parts}
     tables = text.split("\n## ")[1:]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import configparser
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +58,25 @@ _KINDS: dict[str, tuple[Shape, tuple[tuple[int, ...], ...], tuple[int, ...]]] = 
 _DERIVED, _HIGHEST = 2, 30
 
 
+#: what messages call data that are in no file
+_RUNNING = "a running solver"
+
+
+@dataclass(frozen=True, eq=False)
+class RunState:
+    """The solution of a running solver on all elements.
+
+    names   of the variables
+    values  by kind of element: points (m, d) in PyFR's coordinates, and values (n, variables, m) there, elements in the
+            order of the mesh file
+    config  the text of the solver's configuration
+    """
+
+    names: Sequence[str]
+    values: Mapping[str, tuple[Floats, Floats]]
+    config: str
+
+
 class PyFR(NodalConverter):
     """A mesh, with the solution that goes with it."""
 
@@ -68,6 +87,8 @@ class PyFR(NodalConverter):
         Option("primitive", "Add velocity and pressure, derived from the conservative variables.", None),
         Option("subset", "Convert only the elements that a solution of a part of the mesh holds.", None),
     )
+    #: what `take` takes
+    state = RunState
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -169,21 +190,16 @@ class PyFR(NodalConverter):
     def _read_solution(self, file: h5py.File, primitive: bool, subset: bool) -> None:
         stats, config = _ini(file, "stats"), _ini(file, "config")
         prefix = stats.get("data", "prefix", fallback="soln")
-        self._names = [name.strip() for name in stats.get("data", "fields", fallback="").split(",")]
+        names = [name.strip() for name in stats.get("data", "fields", fallback="").split(",")]
         found = pyfr_old.values(file, prefix, config) if "mesh_uuid" in file else _values(file, prefix)
         total = sum(map(len, self.blocks))
-        values: list[NodalValues | None] = []
-        for index, kind in enumerate(self._kinds):
-            values.append(self._take(file, found[kind], index) if kind in found else None)
-            if kind not in found:
-                self._keep(index, np.empty(0, np.int64))
+        values = self._add_solution(names, found, file.filename)
         missing = total - sum(map(len, self.blocks))
         if missing and not subset:
             expected = f"values on all {total} elements of the mesh"
             raise FormatError(
                 f"expected {expected}, found none on {missing}; see the option subset", file=file.filename
             )
-        self.add_field("solution", self._names, values)
         if primitive:
             orders = [None if own is None else own.order for own in values]
             self._gamma = config.getfloat("constants", "gamma", fallback=1.4)
@@ -193,7 +209,28 @@ class PyFR(NodalConverter):
         self.metadata |= _constants(config)
         self.notes = [f"{missing} elements without a solution were left out"] if missing else []
 
-    def _take(self, file: h5py.File, found: Values, index: int) -> NodalValues:
+    def take(self, state: RunState) -> None:
+        """Take the solution of a running solver in place of what there is; FormatError where it does not fit."""
+        self.clear_fields()
+        if state.values.keys() != set(self._kinds):
+            wanted, kinds = ", ".join(self._kinds), ", ".join(state.values)
+            raise FormatError(f"expected values on elements {wanted}, found those on {kinds}", file=_RUNNING)
+        found = {kind: Values(kind, *own) for kind, own in state.values.items()}
+        self._add_solution(state.names, found, _RUNNING)
+        self.metadata = {"Program": "PyFR", **_constants(_parsed(state.config, _RUNNING, "config"))}
+
+    def _add_solution(self, names: Sequence[str], found: Mapping[str, Values], file: str) -> list[NodalValues | None]:
+        """The fields of a solution; elements that have no values are left out."""
+        self._names = list(names)
+        values: list[NodalValues | None] = []
+        for index, kind in enumerate(self._kinds):
+            values.append(self._take(file, found[kind], index) if kind in found else None)
+            if kind not in found:
+                self._keep(index, np.empty(0, np.int64))
+        self.add_field("solution", self._names, values)
+        return values
+
+    def _take(self, file: str, found: Values, index: int) -> NodalValues:
         """The values on a block, which loses the elements that have none."""
         block = self.blocks[index]
         shape, frame, _ = _KINDS[self._kinds[index]]
@@ -202,10 +239,10 @@ class PyFR(NodalConverter):
         wanted = (len(rows), len(self._names), len(points))
         if found.values.shape != wanted or rows.max(initial=-1) >= len(block):
             expected = f"{wanted} values on {len(block)} elements"
-            raise FormatError(f"expected {expected}, found {found.values.shape}", file=file.filename, place=found.place)
+            raise FormatError(f"expected {expected}, found {found.values.shape}", file=file, place=found.place)
         if found.rows is not None:
             self._keep(index, rows)
-        order = _order(shape, len(points), file.filename)
+        order = _order(shape, len(points), file)
         return NodalValues(np.moveaxis(found.values, 1, 2), NodalBasis(shape, order, points))
 
     def _keep(self, index: int, rows: Ints) -> None:
@@ -309,15 +346,18 @@ def _check_uuid(file: h5py.File, uuid: str, mesh: Path) -> None:
 
 def _ini(file: h5py.File, name: str) -> configparser.ConfigParser:
     """A record of the file that is an INI file."""
+    return _parsed(_text(file, name), file.filename, name)
+
+
+def _parsed(text: str, file: str, place: str) -> configparser.ConfigParser:
+    """The text of an INI file."""
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     parser.optionxform = str  # type: ignore[assignment, method-assign]
     try:
-        parser.read_string(_text(file, name))
+        parser.read_string(text)
     except configparser.Error as error:
         reason = " ".join(str(error).split())
-        raise FormatError(
-            f"expected sections of keys and values, found: {reason}", file=file.filename, place=name
-        ) from None
+        raise FormatError(f"expected sections of keys and values, found: {reason}", file=file, place=place) from None
     return parser
 
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from elvis.converters.arrays import from_arrays
     from elvis.converters.handing import to_meshio, to_pyvista
     from elvis.converters.live import from_mfem, from_ngsolve
     from elvis.core.critical_points import CriticalPoints, critical_points
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from elvis.core.shapes import Shape
     from elvis.core.streamlines import Streamlines, trace
     from elvis.formats.writing import write
+    from elvis.plugins.arrays import from_arrays
     from elvis.plugins.data import read
     from elvis.plugins.series.series import open_series
 
@@ -72,7 +72,6 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "elvis.converters.arrays": ("from_arrays",),
         "elvis.converters.handing": ("to_meshio", "to_pyvista"),
         "elvis.converters.live": ("from_mfem", "from_ngsolve"),
         "elvis.core.critical_points": ("CriticalPoints", "critical_points"),
@@ -89,6 +88,7 @@ __getattr__ = lazy_names(
         "elvis.core.shapes": ("Shape",),
         "elvis.core.streamlines": ("Streamlines", "trace"),
         "elvis.formats.writing": ("write",),
+        "elvis.plugins.arrays": ("from_arrays",),
         "elvis.plugins.data": ("read",),
         "elvis.plugins.series.series": ("open_series",),
     },

@@ -20,7 +20,7 @@ from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
 from elvis.plugins.projection.fitting import FieldFit, beyond, fit_positions, mapped, padded
 from elvis.plugins.projection.placing import in_space, worse
-from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance
+from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance, fit_joined
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, given_topology, topology
@@ -66,11 +66,16 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Conversion:
-    """The converted data and the report; ``blocks`` tell how each element lies in the source's."""
+    """The converted data and the report.
+
+    blocks  how each element lies in the source's
+    maps    the coordinates as fields, where the mesh file can't hold them
+    """
 
     dataset: Dataset
     report: Report
     blocks: tuple[NativeBlock, ...]
+    maps: tuple[FieldFit, ...] = ()
 
 
 def convert(source: Converter, settings: Settings | None = None, files: Sequence[str | Path] = ()) -> Conversion:
@@ -99,7 +104,19 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
         findings.fields = [worse(*pair) for pair in zip(findings.fields, placed, strict=True)]
     report = _report(source, plan, findings, straight, fitted, has_map, [Path(file).name for file in files])
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
-    return Conversion(dataset, report, tuple(blocks))
+    return Conversion(dataset, report, tuple(blocks), tuple(maps))
+
+
+def convert_again(source: Converter, before: Conversion) -> Dataset:
+    """The dataset of a source whose fields alone are others than they were when it was converted.
+
+    Mesh and blocks are those of then, as is what the metadata say of errors: the error is not measured again.
+    ElvisError where the fields can't be represented.
+    """
+    mesh, blocks = before.dataset.mesh, list(before.blocks)
+    fitted = fit_joined(Sampler(source), mesh, blocks, _choose_fields(source, None))
+    dataset = _dataset(source, mesh, blocks, [*fitted, *before.maps], bool(before.maps))
+    return replace(dataset, metadata={**dataset.metadata, **before.report.metadata()})
 
 
 def converted_object(source: Converter, name: str) -> Dataset:

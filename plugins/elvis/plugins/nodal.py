@@ -212,6 +212,12 @@ class NodalConverter(Converter):
         found: NodalBlock = block.key
         return found
 
+    def clear_fields(self) -> None:
+        """Forget all fields, so that others can be taken in on the same elements."""
+        self.fields = []
+        for block in self.blocks:
+            self.nodal(block).fields.clear()
+
     def add_field(
         self,
         key: Any,

@@ -13,17 +13,19 @@ from elvis.core.lazy import lazy_names
 if TYPE_CHECKING:
     from elvis.plugins.data import read
     from elvis.renderer.device_errors import DeviceError
+    from elvis.renderer.in_situ import Session
     from elvis.renderer.rendering import Renderer, default_field, render
     from elvis.scene import *  # noqa: F403
     from elvis.viewer.widget import view
 
-__all__ = ["DeviceError", "Renderer", "default_field", "read", "render", "view", *scene.__all__]
+__all__ = ["DeviceError", "Renderer", "Session", "default_field", "read", "render", "view", *scene.__all__]
 
 __getattr__ = lazy_names(
     __name__,
     {
         "elvis.plugins.data": ("read",),
         "elvis.renderer.device_errors": ("DeviceError",),
+        "elvis.renderer.in_situ": ("Session",),
         "elvis.renderer.rendering": ("Renderer", "default_field", "render"),
         "elvis.scene": tuple(scene.__all__),
         "elvis.viewer.widget": ("view",),

@@ -35,8 +35,15 @@ class Projection:
 
 def at_order(sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField]) -> Projection:
     """The fields at the orders of the blocks, or at their own where a block has none."""
-    fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields))
+    fitted = fit_joined(sampler, mesh, blocks, fields)
     return Projection(blocks, fitted, check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision))
+
+
+def fit_joined(
+    sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]
+) -> list[FieldFit]:
+    """The fields at the orders of the blocks or their own, with one trace where they are continuous; not checked."""
+    return _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields))
 
 
 def at_tolerance(

@@ -78,8 +78,14 @@ class Arrays(NodalConverter):
         if not isinstance(places, Mapping) or not places:
             raise ElvisError(f"expected places of nodes by shape, as {{'hexahedron': …}}, found {_short_text(places)}")
         self.blocks = [_block(name, nodes, reference.get(name)) for name, nodes in places.items()]
+        self._shapes = list(places)
+        self.take(fields)
+
+    def take(self, fields: Mapping[str, Any]) -> None:
+        """Take these fields in place of all that there are; ElvisError where arrays don't fit."""
+        self.clear_fields()
         for name, values in fields.items():
-            self._add(name, values, list(places))
+            self._add(name, values, self._shapes)
 
     def _add(self, name: str, values: Any, shapes: Sequence[str]) -> None:
         """A field, a component or all of them."""
@@ -102,7 +108,7 @@ class Arrays(NodalConverter):
         """The values of a field at the nodes of a block, by component."""
         geometry = self.nodal(block).geometry
         shape = geometry.values.shape[:2]
-        found = _floats(name, values)
+        found = host_array(name, values)
         if found.shape[:2] != shape or found.ndim not in (2, 3) or not found.size:
             raise ElvisError(f"{name}: expected {shape} values, or components of these, found {found.shape}")
         return NodalValues(found.reshape(*shape, -1), geometry.functions)
@@ -112,7 +118,7 @@ def _block(name: str, nodes: Any, reference: Any) -> Elements:
     """The elements of a shape."""
     if name not in _SHAPES:
         raise ElvisError(f"there is no shape {name!r}{perhaps(str(name), _SHAPES)}: there are {', '.join(_SHAPES)}")
-    shape, places = _SHAPES[name], _floats(name, nodes)
+    shape, places = _SHAPES[name], host_array(name, nodes)
     if places.ndim != 3 or not places.size or not shape.dimension <= places.shape[2] <= 3:
         raise ElvisError(f"{name}: expected places (elements, nodes, {shape.dimension}), found {places.shape}")
     count = places.shape[1]
@@ -126,7 +132,7 @@ def _block(name: str, nodes: Any, reference: Any) -> Elements:
 def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> Floats:
     """(count, d) where nodes lie in the reference element."""
     if reference is not None:
-        found = _floats(f"reference of {name}", reference)
+        found = host_array(f"reference of {name}", reference)
         if found.shape != (count, shape.dimension):
             raise ElvisError(f"reference of {name}: expected {(count, shape.dimension)} numbers, found {found.shape}")
         return found
@@ -138,14 +144,23 @@ def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> F
     raise ElvisError(f"{name}: expected the argument reference, with {wanted}, found none")
 
 
-def _floats(what: str, values: Any) -> Floats:
+def host_array(what: str, values: Any) -> Floats:
+    """An array of real numbers as float64, copied only where it has to be; of what tells its memory by DLPack, too.
+
+    ElvisError, which calls it ``what``, for anything else and for memory of another device.
+    """
     try:
-        found = np.asarray(values)
+        has_dlpack = hasattr(values, "__dlpack__") and not isinstance(values, np.ndarray)
+        found = np.from_dlpack(values) if has_dlpack else np.asarray(values)
         if np.iscomplexobj(found):
             raise TypeError
         return np.asarray(found, np.float64)
     except (TypeError, ValueError) as error:
         raise ElvisError(f"{what}: expected an array of real numbers, found {_short_text(values)}") from error
+    except (BufferError, RuntimeError) as error:
+        raise ElvisError(
+            f"{what}: expected an array in the memory of the host, found one that is not: {error}"
+        ) from error
 
 
 def _short_text(value: Any) -> str:

@@ -1,0 +1,140 @@
+"""States of a running solver: datasets on one mesh, whose fields are arrays in memory, one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
+from elvis.plugins.arrays import Arrays, host_array
+from elvis.plugins.conversion import Converter
+from elvis.plugins.converting import Conversion, convert, convert_again
+
+
+class States(Protocol):
+    """What `Session` asks for a dataset at each step."""
+
+    def at(self, time: float, fields: Any) -> Dataset:
+        """The state at a time; ElvisError where the fields are not what they should be."""
+
+
+class ValuedSource(Protocol):
+    """A converter whose elements stay, and whose fields are given to it."""
+
+    time: float | None
+
+    def take(self, fields: Any) -> None:
+        """Take these fields in place of all that there are."""
+
+
+class NodalStates:
+    """States given by values at nodes of elements.
+
+    source  a converter with a method `take`, as `ValuedSource` tells
+    name    by which remarks call it
+
+    The first state is converted whole, with its error measured; of others only the fields are.
+    """
+
+    def __init__(self, source: Any, name: str) -> None:
+        self._source, self._name = source, name
+        self._first: Conversion | None = None
+
+    def at(self, time: float, fields: Any) -> Dataset:
+        """The state whose fields the source takes."""
+        source: Converter = self._source
+        self._source.take(fields)
+        source.time = time
+        if self._first is None:
+            self._first = convert(source, files=(self._name,))
+            dataset = self._first.dataset
+        else:
+            dataset = convert_again(source, self._first)
+        return replace(dataset, remarks=(self._first.report.remark(),))
+
+
+class ModalStates:
+    """States given by coefficients of the expansions that the fields of a dataset have.
+
+    dataset  whose mesh, and fields that are not given anew, are those of all states
+
+    Coefficients are (n, m), as in `Block`: an array where the field has one block, a list of one a block, or arrays by
+    shape.  A name that the dataset has not gets the expansions of its first field.
+    """
+
+    def __init__(self, dataset: Dataset) -> None:
+        if not dataset.solution:
+            raise ElvisError(
+                "expected a dataset with a field, of whose expansions coefficients are, or places of nodes by shape; "
+                "found a mesh alone"
+            )
+        self._dataset = dataset
+
+    def at(self, time: float, fields: Mapping[str, Any]) -> Dataset:
+        """The state with these coefficients, copied."""
+        known = self._dataset
+        given = {name: self._field(name, values) for name, values in fields.items()}
+        kept = [given.pop(field.name, field) for field in known.fields]
+        metadata = {**known.metadata, **({"Time": repr(time)} if "Time" in known.metadata else {})}
+        return replace(known, fields=(*kept, *given.values()), time=time, metadata=metadata, rates=None)
+
+    def _field(self, name: str, values: Any) -> Field:
+        """A field of the dataset with other coefficients, or a new one like the first."""
+        known = self._dataset
+        like = known.field(name) if name in known else replace(known.solution[0], name=name, continuous=None)
+        pairs = zip(like.blocks, _by_block(name, like.blocks, values), strict=True)
+        blocks = (replace(block, coefficients=_coefficients(name, block, own)) for block, own in pairs)
+        return replace(like, blocks=tuple(blocks))
+
+
+def states_of(mesh: Any, reference: Mapping[str, Any] | None = None) -> States:
+    """The states of a mesh that `Session` is given.
+
+    mesh       a dataset, whose fields are then coefficients, or places of nodes by shape as of `from_arrays`
+    reference  as of `from_arrays`
+
+    What has a method ``at`` is taken as it is.  ElvisError for anything else.
+    """
+    if isinstance(mesh, Dataset):
+        if reference is not None:
+            raise ElvisError("expected no argument reference beside a dataset, whose fields are coefficients")
+        return ModalStates(mesh)
+    if isinstance(mesh, Mapping):
+        return NodalStates(Arrays(mesh, {}, reference or {}), "arrays of a running solver")
+    if callable(getattr(mesh, "at", None)):
+        states: States = mesh
+        return states
+    raise ElvisError(f"expected a dataset, or places of nodes by shape, as {{'hexahedron': …}}, found {mesh!r:.60}")
+
+
+def _by_block(name: str, blocks: Sequence[Block], values: Any) -> list[Any]:
+    """The arrays of a field, one for each of its blocks; ElvisError where there are not as many."""
+    labels = [block.expansion.shape.label.lower() for block in blocks]
+    if isinstance(values, Mapping):
+        for shape in values:
+            if shape not in labels:
+                raise ElvisError(f"{name}: there are no elements of the shape {shape!r}{perhaps(str(shape), labels)}")
+        if sorted(values) != sorted(labels):
+            raise ElvisError(
+                f"{name}: expected one array for each block, {', '.join(labels)}; found {', '.join(values)}"
+            )
+        return [values[label] for label in labels]
+    found = list(values) if isinstance(values, (list, tuple)) and len(values) == len(blocks) else [values]
+    if len(found) != len(blocks):
+        raise ElvisError(f"{name}: expected a list of {len(blocks)} arrays, of {', '.join(labels)}; found one thing")
+    return found
+
+
+def _coefficients(name: str, block: Block, values: Any) -> Floats:
+    """(n, m) coefficients of a block, copied: the solver goes on with its own."""
+    found = host_array(name, values)
+    if found.shape != block.coefficients.shape:
+        shape = block.expansion.shape.label.lower()
+        raise ElvisError(f"{name}: {shape}: expected coefficients {block.coefficients.shape}, found {found.shape}")
+    return frozen_floats(np.array(found))

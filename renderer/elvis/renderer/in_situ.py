@@ -1,0 +1,141 @@
+"""Pictures of a running solver, from its own arrays: nothing is written but pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import Outputs, check_place
+from elvis.core.terminal import one_line, warn
+from elvis.plugins.run_states import states_of
+from elvis.renderer.rendering import Pictures
+from elvis.renderer.triggers import Trigger
+from elvis.scene import Scene
+from elvis.scene.errors import SceneError
+from elvis.scene.files import read_scene
+from elvis.scene.frame import Frame
+from elvis.scene.keywords import scene_of_keywords
+from elvis.scene.saving import check_suffix
+
+
+class Session:
+    """Pictures of a solver's steps: ``Session(mesh, "scene.toml", every=10).show(step, time, {"u": array})``.
+
+    mesh       a dataset: arrays are then coefficients (n, m) of its expansions; or places of nodes (n, k, d) by shape,
+               as `from_arrays` takes them: arrays are then values (n, k) or components (n, k, c) there
+    scene      a Scene or a scene file, which keywords change, as of `render`; its outputs may have {step} and {time}
+    every      number of steps from one picture to the next
+    when       a condition, as ``max(mach) > 1`` or ``min(rho) < 0.1 and max(p) > 2``: no picture where certified bounds
+               prove that it doesn't hold
+    reference  as of `from_arrays`
+    device     as of `render`
+
+    What follows from the mesh, the structure of bounds, kernels and the device are kept from step to step.
+
+    Raises ElvisError where mesh, scene or trigger are not what they should be: before the solver has begun.
+    """
+
+    def __init__(
+        self,
+        mesh: Any,
+        scene: Scene | str | Path | None = None,
+        *,
+        every: int = 1,
+        when: str = "",
+        reference: Mapping[str, Any] | None = None,
+        device: str | None = None,
+        **keywords: Any,
+    ) -> None:
+        base = scene if isinstance(scene, Scene) or scene is None else read_scene(scene)
+        self.scene = scene_of_keywords(keywords, base) if keywords else base or Scene()
+        self.faults: list[str] = []
+        self.drawn = 0
+        self._trigger = Trigger.of(every, when)
+        self._states = states_of(mesh, reference)
+        self._device = device or self.scene.device
+        self._pictures: Pictures | None = None
+        _check(self.scene)
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<Session: {self.drawn} pictures drawn, {len(self.faults)} faults>"
+
+    def close(self) -> None:
+        """Give the device back; the next picture opens it again."""
+        pictures, self._pictures = self._pictures, None
+        if pictures is not None:
+            pictures.close()
+
+    def is_due(self, step: int) -> bool:
+        """Whether a step is one of those that ``every`` tells: of others no arrays are needed."""
+        return self._trigger.is_due(step)
+
+    def show(self, step: int, time: float, fields: Mapping[str, Any] | Callable[[], Any]) -> Frame | None:
+        """The picture of a step, written to the scene's outputs; None where none is wanted or something fails.
+
+        step    number of the step, from 0
+        time    of the solver
+        fields  arrays by name, of NumPy or of what tells its memory by DLPack, or a function that gives them, which is
+                called only where they are needed
+
+        Nothing but a signal (Ctrl-C) or an exit comes out of here: what fails is reported on standard error, each
+        sentence once, and kept in ``faults``; the next step is tried again.
+        """
+        try:
+            return self._show(step, time, fields)
+        except Exception as error:
+            self._report(step, error)
+            return None
+
+    def _show(self, step: int, time: float, fields: Any) -> Frame | None:
+        if not self.is_due(step):
+            return None
+        data = self._states.at(time, fields() if callable(fields) else fields)
+        if not self._trigger.holds(data):
+            return None
+        if self._pictures is None:
+            self._pictures = Pictures(data, self._device)
+        else:
+            self._pictures.show(data)
+        frame = self._pictures.draw(self.scene)
+        with Outputs() as together:
+            for name in self.scene.outputs:
+                frame.save(_filled(name, step, time), plain=self.scene.plain, outputs=together)
+        self.drawn += 1
+        return frame
+
+    def _report(self, step: int, error: Exception) -> None:
+        """Tell of a fault, once."""
+        told = str(error) if isinstance(error, ElvisError) else f"{type(error).__name__}: {error}"
+        sentence = one_line(told)
+        if sentence not in self.faults:
+            self.faults.append(sentence)
+            warn(f"step {step} has no picture, the solver goes on: {sentence}")
+
+
+def _check(scene: Scene) -> None:
+    """SceneError for what can't be drawn of steps that are to come, or can't be written."""
+    if scene.range == "series":
+        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
+    if scene.data:
+        raise SceneError("data: expected none in the scene, for a running solver gives them")
+    for name in scene.outputs:
+        first = Path(_filled(name, 0, 0.0))
+        check_suffix(first)
+        check_place(first)
+
+
+def _filled(name: str, step: int, time: float) -> str:
+    """The name of a step's file; SceneError for braces that mean nothing."""
+    try:
+        return name.format(step=step, time=time)
+    except (LookupError, ValueError, AttributeError) as error:
+        expected = "a name with {step} or {time}, as u_{step:04}.png"
+        raise SceneError(f"outputs: expected {expected}, found {name!r}") from error

@@ -1,0 +1,86 @@
+"""PyFR as a host of pictures: a plugin of it, which draws the solution that it holds.
+
+``mpiexec -n 2 python -m elvis.renderer.pyfr_host run -b openmp mesh.pyfrm case.ini`` is PyFR with the plugin; a section
+``[soln-plugin-elvis]`` of its configuration asks for pictures.  See ``docs/howto/in-situ.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pyfr.__main__ import main
+from pyfr.mpiutil import get_comm_rank_root
+from pyfr.plugins.base import BaseSolnPlugin
+from pyfr.quadrules import get_quadrule
+
+from elvis.core.arrays import Floats, Ints
+from elvis.plugins.registry import load
+from elvis.plugins.run_states import NodalStates
+from elvis.renderer.in_situ import Session
+
+
+class ElVisPlugin(BaseSolnPlugin):  # type: ignore[misc]
+    """Pictures of the solution, drawn by the first rank, to which the others send theirs.
+
+    Its section has ``scene``, a scene file; ``output``, a picture with {step} or {time} in its name, in place of those
+    of the scene; ``every`` and ``when``, as of `Session`.  What is wrong with these ends the run before its first step.
+    """
+
+    name = "elvis"
+    systems = ("*",)
+    formulations = ("dual", "std")
+    dimensions = (2, 3)
+
+    def __init__(self, intg: Any, cfgsect: str, suffix: str | None = None) -> None:
+        super().__init__(intg, cfgsect, suffix)
+        self._comm, rank, self._root = get_comm_rank_root()
+        self._names = list(next(iter(intg.system.ele_map.values())).convars)
+        self._every = self.cfg.getint(cfgsect, "every", 1)
+        self._session = self._opened(str(intg.system.mesh.fname)) if rank == self._root else None
+
+    def __call__(self, intg: Any) -> None:
+        """Draw a step that has been accepted, where it is one that is asked for."""
+        step = int(intg.nacptsteps)
+        if step % self._every:
+            return
+        parts = self._comm.gather(_part(intg), root=self._root)
+        if self._session is not None:
+            self._session.show(step, float(intg.tcurr), lambda: self._joined(parts))
+
+    def finalise(self, intg: Any) -> None:
+        """Give the device back."""
+        super().finalise(intg)
+        if self._session is not None:
+            self._session.close()
+
+    def _opened(self, mesh: str) -> Session:
+        """The session of the first rank."""
+        converter: Any = load("elvis.converters", "pyfr")
+        self._source = converter([Path(mesh)])
+        given = {key: self.cfg.get(self.cfgsect, key) for key in ("output",) if self.cfg.hasopt(self.cfgsect, key)}
+        scene, when = self.cfg.getpath(self.cfgsect, "scene"), self.cfg.get(self.cfgsect, "when", "")
+        return Session(NodalStates(self._source, Path(mesh).name), scene, every=self._every, when=when, **given)
+
+    def _joined(self, parts: Sequence[Mapping[str, tuple[Ints, Floats]]]) -> Any:
+        """The solution on all elements, in the order of the mesh file, from the parts of all ranks."""
+        values: dict[str, tuple[Floats, Floats]] = {}
+        for kind in sorted({kind for part in parts for kind in part}):
+            own = [part[kind] for part in parts if kind in part]
+            found = np.concatenate([each for _, each in own])
+            found[np.concatenate([rows for rows, _ in own])] = found.copy()
+            rule = self.cfg.get(f"solver-elements-{kind}", "soln-pts")
+            values[kind] = np.asarray(get_quadrule(kind, rule, found.shape[2]).pts), found
+        return self._source.state(self._names, values, self.cfg.tostr())
+
+
+def _part(intg: Any) -> dict[str, tuple[Ints, Floats]]:
+    """By kind of element: the rows of this rank's elements in the mesh file, and values (n, variables, points)."""
+    kinds, rows = intg.system.ele_types, intg.system.mesh.eidxs
+    return {kind: (np.asarray(rows[kind]), np.array(own.T)) for kind, own in zip(kinds, intg.soln, strict=True)}
+
+
+if __name__ == "__main__":
+    main()

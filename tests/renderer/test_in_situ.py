@@ -1,0 +1,219 @@
+"""Pictures of a running solver: those of its data afterwards, at the steps that are asked for, and no harm to it."""
+
+import numpy as np
+import pytest
+
+from elvis.core.polynomials.quadrature import lobatto
+from elvis.core.shapes import Shape
+from elvis.core.testing.fields import with_field
+from elvis.core.testing.meshes import grid
+from elvis.formats import Dataset, ElvisError, FormatError, from_arrays, sample
+from elvis.plugins.nodal import tensor_nodes
+from elvis.plugins.run_states import states_of
+from elvis.renderer import Session, render
+from elvis.renderer.triggers import Condition, Trigger
+from elvis.scene.errors import SceneError
+
+NODES = np.asarray(tensor_nodes(Shape.QUADRILATERAL, tuple(lobatto(4)[0].tolist())))
+
+
+def squares(bend=0.1):
+    """(4, 16, 2) places of nodes of four bent squares."""
+    corners = np.array([(i, j) for j in range(2) for i in range(2)], float)
+    places = corners[:, None] + (NODES + 1) / 2
+    places[..., 1] += bend * places[..., 0] * (2 - places[..., 0]) * (places[..., 1] - 1)
+    return places
+
+
+def values(places, time):
+    return places[..., 0] ** 2 * (1 + time) - places[..., 1]
+
+
+@pytest.fixture
+def session(tmp_path):
+    def make(mesh, **keywords):
+        settings = {"size": (20, 20), "device": "reference", "output": str(tmp_path / "u_{step:03}.png")}
+        return Session(mesh, **{"field": "u", **settings, **keywords})
+
+    return make
+
+
+class TestPictures:
+    def test_the_last_step_is_what_render_draws_of_its_data(self, session, tmp_path):
+        places = squares()
+        with session({"quadrilateral": places}, device="auto", contours=3) as drawn:
+            for step in range(3):
+                assert drawn.show(step, 0.1 * step, {"u": values(places, 0.1 * step)}) is not None, drawn.faults
+        render(
+            from_arrays({"quadrilateral": places}, u=values(places, 0.2)),
+            "u",
+            size=(20, 20),
+            contours=3,
+            output=str(tmp_path / "post.png"),
+        )
+        assert (tmp_path / "u_002.png").read_bytes() == (tmp_path / "post.png").read_bytes()
+        assert (tmp_path / "u_000.png").read_bytes() != (tmp_path / "post.png").read_bytes()
+
+    def test_steady_steps_make_no_buffer(self, session):
+        places = squares()
+        with session({"quadrilateral": places}, device="auto", output=None, range=(0, 1)) as drawn:
+            made = []
+            for step in range(4):
+                drawn.show(step, 0.0, {"u": values(places, step)})
+                made.append(drawn._pictures.buffers_made)
+        assert made[1] == made[3]
+
+    def test_names_have_step_and_time(self, session, tmp_path):
+        places = squares()
+        drawn = session({"quadrilateral": places}, output=str(tmp_path / "{time:.2f}_{step}.png"))
+        drawn.show(7, 0.5, {"u": values(places, 0.5)})
+        assert [path.name for path in tmp_path.iterdir()] == ["0.50_7.png"]
+
+
+class TestStates:
+    def test_nodal_values_are_converted_as_files_are(self):
+        places = squares()
+        states = states_of({"quadrilateral": places})
+        for time in (0.0, 1.0, 2.0):
+            state = states.at(time, {"u": values(places, time), "c": np.full(places.shape[:2], time)})
+            whole = from_arrays({"quadrilateral": places}, u=values(places, time), c=np.full(places.shape[:2], time))
+            assert state.time == time
+            for name in ("u", "c"):
+                for own, wanted in zip(state[name].blocks, whole[name].blocks, strict=True):
+                    assert own.expansion == wanted.expansion
+                    assert (own.coefficients == wanted.coefficients).all()
+
+    def test_a_uniform_start_takes_nothing_from_later_steps(self):
+        places, point = squares(0.0), (0.3, 1.6)
+        states = states_of({"quadrilateral": places})
+        states.at(0.0, {"u": np.ones(places.shape[:2])})
+        assert sample(states.at(1.0, {"u": values(places, 1.0)}), "u", point)["u"] == pytest.approx(
+            [0.18 - 1.6], abs=1e-13
+        )
+
+    def test_coefficients_take_the_place_of_those_that_were_there(self):
+        dataset = with_field(grid(Shape.QUADRILATERAL, 2), lambda x: x[:, 0] * x[:, 1])
+        coefficients = [np.array(block.coefficients) for block in dataset["u"].blocks]
+        states = states_of(dataset)
+        twice = states.at(1.0, {"u": [2 * own for own in coefficients], "w": [-own for own in coefficients]})
+        point = (0.3, 0.7)
+        found = sample(twice, ["u", "w"], point)
+        assert [float(found["u"][0]), float(found["w"][0])] == pytest.approx([0.42, -0.21], abs=1e-13)
+        coefficients[0][:] = 0.0
+        assert sample(twice, "u", point)["u"] == pytest.approx([0.42], abs=1e-13)
+
+    def test_what_speaks_dlpack_is_taken(self):
+        class Tensor:
+            def __init__(self, array):
+                self.array = array
+
+            def __dlpack__(self, **options):
+                return self.array.__dlpack__(**options)
+
+            def __dlpack_device__(self):
+                return self.array.__dlpack_device__()
+
+        places = squares()
+        state = states_of({"quadrilateral": places}).at(0.0, {"u": Tensor(values(places, 0.0))})
+        assert sample(state, "u", (0.5, 1.0))["u"] == pytest.approx([0.25 - 1.0], abs=1e-12)
+
+    @pytest.mark.parametrize(
+        ("fields", "told"),
+        [
+            ({"u": np.zeros((4, 15))}, r"u: expected \(4, 16\) values, or components of these, found \(4, 15\)"),
+            ({"u": {"triangle": np.zeros((4, 16))}}, "u: there are no elements of the shape 'triangle'"),
+        ],
+    )
+    def test_what_does_not_fit_is_refused(self, fields, told):
+        with pytest.raises(ElvisError, match=told):
+            states_of({"quadrilateral": squares()}).at(0.0, fields)
+
+    def test_coefficients_that_do_not_fit_are_refused(self):
+        dataset = with_field(grid(Shape.QUADRILATERAL, 2), lambda x: x[:, 0])
+        with pytest.raises(ElvisError, match=r"u: quadrilateral: expected coefficients \(4, 9\), found \(4, 8\)"):
+            states_of(dataset).at(0.0, {"u": np.zeros((4, 8))})
+        with pytest.raises(ElvisError, match="found a mesh alone"):
+            states_of(Dataset(dataset.mesh))
+        with pytest.raises(ElvisError, match="expected a dataset, or places of nodes by shape"):
+            states_of(3)
+
+
+class TestTriggers:
+    """u = x² (1 + t) - y on [0, 2]²: its greatest value is 4 (1 + t), its least -2."""
+
+    def shown(self, session, **keywords):
+        places = squares(0.0)
+        drawn = session({"quadrilateral": places}, output=None, **keywords)
+        found = [drawn.show(step, 0.1 * step, {"u": values(places, 0.1 * step)}) for step in range(6)]
+        assert drawn.faults == []
+        return [step for step, frame in enumerate(found) if frame is not None]
+
+    def test_a_period(self, session):
+        assert self.shown(session, every=2) == [0, 2, 4]
+
+    @pytest.mark.parametrize(
+        ("when", "steps"),
+        [
+            ("max(u) > 5", [3, 4, 5]),
+            ("max(u) < 5", [0, 1, 2]),
+            ("min(u) < -2.5", []),
+            ("min(u) > -2.5 and max(2*u) >= 11", [4, 5]),
+        ],
+    )
+    def test_conditions(self, session, when, steps):
+        assert self.shown(session, when=when) == steps
+
+    def test_arrays_of_other_steps_are_not_asked_for(self, session):
+        drawn = session({"quadrilateral": squares()}, every=5)
+        assert drawn.show(3, 0.0, lambda: pytest.fail("called")) is None
+        assert drawn.faults == []
+
+    @pytest.mark.parametrize("text", ["max(u)", "u > 1", "mean(u) > 1", "max(u) > one", "max() > 1"])
+    def test_what_is_no_condition_is_refused(self, text):
+        with pytest.raises(SceneError, match="when: expected a condition as"):
+            Trigger.of(1, text)
+
+    @pytest.mark.parametrize("every", [0, -1, 2.5, True])
+    def test_what_is_no_period_is_refused(self, every):
+        with pytest.raises(SceneError, match="every: expected a number of steps, 1 or more"):
+            Trigger.of(every, "")
+
+    def test_functions_may_stand_in_a_condition(self):
+        assert Condition.parse("max(max(u, v) + 1) <= 2e-3") == Condition("max", "max(u, v) + 1", False, 2e-3)
+
+
+class TestFaults:
+    def test_the_solver_goes_on_and_is_told_once(self, session, capsys):
+        places = squares()
+        drawn = session({"quadrilateral": places})
+        for step in range(3):
+            assert drawn.show(step, 0.0, {"w": values(places, 0.0)}) is None
+        assert capsys.readouterr().err.count("has no picture, the solver goes on") == 1
+        assert len(drawn.faults) == 1
+        assert "u" in drawn.faults[0]
+        assert drawn.show(3, 0.0, {"u": values(places, 0.0)}) is not None
+
+    def test_any_exception_is_one(self, session, capsys):
+        drawn = session({"quadrilateral": squares()})
+        drawn.show(0, 0.0, lambda: 1 / 0)
+        assert "step 0 has no picture, the solver goes on: ZeroDivisionError" in capsys.readouterr().err
+
+    def test_an_interrupt_comes_through(self, session):
+        def interrupted():
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            session({"quadrilateral": squares()}).show(0, 0.0, interrupted)
+
+    @pytest.mark.parametrize(
+        ("keywords", "told"),
+        [
+            ({"output": "u_{stop}.png"}, "expected a name with {step} or {time}"),
+            ({"output": "u.gif"}, "expected a name that ends in"),
+            ({"output": "nowhere/u.png"}, "nowhere"),
+            ({"range": "series"}, "the steps to come are not known"),
+        ],
+    )
+    def test_what_cannot_be_is_refused_before_the_first_step(self, session, keywords, told):
+        with pytest.raises((SceneError, FormatError, ElvisError), match=told):
+            session({"quadrilateral": squares()}, **keywords)
