@@ -11,7 +11,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, grid
+from elvis.core.testing import approximated, curved, grid, ripple
 
 SHIFT = 1e-6
 
@@ -44,10 +44,35 @@ def test_a_shift_is_the_gradient_times_it():
         assert row.linf == pytest.approx(2 * SHIFT, rel=1e-6)
         assert row.where == pytest.approx((1, 0, row.where[2]), abs=1e-3)
         assert abs(row.l2 - SHIFT * np.sqrt(2 / 3)) < row.l2_error + SHIFT**2
-        assert np.isnan(row.bound) != is_same
-        assert not row.bound < row.linf
+        assert 2 * SHIFT + SHIFT**2 - 1e-14 < row.bound < 2.003 * SHIFT
+        assert row.bound >= row.linf
         point = sample(own.beside(ref=moved), ["ref:p - p", "d(ref:p, y) - d(p, y)"], [(0.3, 0.2, 0.1)]).values[0]
         assert point == pytest.approx([SHIFT * 0.4 + SHIFT**2, -SHIFT], abs=1e-12)
+
+
+@pytest.mark.parametrize(("bends", "closer"), [((False, False), 1.002), ((True, False), 1.01), ((False, True), 1.01)])
+def test_the_maximum_on_two_meshes_is_bounded(bends, closer):
+    """|x y - (x y + y^2 / 2 + x / 4)| <= 3/4, at (1, 1) of the unit square, whichever of the meshes is bent inside."""
+
+    def inside(points):
+        bubble = points[:, 0] * (1 - points[:, 0]) * points[:, 1] * (1 - points[:, 1])
+        return points + bubble[:, None] * [0.4, 0.3, 0]
+
+    meshes = [grid(Shape.TRIANGLE, 2), grid(Shape.QUADRILATERAL, 3)]
+    meshes = [curved(mesh, inside, 3) if bend else mesh for mesh, bend in zip(meshes, bends, strict=True)]
+    own = with_p(meshes[0], lambda p: p[:, 0] * p[:, 1], 9 if bends[0] else 3)
+    other = with_p(meshes[1], lambda p: p[:, 0] * p[:, 1] + p[:, 1] ** 2 / 2 + p[:, 0] / 4, 9 if bends[1] else 3)
+    row = diff(own, other, error=0.5)[0]
+    assert row.linf == pytest.approx(0.75, rel=1e-3)
+    assert 0.75 - 1e-9 <= row.bound <= 0.75 * closer
+
+
+def test_fields_on_bent_elements_of_both_are_bounded_by_their_ranges():
+    meshes = [curved(grid(shape, 1), ripple(0.05), 3) for shape in (Shape.TRIANGLE, Shape.QUADRILATERAL)]
+    own, other = with_p(meshes[0], lambda p: p[:, 0], 5), with_p(meshes[1], lambda p: 3 - p[:, 0], 5)
+    found = diff(own, other, error=0.5)
+    assert found[0].linf < found[0].bound < 3.5
+    assert found.facts()["p"]["Linf_bound"] == found[0].bound
 
 
 def wave(points):

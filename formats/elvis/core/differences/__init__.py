@@ -2,6 +2,7 @@
 
 pairing      whether meshes are the same, and datasets that hold both solutions
 greatest     the greatest difference, certified on one mesh, and from points else
+overlaps     its bound on two meshes, over all pairs of elements that may meet
 difference   all norms in one call
 convergence  the order that differences of a family to the last of it show
 """

@@ -2,7 +2,8 @@
 
 On one mesh the difference is a polynomial in every element: squares are integrated exactly, and its greatest magnitude
 is found by branch and bound.  On two meshes the second solution is located at every point of quadrature on the first
-one's elements, which are halved where its borders make kinks, until the error asked for holds.
+one's elements, which are halved where its borders make kinks, until the error asked for holds; the greatest magnitude
+is sought at points, and bounded on all pairs of elements that may meet.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.differences.greatest import greatest_at_points, greatest_of_fields
-from elvis.core.differences.pairing import Pair, common_fields, theirs
+from elvis.core.differences.overlaps import bound_of_difference
+from elvis.core.differences.pairing import REFERENCE, Pair, common_fields, theirs
 from elvis.core.errors import ElvisError
 from elvis.core.extrema import Extreme
 from elvis.core.files.columns import Columns
@@ -24,7 +26,7 @@ from elvis.core.hints import perhaps
 from elvis.core.integrals.reference_cells import whole_elements
 from elvis.core.integrals.refinement import Summation, Sums
 from elvis.core.norms import integration_points
-from elvis.core.patch import Patch
+from elvis.core.patch import Patch, patches
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import Node, call, field, number, world_derivative
@@ -32,6 +34,9 @@ from elvis.core.quantities.tree import Node, call, field, number, world_derivati
 #: error of squares of norms that is asked for, in parts of them, points of a first estimate, and points at which
 #: rules are compared at most
 ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
+#: how much greater than the greatest difference at points its bound may be without being told, and from which relative
+#: difference on
+_WIDE, _ROUNDED = 2.0, 1e-11
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of a value, in parts of what it is added up from
 _ROUNDING = 16 * _EPS
@@ -44,7 +49,7 @@ class Difference:
     l1, l2     integral of the magnitude; root of the integral of the square
     h1         root of the integral of the square and of the squared gradient
     linf       greatest magnitude that was found
-    bound      which the magnitude doesn't exceed anywhere, proved; NaN where the meshes differ
+    bound      which the magnitude doesn't exceed anywhere, proved, on borders from either side; NaN where that can't be
     where      (x, y, z) of ``linf``
     element    id of the element of the first dataset there
     relative   ``l2`` in parts of the norm of the second dataset's field
@@ -204,8 +209,11 @@ def _remarks(rows: Sequence[Difference]) -> Iterator[str]:
         if row.covered < 1 - 1e-12:
             part = 1 - row.covered
             yield f"{row.field}: the second dataset has nothing on {part:.3g} of the first, which is left out"
-    if any(np.isnan(row.bound) for row in rows):
-        yield "the meshes differ: Linf is the greatest difference at points, no bound of it is proved"
+        if np.isnan(row.bound):
+            yield f"{row.field}: Linf is the greatest difference at points, no bound of it is proved"
+        elif row.bound > _WIDE * row.linf and row.relative > _ROUNDED:
+            known = f"between {row.linf:.3g} and {row.bound:.3g}"
+            yield f"{row.field}: the greatest difference is {known}, nothing closer is proved"
 
 
 def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
@@ -270,7 +278,21 @@ class _Compared:
         found = None
         if self._is_common:
             found = greatest_of_fields(self._both, *Expression("", self._difference).fields)
-        return found or greatest_at_points(self._evaluator, self.held, self._expressions["value"])
+        if found is not None:
+            return found
+        at_points = greatest_at_points(self._evaluator, self.held, self._expressions["value"])
+        return replace(at_points, bound=self._bound(at_points.value))
+
+    def _bound(self, found: float) -> float:
+        """What no difference exceeds, which is ``found`` at some point; NaN where that can't be told."""
+        first, second = (
+            [patch for patch in patches(one, [self._name]) if patch.fields[0] is not None]
+            for one in (self._both, self._both.others[REFERENCE])
+        )
+        if self._is_common or not np.isfinite(found):
+            return np.nan
+        bound = bound_of_difference(first, second, found)
+        return np.nan if bound is None else bound
 
     def _summed(self, slopes: Sequence[Node]) -> Sums:
         """The integrals of all expressions.

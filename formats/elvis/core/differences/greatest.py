@@ -1,4 +1,7 @@
-"""The greatest magnitude of a difference: proved on one mesh, and from points that close in on it on two."""
+"""The greatest magnitude of a difference: proved on one mesh, and from points that close in on it on two.
+
+`overlaps` bounds what is found at points.
+"""
 
 from __future__ import annotations
 

@@ -132,42 +132,55 @@ class BoxTree:
 
         Sorted by point, then by element.
         """
-        none = np.empty(0, np.int64)
-        point, element = map(np.concatenate, zip((none, none), *self.candidate_batches(points), strict=True))
-        order = np.lexsort((element, point))
-        return point[order], element[order]
+        return _sorted_pairs(self.candidate_batches(points))
+
+    def overlaps(self, low: Floats, high: Floats) -> tuple[Ints, Ints]:
+        """All pairs of a box with corners (n, 3) and an element whose box it meets, as `candidates` of points."""
+        return _sorted_pairs(self._batches(low, high))
 
     def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are looked at together."""
+        return self._batches(points, points, size)
+
+    def _batches(self, low: Floats, high: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
+        """The pairs of `overlaps` in no order."""
         depth = self.leaves.bit_length() - 1
-        stack = _split(0, np.arange(len(points)), np.zeros(len(points), np.int64), size)
+        stack = _split(0, np.arange(len(low)), np.zeros(len(low), np.int64), size)
         while stack:
             level, point, node = stack.pop()
-            held = _holds(self.nodes, node, points, point)
+            held = _meet(self.nodes, node, low, high, point)
             point, node = point[held], node[held]
             if level == depth:
-                yield self._in_leaves(points, point, node)
+                yield self._in_leaves(low, high, point, node)
             elif len(point):
                 children = 2 * node[:, None] + np.array([1, 2])
                 stack += _split(level + 1, np.repeat(point, 2), children.reshape(-1), size)
 
-    def _in_leaves(self, points: Floats, point: Ints, node: Ints) -> tuple[Ints, Ints]:
+    def _in_leaves(self, low: Floats, high: Floats, point: Ints, node: Ints) -> tuple[Ints, Ints]:
         slots = (node[:, None] - (self.leaves - 1)) * self.leaf + np.arange(self.leaf)
         point, slots = np.repeat(point, self.leaf), slots.reshape(-1)
         inside = slots < len(self.order)
         point, element = point[inside], self.order[slots[inside]].astype(np.int64)
-        held = _holds(self.boxes, element, points, point)
+        held = _meet(self.boxes, element, low, high, point)
         return point[held], element[held]
+
+
+def _sorted_pairs(batches: Iterator[tuple[Ints, Ints]]) -> tuple[Ints, Ints]:
+    """All pairs, by the first, then by the second."""
+    none = np.empty(0, np.int64)
+    point, element = map(np.concatenate, zip((none, none), *batches, strict=True))
+    order = np.lexsort((element, point))
+    return point[order], element[order]
 
 
 def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, Ints, Ints]]:
     return [(level, point[part], node[part]) for part in chunks(len(point), size)]
 
 
-def _holds(boxes: Boxes, rows: Ints, points: Floats, point: Ints) -> Bools:
-    """(k,) whether box ``rows`` (k,) holds point number ``point`` (k,)."""
-    box, where = boxes[rows].T, points[point].T
-    sides: list[Bools] = [(box[axis] <= where[axis]) & (where[axis] <= box[axis + 3]) for axis in range(3)]
+def _meet(boxes: Boxes, rows: Ints, low: Floats, high: Floats, which: Ints) -> Bools:
+    """(k,) whether box ``rows`` (k,) meets that number ``which`` (k,) of those with corners (n, 3)."""
+    box, least, greatest = boxes[rows].T, low[which].T, high[which].T
+    sides: list[Bools] = [(box[axis] <= greatest[axis]) & (least[axis] <= box[axis + 3]) for axis in range(3)]
     return sides[0] & sides[1] & sides[2]
 
 

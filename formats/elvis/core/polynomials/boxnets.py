@@ -75,7 +75,7 @@ def nets_through(values: Floats, places: Floats, dimension: int) -> Floats:
 def corners(nets: Floats) -> Floats:
     """(n, 2^d) values at the corners of the boxes, where the net is the polynomial; the last direction runs fastest."""
     ends = [[0, -1]] * (nets.ndim - 1)
-    return nets[np.ix_(range(len(nets)), *ends)].reshape(len(nets), -1)
+    return nets[np.ix_(range(len(nets)), *ends)].reshape(len(nets), 2 ** len(ends))
 
 
 def halves(nets: Floats, axis: int) -> tuple[Floats, Floats]:

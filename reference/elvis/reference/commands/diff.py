@@ -76,12 +76,12 @@ def diff(
 ) -> None:
     """Compare solutions A with a reference B: norms of the difference of each field that both have.
 
-    The files of one dataset stand together, with commas between them, of any format. On elements that both
-    have, whatever their numbers and orientation, differences are taken by coefficients, exactly, and their maximum is
-    proved. On others B is located exactly at every point of quadrature
-    on the elements of A, which are halved where borders of B's elements make kinks; every norm has an error in
-    --json. What B doesn't cover is left out, and told. With several A, from coarse to fine, the order of convergence to
-    B is told, too. A report shows the fields of the last A, of B and their difference in one scene.
+    The files of one dataset stand together, with commas between them, of any format. On elements that both have,
+    whatever their numbers and orientation, differences are taken by coefficients, exactly, and their maximum is
+    proved. On others B is located exactly at every point of quadrature on the elements of A, which are halved where
+    borders of B's elements make kinks; every norm has an error in --json, and the maximum a proved bound. What B
+    doesn't cover is left out, and told. With several A, from coarse to fine, the order of convergence to B is told,
+    too. A report shows the fields of the last A, of B and their difference in one scene.
     """
     from elvis.core.differences import family
     from elvis.core.terminal import print_json, stage, warn
