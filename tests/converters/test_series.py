@@ -266,7 +266,7 @@ def test_of_steps_only_what_quantities_need_is_read(tmp_path, form):
     assert sorted(read_for("speed")) == ["u", "v", "w"]
 
 
-def test_what_follows_the_fields_that_are_wanted_is_not_looked_at(tmp_path):
+def test_what_follows_the_fields_that_are_wanted_is_not_looked_at(tmp_path, elvis, elvis_json):
     files = steps_of(tmp_path, [0.0, 1.0], waves)
     dataset = read(*files[:2])
     fields = [replace(dataset["u"], name=name) for name in "uv"]
@@ -278,6 +278,17 @@ def test_what_follows_the_fields_that_are_wanted_is_not_looked_at(tmp_path):
     assert series_in(files, Reading(quantities=("u",)))[1].time == 1.0
     with pytest.raises(FormatError, match="ends early"):
         series_in(files, Reading(quantities=("v",)))[1]
+    # so it is for all that is asked of steps
+    assert open_series(*files).narrowed("u")[1].time == 1.0
+    at = ["--point", "0.31,0.22"]
+    for times in (["--times", "all"], ["--step", "1"]):
+        table = elvis("probe", *files, *at, *times, "--field", "u+t").splitlines()
+        assert float(table[-1].split(",")[-1]) == pytest.approx(1.0, abs=1e-12)  # u is zero
+        table = elvis_json("integrate", *files, *times, "--field", "u+t")
+        assert table[-1]["value"] == pytest.approx(1.0, abs=1e-12)
+    assert len(elvis("probe", *files, *at, "--times", "all").splitlines()) == 2
+    with pytest.raises(FormatError, match="ends early"):
+        elvis("integrate", *files, "--step", "1", "--field", "u", "--clip", "v=0.1")
 
 
 def test_numbers_stand_for_a_time_that_all_files_tell(tmp_path):

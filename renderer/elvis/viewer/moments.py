@@ -94,7 +94,7 @@ class Moments:
 
         from elvis.core.sampling import sample
 
-        series = self._steps()
+        series = self._steps().narrowed(text)
         numbers = np.unique(np.linspace(0, len(series) - 1, min(len(series), MOST_STEPS)).round().astype(int))
         times, values = [], []
         for number in numbers.tolist():
@@ -111,4 +111,4 @@ class Moments:
         """Certified bounds of a quantity over all steps."""
         from elvis.renderer.series_range import range_over
 
-        return list(range_over(text, self._steps()))
+        return list(range_over(text, self._steps().narrowed(text)))

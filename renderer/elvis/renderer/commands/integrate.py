@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -110,7 +110,10 @@ def integrate(
     def integrals(source: Source) -> Integrals:
         return source.integrate(quantities, over, error, coefficients, clip)
 
-    found = _of_one_state(data, integrals) if times is None else _of_series(data, times, integrals)
+    # surfaces, clips and coefficients may be made of other fields
+    is_all = clip is None and coefficients is None and not any("=" in each for each in over)
+    wanted = quantities if is_all else ()
+    found = _of_one_state(data, wanted, integrals) if times is None else _of_series(data, wanted, times, integrals)
     for remark in dict.fromkeys(remark for _, own in found for remark in own.remarks):
         warn(remark)
     if plot is not None:
@@ -144,16 +147,21 @@ def _check_outputs(output: Path | None, plot: Path | None, read: list[Path], ove
     check_places([path for path in (output, plot) if path is not None], read, overwrite)
 
 
-def _of_one_state(data: Data, integrals: Callable[[Source], Integrals]) -> _Moments:
+def _of_one_state(data: Data, wanted: Sequence[str], integrals: Callable[[Source], Integrals]) -> _Moments:
     from elvis.core.terminal import stage
 
-    source = data.source()
+    source = data.source(wanted)
     with stage("integrating"):
         return [({}, integrals(source))]
 
 
-def _of_series(data: Data, times: tuple[float, float, int] | str, integrals: Callable[[Source], Integrals]) -> _Moments:
-    series, moments = data.moments(times, "integrating")
+def _of_series(
+    data: Data,
+    wanted: Sequence[str],
+    times: tuple[float, float, int] | str,
+    integrals: Callable[[Source], Integrals],
+) -> _Moments:
+    series, moments = data.moments(times, "integrating", wanted)
     found: _Moments = [({"time": time}, integrals(source)) for time, source in moments]
     data.tell_of(series, [own["time"] for own, _ in found])
     return found

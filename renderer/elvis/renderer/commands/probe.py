@@ -171,10 +171,10 @@ def probe(
     if along is not None:
         if any(way is not None for way in (points, single or None, line, plane, times)):
             raise click.UsageError("expected --along without other points and --times", click.get_current_context())
-        places, columns = _along(data.source(), along, counts, asked)
+        places, columns = _along(data.source(asked.quantities), along, counts, asked)
     else:
         places = _places(points, single, line, plane, counts)
-        columns = _at(times, data, places, asked) if times else _columns(data.source(), places, asked)
+        columns = _at(times, data, places, asked) if times else _columns(data.source(asked.quantities), places, asked)
     if plot is not None:
         _plot(plot, columns, places)
     if output is not None:
@@ -197,6 +197,11 @@ class Asked:
     texts: list[str] | None
     every: bool = False
     clip: str | None = None
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """All that is evaluated; none where that is all fields, or what --clip needs too."""
+        return tuple(self.texts or ()) if self.clip is None else ()
 
     def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
         """The table of quantities at places (n, 3); what is clipped is outside."""
@@ -317,7 +322,7 @@ def _at(times: tuple[float, float, int] | str, data: Data, places: Floats, asked
     """The table at one time after another, with a column of times."""
     import numpy as np
 
-    series, moments = data.moments(times, f"probing {len(places)} points")
+    series, moments = data.moments(times, f"probing {len(places)} points", asked.quantities)
     parts: list[Columns] = []
     taken: list[float] = []
     for time, source in moments:
@@ -345,7 +350,7 @@ def _write_grid(
 
     if counts is None or output is None or not alone:
         raise click.UsageError("expected --grid with -o NAME.nrrd, and no other points", click.get_current_context())
-    source = data.source()
+    source = data.source(asked.quantities)
     grid = _grid(source, counts, box)
     step = max(1, _TOGETHER // (counts[0] * counts[1]))
 

@@ -60,34 +60,34 @@ class Data:
         further = [path for paths in files_of_others(self.others).values() for path in paths]
         return inputs((*self.paths, *further), self.plugin, points)
 
-    def reading(self) -> Reading:
-        """The options."""
+    def reading(self, quantities: Sequence[str] = ()) -> Reading:
+        """The options, for all that the files hold, or for quantities alone (see `Reading`)."""
         from elvis.core.moments import Moment
         from elvis.plugins.data import Reading, pairs
 
         moment = Moment(self.step, self.time, self.between)
-        return Reading(self.plugin, pairs(self.reader), self.is_kept, moment, self.others)
+        return Reading(self.plugin, pairs(self.reader), self.is_kept, moment, self.others, tuple(quantities))
 
-    def source(self) -> Source:
-        """What answers questions about the files, after a word on what a conversion lost.
+    def source(self, quantities: Sequence[str] = ()) -> Source:
+        """What answers questions about the files, or on quantities alone, after a word on what a conversion lost.
 
         What a runtime plugin opens is evaluated on a device.
         """
         from elvis.core.terminal import warn
         from elvis.plugins.data import open_data
 
-        return self.source_of(open_data(self.paths, self.reading(), warn))
+        return self.source_of(open_data(self.paths, self.reading(quantities), warn))
 
-    def series(self) -> Series | None:
+    def series(self, quantities: Sequence[str] = ()) -> Series | None:
         """The steps that the files are, where no moment of them is asked for; None where they are a single state."""
         from elvis.plugins.series.series import series_in
 
         if self.step is not None or self.time is not None:
             return None
-        return series_in(self.paths, self.reading())
+        return series_in(self.paths, self.reading(quantities))
 
     def moments(
-        self, times: tuple[float, float, int] | str, description: str
+        self, times: tuple[float, float, int] | str, description: str, quantities: Sequence[str] = ()
     ) -> tuple[Series, Iterator[tuple[float, NativeSource]]]:
         """The series that the files are, and times and sources one after another, as ``--times`` says.
 
@@ -98,7 +98,7 @@ class Data:
         from elvis.core.errors import ElvisError
         from elvis.core.terminal import track
 
-        series = self.series()
+        series = self.series(quantities)
         if series is None:
             raise ElvisError("--times: expected a series, without --step and --time, found one state")
         if isinstance(times, str):
