@@ -260,6 +260,9 @@ def test_velocities_that_are_guessed():
         ({"steps": 0}, "steps: expected at least 1"),
         ({"seeds": "line:0,0:1"}, "expected seeds as line:P:Q:N, found 'line:0,0:1'"),
         ({"seeds": "lin:0,0:1,1:3"}, "expected seeds as one of .* found 'lin:0,0:1,1:3' .perhaps line."),
+        ({"seeds": "plane:0,0:0,0:4"}, "expected seeds as plane:POINT:NORMAL:N, found 'plane:0,0:0,0:4'"),
+        ({"seeds": "plane:0,0,9:0,0,1:4"}, "expected elements on the plane, found none"),
+        ({"seeds": "elements:3"}, "expected seeds as elements, found 'elements:3'"),
         ({"seeds": "boundary:inlet"}, "there is no boundary 'inlet'; there are all, boundary"),
         ({"seeds": "random:4:10,10:11,11"}, "expected elements in the box, found 0 of 4"),
         ({"seeds": []}, "expected at least one seed"),
@@ -280,7 +283,7 @@ def test_there_is_no_velocity_and_no_way_in_1d():
 @pytest.mark.parametrize(
     ("text", "count"),
     [("point:1,0.5", 1), ("line:0.1,0.1:0.1,0.9:5", 5), ("disc:1,0.5:0,0,1:0.3:7", 7), ("grid:0,0:3,1:4,3", 12),
-     ("boundary:all:2", 16), ("random:10", 10), ("random:3:0,0:1,1", 3)],
+     ("plane:0,0:0,0,1:6", 12), ("elements", 4), ("boundary:all:2", 16), ("random:10", 10), ("random:3:0,0:1,1", 3)],
 )  # fmt: skip
 def test_seeds_from_texts(text, count):
     dataset = data(mixed_plane(), RIGHT)
@@ -295,3 +298,15 @@ def test_seeds_from_tables(tmp_path):
     found = trace(data(mixed_plane(), RIGHT), [tmp_path / "seeds.csv", "point:1,0.5"])
     assert found.counts() == {"outside": 1, "boundary": 2}
     assert found.seed.tolist() == [0, 1, 2]
+
+
+def test_a_lattice_on_a_cut_lies_on_it_in_elements():
+    dataset = data(curved(mixed_volume(0), ripple(0.02), 2), {name: constant(1) for name in "uvw"})
+    normal = np.array([1.0, 2.0, 3.0])
+    found = trace(dataset, "plane:1,0.5,0.5:1,2,3:12", length=1e-3)
+    starts = found.points[found.offsets[:-1]]
+    assert found.counts().get("outside", 0) == 0
+    assert len(found) > 20
+    assert np.abs((starts - [1, 0.5, 0.5]) @ normal).max() < 1e-13
+    gaps = np.linalg.norm(starts[:, None] - starts[None], axis=2)[np.triu_indices(len(starts), 1)]
+    assert gaps.min() == pytest.approx(np.sort(gaps)[len(starts) - 1], rel=1e-9)

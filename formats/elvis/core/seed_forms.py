@@ -9,6 +9,8 @@ FORMS: Mapping[str, str] = {
     "line": "line:P:Q:N",
     "disc": "disc:CENTRE:NORMAL:RADIUS:N",
     "grid": "grid:LOW:HIGH:NX,NY,NZ",
+    "plane": "plane:POINT:NORMAL:N",
+    "elements": "elements",
     "boundary": "boundary:NAME:N",
     "random": "random:N or random:N:LOW:HIGH",
 }

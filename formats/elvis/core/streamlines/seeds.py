@@ -4,6 +4,8 @@ point:X,Y,Z                  a point
 line:P:Q:N                   N points from P to Q, both included
 disc:C:NORMAL:R:N            N points over a disc, evenly
 grid:LOW:HIGH:NX,NY,NZ       a lattice over a box, ends included
+plane:POINT:NORMAL:N         a square lattice on a cut plane, N points along the box's longest side, those in elements
+elements                     the middle of each element
 boundary:NAME:N              on each face of a boundary a lattice of N points each way, N of each edge in 2D
 random:N, random:N:LOW:HIGH  N points drawn evenly over the elements, or over what of them lies in a box
 a name of a file             the points of a table with columns x, y, z
@@ -70,6 +72,8 @@ class _Reader:
             "line": ((3,), self._line),
             "disc": ((4,), self._disc),
             "grid": ((3,), self._grid),
+            "plane": ((3,), self._plane),
+            "elements": ((1,), self._elements),
             "boundary": ((1, 2), self._boundary),
             "random": ((1, 3), self._random),
         }
@@ -101,10 +105,7 @@ class _Reader:
     def _disc(self, parts: _Parts) -> Floats:
         """Vogel's spiral (Mathematical Biosciences 44, 1979): each point has the same area of the disc."""
         centre, normal, count = _triple(parts[0]), _triple(parts[1]), _count(parts[3])
-        size = float(np.linalg.norm(normal))
-        if not 0 < size < np.inf:
-            raise ValueError
-        axes = np.linalg.svd(normal[None] / size)[2][1:]
+        axes = _across(normal)
         order = np.arange(count)
         radius = float(parts[2]) * np.sqrt((order + 0.5) / count)
         angle = order * np.pi * (3 - np.sqrt(5))
@@ -123,6 +124,38 @@ class _Reader:
             for a, b, count in zip(low, high, counts, strict=True)
         ]
         return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def _plane(self, parts: _Parts) -> Floats:
+        """The middles of equal squares of the plane, over all of the box of all elements."""
+        point, normal, count = _triple(parts[0]), _triple(parts[1]), _count(parts[2])
+        if count > np.sqrt(_MOST):
+            raise ValueError
+        axes, box = _across(normal), np.asarray(self.locator.tree.nodes[0], np.float64)
+        low, high = box[:3], box[3:]
+        corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+        seen = (corners - point) @ axes.T
+        start, extent = seen.min(axis=0), np.ptp(seen, axis=0)
+        side = float(extent.max()) / count
+        numbers = [np.arange(max(1, round(length / side))) for length in extent]
+        places = np.stack(np.meshgrid(*numbers, indexing="ij"), axis=-1).reshape(-1, 2)
+        found = point + (start + (places + 0.5) * side) @ axes
+        # on planes along an axis no rounding leads away from them
+        found[:, np.abs(axes).max(axis=0) == 0] = point[np.abs(axes).max(axis=0) == 0]
+        inside: Floats = found[self.locator.locate(found).status == Status.INSIDE]
+        if not len(inside):
+            raise ElvisError(f"plane:{':'.join(parts)}: expected elements on the plane, found none at its points")
+        return inside
+
+    def _elements(self, parts: _Parts) -> Floats:
+        """The images of the reference elements' centroids."""
+        if parts != [""]:
+            raise ValueError
+        found = []
+        for patch in self.locator.patches:
+            middle = np.zeros(patch.dimension)
+            middle[: patch.shape.dimension] = patch.shape.vertices.mean(axis=0)
+            found.append(pointwise.positions(patch, np.arange(len(patch)), np.tile(middle, (len(patch), 1))))
+        return np.concatenate(found)
 
     def _boundary(self, parts: _Parts) -> Floats:
         """The middles of equal parts of each side, in its collapsed coordinates."""
@@ -161,6 +194,15 @@ class _Reader:
             if held >= count:
                 return np.concatenate(found)[:count]
         raise ElvisError(f"random:{':'.join(parts)}: expected elements in the box, found {held} of {count} seeds")
+
+
+def _across(normal: Floats) -> Floats:
+    """(2, 3) unit vectors across a normal (3,) and each other, along axes where it is; ValueError for none."""
+    size = float(np.linalg.norm(normal))
+    if not 0 < size < np.inf:
+        raise ValueError
+    axes: Floats = np.linalg.svd(normal[None] / size)[2][1:]
+    return axes
 
 
 def _triple(text: str) -> Floats:
